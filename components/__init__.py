@@ -1,0 +1,21 @@
+"""The nouns of the game. Reading this folder tells what exists; systems/ tells what happens to it."""
+
+from .agent import OthersView, SelfView, Side, Sides
+from .body import Body, Floor, Push, Shape, Solid, Spawned
+from .box import Box, BoxesPlaced, BoxItem, BoxItemView, BoxView
+from .heal import Heal, HealsUsed, HealView
+from .health import Death, Guard, Health
+from .inventory import Bag, Drop, Gift, Give, Item, Use
+from .melee import Attack, Weapon
+from .motor import Drive
+from .phase import Phase
+from .score import End, Episode, Reward, Score
+from .sight import Sight
+from .zone import Zone, ZoneView
+
+__all__ = [
+    "Attack", "Bag", "Body", "Box", "BoxItem", "BoxItemView", "BoxView", "BoxesPlaced", "Death", "Drive", "Drop",
+    "End", "Episode", "Floor", "Gift", "Give", "Guard", "Heal", "HealView", "HealsUsed", "Health", "Item", "OthersView",
+    "Phase", "Push", "Reward", "Score", "SelfView", "Shape", "Side", "Sides", "Sight", "Solid", "Spawned", "Use", "Weapon",
+    "Zone", "ZoneView",
+]

@@ -1,0 +1,54 @@
+"""Where things are, what they look like from outside, and how they move."""
+
+from outlast.ecs import Array, Component, Singleton, column
+
+
+class Body(Component):
+    """Pose and velocity, world frame. Written by spawners (at birth) and by contacts (every tick)."""
+
+    x: Array = column("f4")  # metres
+    y: Array = column("f4")
+    angle: Array = column("f4")  # radians, unwrapped; 0 faces +x, counter-clockwise
+    cosine: Array = column("f4", fill=1)  # of angle, kept in step with it
+    sine: Array = column("f4")
+    vx: Array = column("f4")  # metres/second
+    vy: Array = column("f4")
+    omega: Array = column("f4")  # radians/second
+
+
+class Shape(Component):
+    """Outline: a circle, or with radius 0 a rectangle along the body's own axes. Blocks sight and melee."""
+
+    radius: Array = column("f4")  # metres
+    half_width: Array = column("f4")
+    half_height: Array = column("f4")
+
+
+class Solid(Component):
+    """Takes part in contacts. Without it a body is intangible, as items are."""
+
+    dynamic: Array = column("u1")  # 1: can be pushed; 0: stands like a wall
+    near: Array = column("u1")  # 1: may touch something in this tick; written by contacts
+    reach: Array = column("f4")  # metres it may travel in this tick; written by contacts
+
+
+class Push(Component):
+    """What motors have to work against, and their push of this tick, world frame. Written by motors."""
+
+    inverse_mass: Array = column("f4")  # 1/kilogram
+    inverse_inertia: Array = column("f4")
+    x: Array = column("f4")  # newton-seconds, applied in each physics substep
+    y: Array = column("f4")
+    turn: Array = column("f4")
+
+
+class Spawned(Component):
+    """Gets a cell of the spawn grid at reset."""
+
+    cell: Array = column("i4", fill=-1)
+
+
+class Floor(Singleton):
+    """The square region of the plane that is the room, centred on the origin."""
+
+    size: Array = column("f4")  # metres, side

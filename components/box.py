@@ -1,0 +1,37 @@
+"""Boxes: breakable objects, and the items they turn into. Box k and box item k are the same thing in two states."""
+
+from outlast.ecs import Array, Component, Observation, Statistic, column
+
+
+class Box(Component):
+    """An intact box while alive. `broken` is 1 for the one tick between box and item."""
+
+    broken: Array = column("u1")
+
+
+class BoxItem(Component):
+    """A broken box, on the ground or in a bag. Its shape is that of box `index`."""
+
+    index: Array = column("i4")
+
+
+class BoxView(Observation):
+    """Boxes: four vertices as if centred at the origin (8), x, y, angle. Mask: 1 = seen."""
+
+    boxes: Array = column("f4", "agents", "boxes", 11)
+    boxes_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
+
+
+class BoxItemView(Observation):
+    """Broken boxes on the ground: vertices (8), x, y; and the last slot if it holds one: vertices."""
+
+    box_items: Array = column("f4", "agents", "boxes", 10)
+    box_items_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
+    box_slot: Array = column("f4", "agents", 1, 8)
+    box_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
+
+
+class BoxesPlaced(Statistic):
+    """Boxes placed from their item in this episode, by anybody."""
+
+    boxes_placed: Array = column("i4")

@@ -1,0 +1,82 @@
+"""Items and the bags they are carried in."""
+
+from typing import Any
+
+from outlast.ecs import Action, Array, Component, column, kernel
+
+
+class Item(Component):
+    """Can be picked up, given, dropped and used. On the ground it is alive; carried it is not, and has a holder.
+
+    A kind of item is an archetype with this component and a system in phase EFFECT that looks at `user`.
+    """
+
+    holder: Array = column("i4", fill=-1)  # row of the agent that carries it, -1: nobody
+    user: Array = column("i4", fill=-1)  # row of the agent that uses it in this tick, -1: nobody
+
+
+class Bag(Component):
+    """An agent's inventory: a stack of item rows. Only its last item can be used, given or dropped."""
+
+    items: Array = column("i4", "slots", fill=-1)
+    count: Array = column("i4")
+
+
+class Gift(Component):
+    """To whom an agent gives in this tick. Written by give."""
+
+    taker: Array = column("i4", fill=-1)  # row of the taker, -1: nobody
+
+
+class Use(Action, order=2):
+    """Use the last item of the bag."""
+
+    use: Array = column("i1", "agents", low=0, high=1)
+
+
+class Give(Action, order=3):
+    """Give the last item of the bag to whoever is nearest."""
+
+    give: Array = column("i1", "agents", low=0, high=1)
+
+
+class Drop(Action, order=4):
+    """Lay the last item of the bag on the ground."""
+
+    drop: Array = column("i1", "agents", low=0, high=1)
+
+
+@kernel
+def last(bag: Any, e: int) -> int:
+    """Row of the last item in the bag of agent `e`, -1 if it is empty."""
+    return bag.items[e, bag.count[e] - 1] if bag.count[e] > 0 else -1
+
+
+@kernel
+def push(bag: Any, item: Any, e: int, thing: int) -> bool:
+    """Put item `thing` into the bag of `e`; False, and nothing happens, if it is full."""
+    if bag.count[e] >= bag.items.shape[1]:
+        return False
+    bag.items[e, bag.count[e]] = thing
+    bag.count[e] += 1
+    item.holder[thing] = e
+    return True
+
+
+@kernel
+def pop(bag: Any, item: Any, e: int) -> int:
+    """Take the last item out of the bag of `e` and return its row, -1 if the bag is empty."""
+    if bag.count[e] == 0:
+        return -1
+    bag.count[e] -= 1
+    thing = bag.items[e, bag.count[e]]
+    bag.items[e, bag.count[e]] = -1
+    item.holder[thing] = -1
+    return thing
+
+
+@kernel
+def lay(body: Any, entities: Any, thing: int, x: float, y: float) -> None:
+    """Put item `thing` on the ground at (x, y)."""
+    body.x[thing], body.y[thing] = x, y
+    entities.alive[thing] = 1

@@ -1,0 +1,16 @@
+"""The melee: a segment ahead of the agent."""
+
+from outlast.ecs import Action, Array, Component, column
+
+
+class Attack(Action, order=1):
+    """Strike with the melee."""
+
+    attack: Array = column("i1", "agents", low=0, high=1)
+
+
+class Weapon(Component):
+    """A melee. Written by systems.melee."""
+
+    target: Array = column("i4", fill=-1)  # row that this tick's strike meets, -1: none
+    wait: Array = column("i4")  # ticks until it can strike again

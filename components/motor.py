@@ -1,0 +1,11 @@
+"""What agents want of their motors."""
+
+from outlast.ecs import Action, Array, column
+
+
+class Drive(Action, order=0):
+    """Direction of push in the agent's own frame: ahead, to the left, and counter-clockwise."""
+
+    ahead: Array = column("i1", "agents", low=-1, high=1)
+    left: Array = column("i1", "agents", low=-1, high=1)
+    turn: Array = column("i1", "agents", low=-1, high=1)

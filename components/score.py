@@ -1,0 +1,34 @@
+"""Who is left, who is paid, and when it ends."""
+
+from outlast.ecs import Array, Signal, Singleton, Statistic, column
+
+
+class Score(Singleton):
+    """By side: members alive, and deaths and kills of this tick. Written by rewards."""
+
+    alive: Array = column("i4", "sides")
+    deaths: Array = column("i4", "sides")
+    kills: Array = column("i4", "sides")
+
+
+class Reward(Signal):
+    """Reward of each agent for this tick."""
+
+    reward: Array = column("f4", "agents")
+
+
+class End(Signal):
+    """Whether the episode ended in this tick: by its own rule, or by the time limit."""
+
+    terminated: Array = column("b1")
+    truncated: Array = column("b1")
+
+
+class Episode(Statistic):
+    """What every episode reports, whatever the mechanics."""
+
+    length: Array = column("i4")  # ticks
+    returns: Array = column("f8", "agents", key="return")
+    kills: Array = column("i4", "sides")
+    deaths: Array = column("i4", "causes")
+    first_death: Array = column("i4")  # tick, 0: nobody died

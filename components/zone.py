@@ -1,0 +1,21 @@
+"""The safe zone."""
+
+from outlast.ecs import Array, Observation, Singleton, column
+
+
+class Zone(Singleton):
+    """The safe circle now and the one it is on the way to. Radius 0: void, nowhere is safe."""
+
+    x: Array = column("f4")  # metres
+    y: Array = column("f4")
+    radius: Array = column("f4")
+    next_x: Array = column("f4")
+    next_y: Array = column("f4")
+    next_radius: Array = column("f4")
+    centres: Array = column("f4", "zones", 2)  # of all phases, drawn at reset
+
+
+class ZoneView(Observation):
+    """Current centre and radius, next centre and radius; the same row for every agent."""
+
+    zone: Array = column("f4", "agents", 6)

@@ -1,0 +1,21 @@
+"""The engine: components, systems, schedule, runner. It knows no game.
+
+Read in this order: component (nouns), access and module (verbs and their numbers), phase and schedule (the order),
+layout (where it all lies), tick (the order as code), worlds (a batch of worlds, and the threads).
+"""
+
+from .access import Add, Cause, Random, Read, Rows, Scratch, Write
+from .component import Action, Array, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic, column
+from .errors import DeclarationError, EngineError, NumberError, ScheduleError
+from .jit import kernel
+from .module import Archetype, Module, System, number
+from .phase import Phase, When
+from .tick import RESET, SKIP, STEP
+from .worlds import Worlds
+
+__all__ = [
+    "RESET", "SKIP", "STEP", "Action", "Add", "Archetype", "Array", "Cause", "Clock", "Column", "Component",
+    "DeclarationError", "EngineError", "Entity", "Module", "NumberError", "Observation", "Phase", "Random", "Read",
+    "Rows", "ScheduleError", "Scratch", "Signal", "Singleton", "Statistic", "System", "When", "Worlds", "Write",
+    "column", "kernel", "number",
+]

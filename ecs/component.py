@@ -1,0 +1,144 @@
+"""Components: the nouns of a world, declared as columns and stored as structure-of-arrays numpy tables.
+
+A component is a class whose attributes are columns. Its base class says whose it is and what it is for:
+
+========== =========== ==========================================================================
+base       rows        meaning
+========== =========== ==========================================================================
+Component  one/entity  state of an entity; a table column has shape (worlds, capacity, ...)
+Singleton  one/world   state of a world;   a table column has shape (worlds, ...)
+Action     one/world   what the learner sets, float-free, shape (worlds, agents, ...)
+Observation one/world  what the learner sees, shape (worlds, agents, ...)
+Signal     one/world   what the learner is told beside it: rewards, ends
+Statistic  one/world   what is counted over an episode and reported at its end
+========== =========== ==========================================================================
+
+An instance, `Health(points=20)`, is no live object but a birth value: the fills of a new row.
+"""
+
+from collections import namedtuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from .errors import DeclarationError
+
+Array: TypeAlias = Any
+"""A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: element type, trailing shape (names are dimensions of the scenario), fill and bounds.
+
+    `key` is the name under which a face publishes it (default: the attribute's own name).
+    """
+
+    dtype: np.dtype[Any]
+    dims: tuple[int | str, ...]
+    fill: float
+    low: float
+    high: float
+    key: str = ""
+
+    def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
+        """Trailing shape in numbers; a name that no module defines is a DeclarationError."""
+        for dim in self.dims:
+            if isinstance(dim, str) and dim not in dims:
+                raise DeclarationError(f"no module defines the dimension '{dim}'; known: {', '.join(sorted(dims))}")
+        return tuple(dims[dim] if isinstance(dim, str) else dim for dim in self.dims)
+
+
+def column(
+    dtype: str,
+    *dims: int | str,
+    fill: float = 0,
+    low: float = -np.inf,
+    high: float = np.inf,
+    key: str = "",
+) -> Any:
+    """Declare a column of `dtype` ("f4", "i4", "u1" ...) with trailing dimensions `dims`.
+
+    fill: value of a new row. low, high: inclusive bounds, published in the spaces of the faces.
+    """
+    return Column(np.dtype(dtype), dims, fill, low, high, key)
+
+
+def _table_type(cls: type["Component"]) -> Any:
+    """Namedtuple of the columns, findable by module and name so that numba can cache functions that use it."""
+    table = namedtuple("Table", list(cls.columns), module=cls.__module__)  # type: ignore[misc]
+    table.__name__ = cls.__name__
+    table.__qualname__ = f"{cls.__qualname__}.Table"
+    return table
+
+
+class Component:
+    """State of an entity: one row in every world for each row of the archetypes that have it."""
+
+    columns: ClassVar[dict[str, Column]] = {}
+    Table: ClassVar[Any] = None
+    order: ClassVar[int] = 0
+    packed: ClassVar[bool] = True  # lives in the world's block of state; others have buffers of their own
+
+    def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
+        columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
+        if packed is not None:
+            cls.packed = packed
+        if not columns:
+            return  # a base such as Singleton
+        cls.columns, cls.order = columns, order
+        cls.Table = _table_type(cls)
+
+    def __init__(self, **fills: Any) -> None:
+        for name in fills:
+            if name not in self.columns:
+                known = ", ".join(self.columns)
+                raise DeclarationError(f"{type(self).__name__} has no column '{name}'; it has: {known}")
+        self.fills = fills
+
+    @classmethod
+    def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:
+        """Shape of a column in one world: (capacity, ...)."""
+        return (dims["rows"], *cls.columns[name].shape(dims))
+
+
+class Singleton(Component):
+    """State of a world as a whole. A column without dimensions has shape (worlds, 1)."""
+
+    @classmethod
+    def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:
+        """Shape of a column in one world: its own dimensions, at least one."""
+        return cls.columns[name].shape(dims) or (1,)
+
+
+class Action(Singleton, packed=False):
+    """What the learner sets. Integer columns; `low` and `high` are the range of each."""
+
+
+class Observation(Singleton, packed=False):
+    """What the learner sees: buffers that a face hands out; the column's key is the observation's key."""
+
+
+class Signal(Singleton, packed=False):
+    """What the learner is told beside the observation: reward, terminated, truncated."""
+
+
+class Statistic(Singleton):
+    """What is counted over one episode; zero at reset, reported when the episode ends."""
+
+
+class Entity(Component):
+    """The engine's own component of every row. Written by whoever spawns or despawns."""
+
+    alive: Array = column("u1")  # 1 while the entity is in the world
+    identity: Array = column("i8")  # stable number of (archetype, index): the index of its random draws
+
+
+class Clock(Singleton):
+    """The engine's own component of every world: what its random numbers are keyed by."""
+
+    seed: Array = column("u8")
+    world: Array = column("u8")
+    episode: Array = column("u8")
+    tick: Array = column("u8")  # ticks since reset: 0 in the tick that resets

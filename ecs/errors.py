@@ -1,0 +1,17 @@
+"""Errors of the engine: each names the thing, what was expected and the cure."""
+
+
+class EngineError(ValueError):
+    """Base of everything the engine refuses."""
+
+
+class DeclarationError(EngineError):
+    """A component, module or system is declared in a way that cannot work."""
+
+
+class ScheduleError(EngineError):
+    """The order of systems is ambiguous, contradictory, or names something unknown."""
+
+
+class NumberError(EngineError):
+    """A module's number is outside of what is possible."""

@@ -1,0 +1,142 @@
+"""Where everything lies: archetypes become row ranges, components become columns, a world becomes a block of bytes.
+
+All packed columns of one world lie together in one block, so a world is walked through in one stretch of memory,
+and saving, copying or resetting a world is a copy of bytes. Columns that a face hands out (actions, observations,
+signals) have contiguous buffers of their own.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .component import Clock, Component, Entity, Singleton
+from .errors import DeclarationError
+from .module import Archetype, Module
+from .random import stream_number
+
+ALIGN = 64  # bytes: a cache line
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a column lies in a world: its shape there, and its offset in the block (-1: a buffer of its own)."""
+
+    component: type[Component]
+    name: str
+    shape: tuple[int, ...]
+    offset: int
+
+
+class Layout:
+    """The shape of a scenario's worlds, without their number.
+
+    archetypes: name -> Archetype, in row order. spans: name -> range of rows. dims: name -> size.
+    places: every column. template: bytes of a world right after reset, before anything random is drawn.
+    """
+
+    def __init__(self, modules: Sequence[Module]) -> None:
+        self.modules = sorted(modules, key=lambda module: (module.name(), type(module).__name__))
+        self.archetypes = _merge(a for module in self.modules for a in module.archetypes())
+        self.spans: dict[str, range] = {}
+        start = 0
+        for name, archetype in self.archetypes.items():
+            self.spans[name] = range(start, start + archetype.count)
+            start += archetype.count
+        self.dims = {"rows": start}
+        self.causes = sorted({module.cause for module in self.modules if module.cause})
+        self.dims["causes"] = len(self.causes)
+        named = [item for module in self.modules for item in module.dims().items()]
+        for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
+            self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
+        for module in self.modules:
+            module.check(self.spans, self.dims, self.modules)
+        self.singletons = {type(s): s for module in self.modules for s in module.singletons()}
+        attached = {type(part) for a in self.archetypes.values() for part in a.parts}
+        others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
+        self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
+        self.places, self.world_bytes = self._place()
+        self.template = self._template()
+
+    def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """int32 rows of all entities whose archetype has every one of `components`."""
+        rows = [
+            row
+            for name, archetype in self.archetypes.items()
+            if {Entity, *(type(part) for part in archetype.parts)}.issuperset(components)
+            for row in self.spans[name]
+        ]
+        return np.array(rows, np.int32)
+
+    def _place(self) -> tuple[list[Place], int]:
+        places, offset = [], 0
+        for component in self.components:
+            for name, column in component.columns.items():
+                shape = component.row_shape(name, self.dims)
+                if not component.packed:
+                    places.append(Place(component, name, shape, -1))
+                    continue
+                offset = -(-offset // column.dtype.itemsize) * column.dtype.itemsize
+                places.append(Place(component, name, shape, offset))
+                offset += column.dtype.itemsize * int(np.prod(shape))
+        return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
+
+    def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
+        """Table of a packed component over `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
+        return component.Table(
+            *(
+                np.ndarray(
+                    (len(block), *place.shape),
+                    component.columns[place.name].dtype,
+                    block,
+                    place.offset,
+                    (block.strides[0], *_strides(place.shape, component.columns[place.name].dtype.itemsize)),
+                )
+                for place in self.places
+                if place.component is component
+            )
+        )
+
+    def _template(self) -> np.ndarray[Any, Any]:
+        block = np.zeros((1, self.world_bytes), np.uint8)
+        for component, part in self.singletons.items():
+            if component.packed:
+                _fill(self.columns(block, component), slice(None), part)
+        for name, archetype in self.archetypes.items():
+            span = slice(self.spans[name].start, self.spans[name].stop)
+            entity = self.columns(block, Entity)
+            entity.alive[0, span] = archetype.alive
+            kind = stream_number(name) >> 33 << 32  # positive, with room for 2**32 entities of a kind
+            entity.identity[0, span] = kind + np.arange(archetype.count)
+            for part in archetype.parts:
+                _fill(self.columns(block, type(part)), (0, span), part)
+        return block[0]
+
+
+def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    return tuple(itemsize * int(np.prod(shape[k + 1 :])) for k in range(len(shape)))
+
+
+def _fill(table: Any, where: Any, part: Component) -> None:
+    for name, column in part.columns.items():
+        getattr(table, name)[where] = part.fills.get(name, column.fill)
+
+
+def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
+    """Join what several modules say of one archetype; rows are in alphabetical order of names."""
+    merged: dict[str, Archetype] = {}
+    for part in sorted(parts, key=lambda archetype: archetype.name):
+        before = merged.get(part.name, Archetype(part.name, ()))
+        have = {type(component) for component in before.parts}
+        for component in part.parts:
+            if isinstance(component, Singleton):
+                raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
+            if type(component) in have:
+                raise DeclarationError(f"two modules give '{part.name}' the component {type(component).__name__}")
+        parts_ = before.parts + part.parts
+        merged[part.name] = Archetype(part.name, parts_, before.count + part.count, before.alive and part.alive)
+    for archetype in merged.values():
+        if archetype.count == 0:
+            raise DeclarationError(f"modules extend the archetype '{archetype.name}', but none declares how many there are")
+    return merged

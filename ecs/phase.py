@@ -1,0 +1,30 @@
+"""Phases: the ordered stations of a tick. A game lists its own as an enumeration of Phase.
+
+    class Phase(ecs.Phase):
+        SPAWN = When.RESET, "everybody stands on a cell of its own"
+        MOVE = When.STEP, "bodies have moved, contacts are resolved"
+        OBSERVE = When.ALWAYS, "observations show the world as it is"
+"""
+
+from enum import Enum
+
+
+class When(Enum):
+    """Which worlds go through a phase: those being reset, those being stepped, or both."""
+
+    RESET = "reset"
+    STEP = "step"
+    ALWAYS = "reset, step"
+
+
+class Phase(Enum):
+    """One station of the tick: when it runs and what is true when it ends. Members are in order of time."""
+
+    def __init__(self, when: When, says: str) -> None:
+        self.when = when
+        self.says = says
+
+    @property
+    def position(self) -> int:
+        """Its place in the tick, from 0."""
+        return list(type(self)).index(self)

@@ -1,0 +1,250 @@
+"""The tick as code: a schedule becomes ONE function that takes a block of worlds through all of it.
+
+The source of that function is written into a cache folder, where numba keeps the machine code beside it and where
+it can be read. It loops over the worlds; for each it makes the tables and calls the kernels one after the other:
+
+    tick(start, stop, mode, layout, sizes, constants, integers, reals, scratch)
+
+mode: int8 (worlds,), SKIP / STEP / RESET. layout: int64 (columns, 2), address and world stride of each column.
+The other arrays carry what a scenario's numbers decide, so that changing a number compiles nothing anew.
+A system that stays Python splits the tick into several such functions, called in turn.
+"""
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import platformdirs
+
+from .component import Clock, Component, Entity
+from .jit import compiled, kernel
+from .layout import Layout
+from .module import Module, System
+from .phase import When
+from .random import stream_number
+from .view import python_view, view_function, view_name
+
+SKIP, STEP, RESET = 0, 1, 2
+HEADER = "def tick(start, stop, mode, layout, sizes, constants, integers, reals, scratch):"
+
+
+@kernel
+def restore(world: Any, template: Any) -> None:
+    """Set a world's block (uint64 words) back to the template; the clock in front of it stays."""
+    for k in range(4, template.size):
+        world[k] = template[k]
+
+
+@dataclass
+class Arguments:
+    """What a generated tick is given beside the worlds: collected while its source is written."""
+
+    constants: list[np.ndarray[Any, Any]] = field(default_factory=list)
+    integers: list[int] = field(default_factory=list)
+    reals: list[float] = field(default_factory=list)
+    scratch: list[tuple[Module, str]] = field(default_factory=list)
+
+
+class Writer:
+    """Writes the source of one segment of the tick and collects the names and arguments it needs."""
+
+    def __init__(self, layout: Layout, systems: Sequence[System], first: bool) -> None:
+        self.layout, self.systems, self.first = layout, systems, first
+        self.compiled = compiled() and all(system.compiled for system in systems)
+        self.modules = {system.label: module for module in layout.modules for system in module.systems()}
+        self.names: dict[str, Any] = {"np": np, "restore": restore}
+        self.arguments = Arguments()
+        self.tables: dict[str, str] = {}
+        self.before: list[str] = []  # lines ahead of the loop over worlds
+
+    def source(self) -> str:
+        """The whole function."""
+        calls = [
+            (when, [self._call(s) for s in group]) for when, group in groupby(self.systems, lambda s: s.phase.when)
+        ]
+        clock = self._table(Clock, "w")
+        start = self._start(clock) if self.first else []
+        lines = [HEADER, *("    " + line for line in self.before), "    for w in range(start, stop):"]
+        lines += ["        if mode[w] == 0:", "            continue", "        fresh = mode[w] == 2"]
+        lines += [f"        {name} = {make}" for name, make in self.tables.items()]
+        lines += start
+        lines += [f"        seed, world, episode, tick = {', '.join(f'{clock}.{c}[0]' for c in Clock.columns)}"]
+        for when, group in calls:
+            if when is not When.ALWAYS:
+                lines.append(f"        if {'fresh' if when is When.RESET else 'not fresh'}:")
+            indent = " " * (8 if when is When.ALWAYS else 12)
+            lines += [indent + call for call in group]
+        return "\n".join(lines) + "\n"
+
+    def _start(self, clock: str) -> list[str]:
+        template = self._constant(self.layout.template.view(np.uint64))
+        block = self._view(np.dtype("u8"), 1, True)
+        address = f"layout[{len(self.layout.places)}, 0] + w * layout[{len(self.layout.places)}, 1]"
+        return [
+            "        if fresh:",
+            f"            restore({block}({address}, ({self.layout.world_bytes // 8},)), {template})",
+            f"            {clock}.episode[0] += np.uint64(1)",
+            f"            {clock}.tick[0] = np.uint64(0)",
+            "        else:",
+            f"            {clock}.tick[0] += np.uint64(1)",
+        ]
+
+    def _call(self, system: System) -> str:
+        name = system.label.replace(".", "_")
+        self.names[name] = system.kernel
+        return f"{name}({', '.join(self._argument(system, p) for p in system.parameters)})"
+
+    def _argument(self, system: System, parameter: Any) -> str:
+        module = self.modules[system.label]
+        match parameter.kind:
+            case "read":
+                return self._table(parameter.components[0], "r")
+            case "write" | "add":
+                return self._table(parameter.components[0], "w")
+            case "rows":
+                return self._constant(self.layout.rows(*parameter.components))
+            case "random":
+                return f"(seed, world, episode, tick, np.uint64({stream_number(system.label)}))"
+            case "scratch":
+                return self._scratch(module, parameter.name)
+            case "cause":
+                return self._integer(self.layout.causes.index(module.cause))
+            case "numbers":
+                return self._constant(np.array(module.value(parameter.name), np.float32))
+        return self._number(module.value(parameter.name))
+
+    def _number(self, value: Any) -> str:
+        if isinstance(value, float):
+            self.arguments.reals.append(value)
+            return f"reals[{len(self.arguments.reals) - 1}]"
+        return self._integer(int(value)) + (" != 0" if isinstance(value, bool) else "")
+
+    def _integer(self, value: int) -> str:
+        self.arguments.integers.append(value)
+        return f"integers[{len(self.arguments.integers) - 1}]"
+
+    def _view(self, dtype: np.dtype[Any], ndim: int, writable: bool) -> str:
+        name = view_name(dtype, ndim, writable)
+        self.names[name] = view_function(dtype, ndim, writable) if self.compiled else python_view(dtype, writable)
+        return name
+
+    def _constant(self, array: np.ndarray[Any, Any]) -> str:
+        k = len(self.arguments.constants)
+        self.arguments.constants.append(np.ascontiguousarray(array))
+        self.before.append(f"c{k} = {self._view(array.dtype, 1, False)}(constants[{k}, 0], (constants[{k}, 1],))")
+        return f"c{k}"
+
+    def _scratch(self, module: Module, name: str) -> str:
+        k = len(self.arguments.scratch)
+        self.arguments.scratch.append((module, name))
+        if not self.compiled:
+            return f"scratch[{k}]"
+        memory = module.scratch(name, self.layout.dims)  # made to learn its type
+        shape = ", ".join(f"scratch[{k}, {axis + 1}]" for axis in range(memory.ndim))
+        self.before.append(f"s{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch[{k}, 0], ({shape},))")
+        return f"s{k}"
+
+    def _table(self, component: type[Component], access: str) -> str:
+        name = f"{component.__module__.rsplit('.', 1)[-1]}_{component.__name__}_{access}".lower()
+        if name not in self.tables:
+            kind = f"{component.__module__.rsplit('.', 1)[-1]}_{component.__name__}"
+            self.names[kind] = component.Table
+            columns = [self._column(k, access == "w") for k in range(len(self.layout.places)) if self._is(k, component)]
+            self.tables[name] = f"{kind}({', '.join(columns)})"
+        return name
+
+    def _is(self, k: int, component: type[Component]) -> bool:
+        return self.layout.places[k].component is component
+
+    def _column(self, k: int, writable: bool) -> str:
+        place = self.layout.places[k]
+        dtype = place.component.columns[place.name].dtype
+        shape = ", ".join(f"sizes[{k}, {axis}]" for axis in range(len(place.shape)))
+        return f"{self._view(dtype, len(place.shape), writable)}(layout[{k}, 0] + w * layout[{k}, 1], ({shape},))"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A piece of the tick between two systems that stay Python: the function and its own arguments."""
+
+    function: Any
+    arguments: Arguments
+    compiled: bool
+    source: str
+
+
+def segments(layout: Layout, systems: Sequence[System]) -> list[Segment]:
+    """Generate the functions of a tick; with no Python system among them there is exactly one."""
+    result = []
+    for number, (_, group) in enumerate(groupby(systems, lambda system: system.compiled)):
+        writer = Writer(layout, list(group), first=number == 0)
+        source = writer.source()
+        function = load(source, writer.names, systems, writer.compiled)
+        result.append(Segment(function, writer.arguments, writer.compiled, source))
+    return result
+
+
+def load(source: str, names: dict[str, Any], systems: Iterable[System], jit: bool) -> Any:
+    """Write `source` into the cache folder, import it with `names` in scope, and mark it for compilation."""
+    folder = cache_folder() / fingerprint(systems)
+    name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
+    path = folder / f"{name}.py"
+    if not path.exists():  # never rewritten: its age is part of numba's key
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=folder, suffix=".tmp")
+        with os.fdopen(handle, "w") as file:
+            file.write(source)
+        os.replace(temporary, path)
+    spec = importlib.util.spec_from_file_location(f"outlast_{name}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    module.__dict__.update(names)
+    sys.modules[module.__name__] = module
+    spec.loader.exec_module(module)
+    return kernel(module.tick, cache=True) if jit else module.tick
+
+
+def is_cached(segment: Segment) -> bool:
+    """Whether machine code of this segment lies in the cache folder already."""
+    if not segment.compiled:
+        return True
+    path = Path(inspect.getfile(segment.function.py_func))
+    return any((path.parent / "__pycache__").glob(f"{path.stem}.tick-*.nbi"))
+
+
+def cache_folder() -> Path:
+    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (not writable) a folder for temporary files."""
+    if "OUTLAST_CACHE_DIR" in os.environ:
+        return Path(os.environ["OUTLAST_CACHE_DIR"])
+    folder = Path(platformdirs.user_cache_dir("outlast"))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder if os.access(folder, os.W_OK) else Path(tempfile.gettempdir()) / "outlast"
+    except OSError:
+        return Path(tempfile.gettempdir()) / "outlast"
+
+
+def fingerprint(systems: Iterable[System]) -> str:
+    """Hash of all that machine code depends on and numba's own key misses: sources, versions, NUMBA_* variables."""
+    package = Path(__file__).parent.parent
+    files = {path for folder in ("ecs", "components", "systems") for path in (package / folder).glob("*.py")}
+    files |= {Path(inspect.getfile(system.function)) for system in systems}
+    digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
+    for key in sorted(key for key in os.environ if key.startswith("NUMBA_")):
+        digest.update(f"{key}={os.environ[key]}".encode())
+    for path in sorted(files):
+        digest.update(path.name.encode() + (path.read_bytes() if path.exists() else b""))
+    return digest.hexdigest()[:16]
+
+
+__all__ = ["RESET", "SKIP", "STEP", "Entity", "Segment", "is_cached", "segments"]

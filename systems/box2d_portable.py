@@ -1,0 +1,87 @@
+"""Box2D through pybox2d's public Python API: any platform, slow, and the oracle for the native bridge.
+
+A world is built for every call, so the result is a function of the scene alone.
+"""
+
+from typing import Any
+
+import Box2D
+import numpy as np
+from numpy.typing import NDArray
+
+from outlast.systems.scene import (
+    ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, JTURN, JX, JY, OMEGA, RADIUS, REACH, SOLVED, VX, VY, X, Y,
+    Settings,
+)
+
+Scene = NDArray[np.float32]
+
+
+def make_arena() -> None:
+    """Nothing: every call builds a world of its own."""
+    return None
+
+
+def available() -> bool:
+    """Always: the public API is there wherever Box2D can be imported."""
+    return True
+
+
+def verify() -> None:
+    """Nothing to check."""
+
+
+def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
+    """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
+
+    Returns SOLVED, or ABANDONED with the scene untouched if a body moved further than its REACH.
+    """
+    world = Box2D.b2World(gravity=(0, 0), doSleep=True)
+    world.continuousPhysics = bool(settings.continuous)
+    rows = [scene[k] for k in range(count)]
+    bodies = [_build(world, settings, row) for row in rows]
+    for _ in range(settings.substeps):
+        for body, row in zip(bodies, rows, strict=True):
+            _push(body, row)
+        world.Step(float(settings.dt), settings.velocity_iterations, settings.position_iterations)
+        if any(_outside(body, row) for body, row in zip(bodies, rows, strict=True)):
+            return ABANDONED
+    for body, row in zip(bodies, rows, strict=True):
+        if row[DYNAMIC]:
+            row[X:RADIUS] = (*body.position, body.angle, *body.linearVelocity, body.angularVelocity)
+    return SOLVED
+
+
+def _build(world: Any, settings: Settings, row: Scene) -> Any:
+    """One body with one fixture, in Box2D's own order."""
+    create = world.CreateDynamicBody if row[DYNAMIC] else world.CreateStaticBody
+    body = create(
+        position=(float(row[X]), float(row[Y])), angle=float(row[ANGLE]),
+        linearDamping=float(settings.linear_damping), angularDamping=float(settings.angular_damping),
+        linearVelocity=(float(row[VX]), float(row[VY])), angularVelocity=float(row[OMEGA]),
+    )
+    body.CreateFixture(
+        shape=_shape(row), density=float(settings.density), friction=float(settings.friction),
+        restitution=float(settings.restitution),
+    )
+    return body
+
+
+def _shape(row: Scene) -> Any:
+    if row[RADIUS] > 0:
+        return Box2D.b2CircleShape(radius=float(row[RADIUS]))
+    return Box2D.b2PolygonShape(box=(float(row[HALF_WIDTH]), float(row[HALF_HEIGHT])))
+
+
+def _push(body: Any, row: Scene) -> None:
+    """Apply the row's impulses; zero ones are skipped (in Box2D they would only wake a body that is awake)."""
+    if row[DYNAMIC] and (row[JX] != 0 or row[JY] != 0):
+        body.ApplyLinearImpulse((float(row[JX]), float(row[JY])), body.worldCenter, True)
+    if row[DYNAMIC] and row[JTURN] != 0:
+        body.ApplyAngularImpulse(float(row[JTURN]), True)
+
+
+def _outside(body: Any, row: Scene) -> bool:
+    """Whether the body is further from its start than its REACH, decided in float32 as in the native bridge."""
+    x, y = np.float32(body.position.x) - row[X], np.float32(body.position.y) - row[Y]
+    return bool(row[DYNAMIC] and x * x + y * y > row[REACH] * row[REACH])

@@ -1,0 +1,192 @@
+"""Boxes: they stand in the way, break, and can be carried off and set up again."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import (
+    Bag, Body, Box, BoxesPlaced, BoxItem, BoxItemView, BoxView, Guard, Health, Item, Phase, Shape, Side, Sight, Solid,
+    Spawned,
+)  # fmt: skip
+from outlast.components.inventory import last, lay
+from outlast.components.sight import look
+from outlast.ecs import Add, Archetype, Array, Entity, Module, Random, Read, Rows, Singleton, Write, kernel, number
+from outlast.ecs.random import normal
+
+
+@dataclass(frozen=True)
+class Boxes(Module):
+    """Breakable rectangles of random shape (paper, section 3.2).
+
+    Sides are normal draws, clipped below; a deviation of 0 makes all boxes alike. owned: who breaks a box first owns
+    it, and from then on only that side can break it. offset: where a used item sets the box up, ahead of its user; the
+    paper says at the user's own place, its runs had 0.75 (reference rules, section 6, point 6).
+    """
+
+    count: int = number(8, low=1)
+    width: float = number(1.0, above=0)  # metres, mean
+    width_deviation: float = number(1.0, low=0)
+    height: float = number(1.5, above=0)
+    height_deviation: float = number(1.5, low=0)
+    least: float = number(0.1, above=0)  # metres, shortest side
+    toughness: int = number(5, low=1)  # hit points
+    owned: bool = number(True)
+    dynamic: bool = number(False)  # can be pushed
+    offset: float = number(0.0, low=0)  # metres from the user's centre
+    item_radius: float = number(0.25, above=0)  # metres
+
+    def archetypes(self) -> Iterable[Archetype]:
+        box = (Body(), Shape(), Solid(dynamic=self.dynamic), Spawned(), Box(), Guard(), Health(points=self.toughness))
+        item = (Body(), Shape(radius=self.item_radius), Item(), BoxItem(index=np.arange(self.count)))
+        return [Archetype("box", box, self.count), Archetype("box_item", item, self.count, alive=False)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [BoxView(), BoxItemView(), BoxesPlaced()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"boxes": self.count}
+
+
+@Boxes.system(Phase.DRAW)
+def shape_boxes(
+    shape: Write[Shape],
+    boxes: Rows[Box],
+    width: float,
+    width_deviation: float,
+    height: float,
+    height_deviation: float,
+    least: float,
+    key: Random,
+) -> None:
+    """Width and height of each box, for the whole episode."""
+    for k in range(boxes.size):
+        e = boxes[k]
+        shape.half_width[e] = max(least, width + width_deviation * normal(key, 2 * k)) / np.float32(2)
+        shape.half_height[e] = max(least, height + height_deviation * normal(key, 2 * k + 1)) / np.float32(2)
+
+
+@Boxes.system(Phase.RESPAWN)
+def drop_item(box: Write[Box], entities: Write[Entity], body: Write[Body], boxes: Rows[Box], items: Rows[BoxItem]) -> None:
+    """A box that broke in the tick before lies on the ground as an item."""
+    for k in range(boxes.size):
+        e = boxes[k]
+        if box.broken[e]:
+            box.broken[e] = 0
+            lay(body, entities, items[k], body.x[e], body.y[e])
+
+
+@Boxes.system(Phase.EFFECT)
+def set_up(
+    body: Write[Body],
+    entities: Write[Entity],
+    placed: Add[BoxesPlaced],
+    item: Read[Item],
+    boxes: Rows[Box],
+    items: Rows[BoxItem],
+    offset: float,
+) -> None:
+    """A used item becomes its box again, upright, wherever that is: contacts will push out whoever stands there."""
+    for k in range(items.size):
+        user = item.user[items[k]]
+        if user < 0:
+            continue
+        e = boxes[k]
+        lay(body, entities, e, body.x[user] + offset * body.cosine[user], body.y[user] + offset * body.sine[user])
+        body.angle[e], body.cosine[e], body.sine[e] = 0, 1, 0
+        body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
+        placed.boxes_placed[0] += 1
+
+
+@Boxes.system(Phase.BREAK)
+def break_boxes(
+    box: Write[Box],
+    entities: Write[Entity],
+    health: Write[Health],
+    guard: Write[Guard],
+    boxes: Rows[Box],
+    toughness: int,
+    owned: bool,
+) -> None:
+    """Boxes without health are gone; the first breaker owns them. What comes back is as good as new."""
+    for e in boxes:
+        if entities.alive[e] and health.points[e] <= 0:
+            entities.alive[e] = 0
+            box.broken[e] = 1
+            health.points[e] = np.int32(toughness)
+            if owned and guard.heeds[e] < 0:
+                guard.heeds[e] = health.source[e]
+
+
+@kernel
+def outline(row: Array, shape: Array, e: int) -> None:
+    """Fill 8 numbers: the vertices of box `e` as if centred at the origin, counter-clockwise from the lower left."""
+    x, y = shape.half_width[e], shape.half_height[e]
+    row[0], row[1], row[2], row[3] = -x, -y, x, -y
+    row[4], row[5], row[6], row[7] = x, y, -x, y
+
+
+@Boxes.system(Phase.OBSERVE)
+def see_boxes(
+    view: Write[BoxView],
+    sight: Read[Sight],
+    entities: Read[Entity],
+    body: Read[Body],
+    shape: Read[Shape],
+    agents: Rows[Side],
+    boxes: Rows[Box],
+) -> None:
+    """Boxes that stand."""
+    for i in range(agents.size):
+        for k in range(boxes.size):
+            e = boxes[k]
+            mask, shown = look(sight, entities, i, agents[i], e)
+            view.boxes_mask[i, k] = mask
+            view.boxes[i, k, :] = 0
+            if shown:
+                outline(view.boxes[i, k, :8], shape, e)
+                view.boxes[i, k, 8], view.boxes[i, k, 9], view.boxes[i, k, 10] = body.x[e], body.y[e], body.angle[e]
+
+
+@Boxes.system(Phase.OBSERVE)
+def see_items(
+    view: Write[BoxItemView],
+    sight: Read[Sight],
+    entities: Read[Entity],
+    body: Read[Body],
+    shape: Read[Shape],
+    agents: Rows[Side],
+    boxes: Rows[Box],
+    items: Rows[BoxItem],
+) -> None:
+    """Broken boxes on the ground."""
+    for i in range(agents.size):
+        for k in range(items.size):
+            e = items[k]
+            mask, shown = look(sight, entities, i, agents[i], e)
+            view.box_items_mask[i, k] = mask
+            view.box_items[i, k, :] = 0
+            if shown:
+                outline(view.box_items[i, k, :8], shape, boxes[k])
+                view.box_items[i, k, 8], view.box_items[i, k, 9] = body.x[e], body.y[e]
+
+
+@Boxes.system(Phase.OBSERVE, after="boxes.see_items")
+def see_slot(
+    view: Write[BoxItemView],
+    bag: Read[Bag],
+    entities: Read[Entity],
+    shape: Read[Shape],
+    agents: Rows[Bag],
+    boxes: Rows[Box],
+    items: Rows[BoxItem],
+) -> None:
+    """The last slot of the bag, if it holds a box item."""
+    for i in range(agents.size):
+        e = agents[i]
+        thing = last(bag, e)
+        held = entities.alive[e] != 0 and items[0] <= thing <= items[items.size - 1]
+        view.box_slot_mask[i, 0] = 1 if held else 0
+        view.box_slot[i, 0, :] = 0
+        if held:
+            outline(view.box_slot[i, 0], shape, boxes[thing - items[0]])

@@ -1,0 +1,39 @@
+"""Dropping by choice: an optional action that lays the last item of the bag on the ground."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Bag, Body, Drop, Item, Phase
+from outlast.components.inventory import lay, pop
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+
+
+@dataclass(frozen=True)
+class DropLast(Module):
+    """Adds the action `drop` (paper, section 3.1; the paper's runs do not have it).
+
+    The item lands ahead of the agent; with `offset` below the reach of pickup it is back in the bag at once.
+    """
+
+    offset: float = number(1.0, low=0)  # metres from the agent's centre
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Drop()]
+
+
+@DropLast.system(Phase.GIVE, after="give.hand_over")
+def drop_last(
+    bag: Write[Bag],
+    item: Write[Item],
+    body: Write[Body],
+    entities: Write[Entity],
+    drop: Read[Drop],
+    agents: Rows[Bag],
+    offset: float,
+) -> None:
+    """Lay the last item down, straight ahead."""
+    for i in range(agents.size):
+        e = agents[i]
+        if entities.alive[e] and drop.drop[i] and bag.count[e] > 0:
+            thing = pop(bag, item, e)
+            lay(body, entities, thing, body.x[e] + offset * body.cosine[e], body.y[e] + offset * body.sine[e])

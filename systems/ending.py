@@ -1,0 +1,50 @@
+"""The end: when an episode is over."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Death, End, Phase, Score, Side
+from outlast.ecs import Clock, Entity, Module, Read, Rows, Singleton, Write, number
+
+LAST_ALIVE = 1  # index into the choices of Ending.rule
+
+
+@dataclass(frozen=True)
+class Ending(Module):
+    """Keeps the score of sides, and ends the episode (paper, section 3.5).
+
+    rule = "all dead": no side is alive. "last alive": one side or none is. limit: ticks until it is cut off
+    (truncated) if it has not ended by itself; 0: never, as in the paper.
+    """
+
+    rule: str = number("all dead", choices=("all dead", "last alive"))
+    limit: int = number(0, low=0)
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Score(), End()]
+
+
+@Ending.system(Phase.REWARD)
+def count(score: Write[Score], death: Read[Death], side: Read[Side], entities: Read[Entity], agents: Rows[Side]) -> None:
+    """Members alive, and deaths and kills of this tick, by side. Killing one's own is no kill."""
+    score.alive[:] = 0
+    score.deaths[:] = 0
+    score.kills[:] = 0
+    for e in agents:
+        s = side.side[e]
+        score.alive[s] += entities.alive[e]
+        if death.now[e]:
+            score.deaths[s] += 1
+            if death.source[e] >= 0 and death.source[e] != s:
+                score.kills[death.source[e]] += 1
+
+
+@Ending.system(Phase.END)
+def end(over: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
+    """Terminated by the rule; else truncated at the limit. Never in the tick that starts an episode."""
+    standing = 0
+    for s in range(score.alive.size):
+        standing += score.alive[s] > 0
+    tick = clock.tick[0]
+    over.terminated[0] = tick > 0 and standing <= (1 if rule == LAST_ALIVE else 0)
+    over.truncated[0] = tick > 0 and not over.terminated[0] and limit > 0 and tick >= limit

@@ -1,0 +1,78 @@
+"""Giving: the last item of the bag goes to whoever is nearest."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import Bag, Body, Gift, Give, Item, Phase, Shape, Side, Sides
+from outlast.components.inventory import pop, push
+from outlast.ecs import Archetype, Array, Entity, Module, Read, Rows, Singleton, Write, kernel, number
+
+ANY = 1  # index into the choices of GiveLast.nearest
+
+
+@dataclass(frozen=True)
+class GiveLast(Module):
+    """Give to the nearest suitable agent (paper, section 3.4): alive, and of one's own team if there are teams.
+
+    nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, and only if it is such an
+    agent, as in the paper's runs (reference rules, section 6, point 4). If the taker's bag is full the giver keeps
+    the item.
+    """
+
+    reach: float = number(2.0, above=0)  # metres, centre to centre
+    nearest: str = number("suitable", choices=("suitable", "any"))
+
+    def archetypes(self) -> Iterable[Archetype]:
+        return [Archetype("agent", (Gift(),))]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Give()]
+
+
+@kernel
+def may_take(side: Array, sides: Array, me: int, e: int) -> bool:
+    """Whether body `e` is an agent to whom `me` may give."""
+    return side.side[e] >= 0 and (sides.teams[0] == 0 or side.side[e] == side.side[me])
+
+
+@GiveLast.system(Phase.GIVE)
+def choose(
+    gift: Write[Gift],
+    give: Read[Give],
+    bag: Read[Bag],
+    body: Read[Body],
+    side: Read[Side],
+    sides: Read[Sides],
+    entities: Read[Entity],
+    agents: Rows[Gift],
+    bodies: Rows[Shape],
+    reach: float,
+    nearest: int,
+) -> None:
+    """All takers are chosen before anything changes hands."""
+    for i in range(agents.size):
+        me = agents[i]
+        gift.taker[me] = -1
+        if not entities.alive[me] or not give.give[i] or bag.count[me] == 0:
+            continue
+        closest = reach * reach
+        for e in bodies:
+            if e == me or not entities.alive[e] or (nearest != ANY and not may_take(side, sides, me, e)):
+                continue
+            x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
+            if x * x + y * y < closest:
+                closest = x * x + y * y
+                gift.taker[me] = e
+        if gift.taker[me] >= 0 and not may_take(side, sides, me, gift.taker[me]):
+            gift.taker[me] = np.int32(-1)
+
+
+@GiveLast.system(Phase.GIVE, after="give.choose")
+def hand_over(bag: Write[Bag], item: Write[Item], gift: Read[Gift], agents: Rows[Gift]) -> None:
+    """In order of agents."""
+    for me in agents:
+        taker = gift.taker[me]
+        if taker >= 0 and bag.count[me] > 0 and bag.count[taker] < bag.items.shape[1]:
+            push(bag, item, taker, pop(bag, item, me))

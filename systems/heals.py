@@ -1,0 +1,69 @@
+"""Heals: items that give their user hit points."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Bag, Body, Heal, HealsUsed, HealView, Health, Item, Phase, Shape, Side, Sight, Spawned
+from outlast.components.inventory import last
+from outlast.components.sight import look
+from outlast.ecs import Add, Archetype, Entity, Module, Read, Rows, Singleton, Write, number
+
+
+@dataclass(frozen=True)
+class Heals(Module):
+    """Heals lie around from the start and do not come back (paper, section 3.2)."""
+
+    count: int = number(15, low=1)
+    radius: float = number(0.25, above=0)  # metres
+    amount: int = number(75, low=0)  # hit points
+
+    def archetypes(self) -> Iterable[Archetype]:
+        parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))
+        return [Archetype("heal", parts, self.count)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [HealView(), HealsUsed()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"heals": self.count}
+
+
+@Heals.system(Phase.EFFECT)
+def cure(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read[Heal], heals: Rows[Heal]) -> None:
+    """The user gains hit points; there is no maximum."""
+    for thing in heals:
+        if item.user[thing] >= 0:
+            health.points[item.user[thing]] += heal.amount[thing]
+            used.heals_used[0] += 1
+
+
+@Heals.system(Phase.OBSERVE)
+def see_heals(
+    view: Write[HealView],
+    sight: Read[Sight],
+    entities: Read[Entity],
+    body: Read[Body],
+    agents: Rows[Side],
+    heals: Rows[Heal],
+) -> None:
+    """Position of each heal on the ground."""
+    for i in range(agents.size):
+        for k in range(heals.size):
+            e = heals[k]
+            mask, shown = look(sight, entities, i, agents[i], e)
+            view.heals_mask[i, k] = mask
+            view.heals[i, k, 0] = body.x[e] if shown else 0
+            view.heals[i, k, 1] = body.y[e] if shown else 0
+
+
+@Heals.system(Phase.OBSERVE, after="heals.see_heals")
+def see_slot(
+    view: Write[HealView], bag: Read[Bag], heal: Read[Heal], entities: Read[Entity], agents: Rows[Bag], heals: Rows[Heal]
+) -> None:
+    """The last slot of the bag, if it holds a heal."""
+    for i in range(agents.size):
+        e = agents[i]
+        thing = last(bag, e)
+        held = entities.alive[e] != 0 and heals[0] <= thing <= heals[heals.size - 1]
+        view.heal_slot[i, 0, 0] = heal.amount[thing] if held else 0
+        view.heal_slot_mask[i, 0] = 1 if held else 0

@@ -1,0 +1,39 @@
+"""Inventory: a bag with a few slots, and the use of its last item."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Bag, Item, Phase, Use
+from outlast.components.inventory import pop
+from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, number
+
+
+@dataclass(frozen=True)
+class Inventory(Module):
+    """Bags of agents (paper, section 3.1): a stack, whose last item can be used."""
+
+    slots: int = number(4, low=1)
+
+    def archetypes(self) -> Iterable[Archetype]:
+        return [Archetype("agent", (Bag(),))]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Use()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"slots": self.slots}
+
+
+@Inventory.system(Phase.USE)
+def use_last(
+    bag: Write[Bag], item: Write[Item], use: Read[Use], entities: Read[Entity], agents: Rows[Bag], items: Rows[Item]
+) -> None:
+    """The last item leaves the bag and learns its user; its own kind does the rest in phase EFFECT."""
+    for thing in items:
+        item.user[thing] = -1
+    for i in range(agents.size):
+        e = agents[i]
+        if entities.alive[e] and use.use[i]:
+            thing = pop(bag, item, e)
+            if thing >= 0:
+                item.user[thing] = e

@@ -1,0 +1,52 @@
+"""Motors: agents push themselves ahead, sideways and around, in their own frame."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Body, Drive, Phase, Push, Side
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+
+
+@dataclass(frozen=True)
+class Motors(Module):
+    """Dynamic control (paper, section 3.1 and appendix). What one tick of full thrust gives, and when it is given.
+
+    give = "evenly": a force during the whole tick, as the paper says. "at once": an impulse ahead of the tick, as
+    the paper's runs did (reference rules, section 6, point 1).
+    """
+
+    ahead: float = number(0.25, low=0)  # newton-seconds a tick
+    left: float = number(0.25, low=0)
+    turn: float = number(0.0125, low=0)  # newton-metre-seconds a tick
+    give: str = number("evenly", choices=("evenly", "at once"))
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Drive()]
+
+
+@Motors.system(Phase.DRIVE)
+def drive(
+    body: Write[Body],
+    push: Write[Push],
+    drive: Read[Drive],
+    entities: Read[Entity],
+    agents: Rows[Side, Push],
+    ahead: float,
+    left: float,
+    turn: float,
+    give: int,
+) -> None:
+    """Turn the learner's wish into momentum."""
+    for i in range(agents.size):
+        e = agents[i]
+        if not entities.alive[e]:
+            continue
+        forward, sideways, around = ahead * drive.ahead[i], left * drive.left[i], turn * drive.turn[i]
+        x = body.cosine[e] * forward - body.sine[e] * sideways
+        y = body.sine[e] * forward + body.cosine[e] * sideways
+        if give == 0:
+            push.x[e], push.y[e], push.turn[e] = x, y, around
+        else:
+            body.vx[e] += push.inverse_mass[e] * x
+            body.vy[e] += push.inverse_mass[e] * y
+            body.omega[e] += push.inverse_inertia[e] * around

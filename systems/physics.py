@@ -1,0 +1,215 @@
+"""Contacts: Box2D moves what may touch something in this tick; everything else flies free by the same formulas.
+
+Most bodies in most ticks touch nothing. A broad phase marks those that may (`approach`); only they are handed to
+Box2D (`collide`), as a scene that is built, stepped and forgotten, so the outcome is a function of the tables alone;
+the others move by Box2D's own arithmetic (`fly`), bit for bit.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Body, Phase, Push, Shape, Solid
+from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Scratch, System, Write, kernel, number
+
+from . import box2d_native, box2d_portable
+from .broad import clearance, gap, travel
+from .scene import COLUMNS, SOLVED, Settings
+
+MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
+LONGEST = np.float32(2.0)  # metres a substep: b2_maxTranslation
+MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
+ONE, ZERO = np.float32(1), np.float32(0)
+
+
+@dataclass(frozen=True)
+class Contacts(Module):
+    """Rigid-body motion and contacts (reference rules, section 1).
+
+    bridge: how Box2D is called. "native": its machine code from inside the tick; "portable": its Python interface,
+    slower, the same results; "auto": native where the installed Box2D allows it.
+    """
+
+    rate: float = number(60.0, above=0)  # substeps a second
+    substeps: int = number(2, low=1)  # a tick
+    velocity_iterations: int = number(10, low=1)
+    position_iterations: int = number(10, low=1)
+    density: float = number(1.0, above=0)  # kilograms per square metre
+    friction: float = number(0.2, low=0)
+    restitution: float = number(0.0, low=0, high=1)
+    linear_damping: float = number(0.8, low=0)  # per second
+    angular_damping: float = number(0.8, low=0)  # per second
+    continuous: bool = number(True)  # fast bodies do not tunnel through standing ones
+    bridge: str = number("auto", choices=("auto", "native", "portable"))
+
+    def systems(self) -> Iterable[System]:
+        return [s for s in self.registered if s.name != "collide" or s.compiled == self.native()]
+
+    def native(self) -> bool:
+        """Whether the native bridge is used; IncompatibleBox2D if it is asked for and cannot be."""
+        if self.bridge == "native":
+            box2d_native.verify()
+        return self.bridge == "native" or (self.bridge == "auto" and box2d_native.available())
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        if name == "scene":
+            return np.zeros((dims["rows"], COLUMNS), np.float32)
+        return (box2d_native if self.native() else box2d_portable).make_arena()
+
+
+@Contacts.system(Phase.MOVE)
+def approach(
+    solid: Write[Solid],
+    body: Read[Body],
+    shape: Read[Shape],
+    push: Read[Push],
+    entities: Read[Entity],
+    solids: Rows[Solid],
+    rate: float,
+    substeps: int,
+) -> None:
+    """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
+    for e in solids:
+        solid.near[e] = 0
+        solid.reach[e] = ZERO
+        if entities.alive[e] and solid.dynamic[e]:
+            solid.reach[e] = travel(body, push, e, substeps / rate) + MARGIN
+    for e in solids:
+        if not entities.alive[e] or not solid.dynamic[e]:
+            continue
+        for o in solids:
+            if o == e or not entities.alive[o] or (solid.dynamic[o] and o < e):
+                continue
+            if gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
+                solid.near[e], solid.near[o] = 1, 1
+
+
+@kernel
+def stage(
+    scene: Array, body: Array, shape: Array, push: Array, solid: Array, entities: Array, solids: Array, substeps: int
+) -> int:
+    """Write the marked bodies into `scene` in order of rows; returns how many."""
+    count = 0
+    for e in solids:
+        if not entities.alive[e] or not solid.near[e]:
+            continue
+        row = scene[count]
+        row[0], row[1], row[2] = body.x[e], body.y[e], body.angle[e]
+        row[3], row[4], row[5] = body.vx[e], body.vy[e], body.omega[e]
+        row[6], row[7], row[8] = shape.radius[e], shape.half_width[e], shape.half_height[e]
+        row[9] = solid.dynamic[e]
+        row[10] = ZERO
+        if solid.dynamic[e]:
+            row[10] = clearance(body, shape, solid, entities, solids, e)
+        row[11], row[12], row[13] = push.x[e] / substeps, push.y[e] / substeps, push.turn[e] / substeps
+        count += 1
+    return count
+
+
+@kernel
+def unstage(scene: Array, body: Array, solid: Array, entities: Array, solids: Array) -> None:
+    """Read the marked dynamic bodies back from `scene`."""
+    k = 0
+    for e in solids:
+        if not entities.alive[e] or not solid.near[e]:
+            continue
+        if solid.dynamic[e]:
+            row = scene[k]
+            body.x[e], body.y[e], body.angle[e] = row[0], row[1], row[2]
+            body.vx[e], body.vy[e], body.omega[e] = row[3], row[4], row[5]
+        k += 1
+
+
+def collider(solve: Any) -> Any:
+    """The system `collide` over one of the two bridges."""
+
+    def collide(
+        body: Write[Body],
+        solid: Write[Solid],
+        shape: Read[Shape],
+        push: Read[Push],
+        entities: Read[Entity],
+        solids: Rows[Solid],
+        arena: Scratch,
+        scene: Scratch,
+        rate: float,
+        substeps: int,
+        velocity_iterations: int,
+        position_iterations: int,
+        density: float,
+        friction: float,
+        restitution: float,
+        linear_damping: float,
+        angular_damping: float,
+        continuous: bool,
+    ) -> None:
+        """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
+        count = stage(scene, body, shape, push, solid, entities, solids, substeps)
+        if count == 0:
+            return
+        settings = Settings(
+            ONE / rate, substeps, velocity_iterations, position_iterations, density, friction, restitution,
+            linear_damping, angular_damping, int(continuous),
+        )  # fmt: skip
+        if solve(arena, settings, scene, count) != SOLVED:
+            for e in solids:
+                solid.near[e] = entities.alive[e]
+            count = stage(scene, body, shape, push, solid, entities, solids, substeps)
+            solve(arena, settings, scene, count)
+        unstage(scene, body, solid, entities, solids)
+
+    return collide
+
+
+for _bridge in (box2d_native, box2d_portable):
+    _native = _bridge is box2d_native
+    Contacts.system(Phase.MOVE, after="physics.approach", compiled=_native)(collider(_bridge.solve))
+
+
+@Contacts.system(Phase.MOVE, after="physics.collide")
+def fly(
+    body: Write[Body],
+    push: Read[Push],
+    solid: Read[Solid],
+    entities: Read[Entity],
+    solids: Rows[Solid],
+    rate: float,
+    substeps: int,
+    linear_damping: float,
+    angular_damping: float,
+) -> None:
+    """Everything else: Box2D's integration without contacts, in its own order of operations; then headings."""
+    dt = ONE / rate
+    slow = min(max(ONE - dt * linear_damping, ZERO), ONE)
+    calm = min(max(ONE - dt * angular_damping, ZERO), ONE)
+    for e in solids:
+        if not entities.alive[e] or not solid.dynamic[e]:
+            continue
+        if not solid.near[e]:
+            for _ in range(substeps):
+                integrate(body, push, e, dt, slow, calm, substeps)
+        body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
+
+
+@kernel
+def integrate(
+    body: Array, push: Array, e: int, dt: np.float32, slow: np.float32, calm: np.float32, substeps: int
+) -> None:
+    """One substep of b2Island::Solve for a body that touches nothing."""
+    vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / substeps)) * slow
+    vy = (body.vy[e] + push.inverse_mass[e] * (push.y[e] / substeps)) * slow
+    omega = (body.omega[e] + push.inverse_inertia[e] * (push.turn[e] / substeps)) * calm
+    x, y = dt * vx, dt * vy
+    if x * x + y * y > LONGEST * LONGEST:
+        ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))
+        vx, vy = vx * ratio, vy * ratio
+    turn = dt * omega
+    if turn * turn > MOST * MOST:
+        omega *= MOST / abs(turn)
+    body.vx[e], body.vy[e], body.omega[e] = vx, vy, omega
+    body.x[e] += dt * vx
+    body.y[e] += dt * vy
+    body.angle[e] += dt * omega

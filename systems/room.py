@@ -1,0 +1,27 @@
+"""The room: a square floor, and four walls around it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.components import Body, Floor, Shape, Solid
+from outlast.ecs import Archetype, Module, Singleton, number
+
+
+@dataclass(frozen=True)
+class Room(Module):
+    """Square region centred on the origin; walls stand astride its edges (reference rules, section 1)."""
+
+    size: float = number(25.0, above=0)  # metres, side
+    walls: bool = number(True)
+    thickness: float = number(0.01, above=0, high=0.5)  # of a wall, as a share of the side
+
+    def archetypes(self) -> Iterable[Archetype]:
+        if not self.walls:
+            return []
+        far, long, thin = self.size / 2, self.size / 2, self.size * self.thickness / 2
+        body = Body(x=[far, -far, 0, 0], y=[0, 0, far, -far])
+        shape = Shape(half_width=[thin, thin, long, long], half_height=[long, long, thin, thin])
+        return [Archetype("wall", (body, shape, Solid()), 4)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Floor(size=self.size)]

@@ -1,0 +1,43 @@
+"""A scene: the few bodies of one world that are near something, handed to Box2D for one tick.
+
+Both bridges (`box2d_native`, `box2d_portable`) take the same scene and give the same bits. A scene is a float32
+array (capacity, 14), one row a body in the order in which Box2D gets them; the columns are named here.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+X, Y = 0, 1  # metres, centre of the body; read and written
+ANGLE = 2  # radians; read and written
+VX, VY = 3, 4  # metres per second; read and written
+OMEGA = 5  # radians per second; read and written
+RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle
+HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle
+DYNAMIC = 9  # 1 moves, 0 stays where it is
+REACH = 10  # metres a dynamic body may be away from its start after any substep; further abandons the call
+JX, JY = 11, 12  # newton seconds, at the centre, at the start of EVERY substep; both 0 for none
+JTURN = 13  # newton metre seconds, likewise
+COLUMNS = 14
+
+SOLVED = 0  # the scene holds the state after the tick
+ABANDONED = 1  # a body went further than its REACH; the scene is untouched
+
+
+class Settings(NamedTuple):
+    """Box2D's numbers for a tick; gravity is zero. The defaults are the paper's (reference rules, section 1)."""
+
+    dt: np.float32 = np.float32(1 / 60)  # seconds a substep
+    substeps: int = 2
+    velocity_iterations: int = 10
+    position_iterations: int = 10
+    density: np.float32 = np.float32(1)  # kilograms per square metre
+    friction: np.float32 = np.float32(0.2)
+    restitution: np.float32 = np.float32(0)
+    linear_damping: np.float32 = np.float32(0.8)  # per second
+    angular_damping: np.float32 = np.float32(0.8)  # per second
+    continuous: int = 1  # 1: fast bodies do not tunnel through static ones
+
+
+class IncompatibleBox2D(RuntimeError):
+    """The installed Box2D is not laid out as the native bridge expects; the portable bridge works with any."""

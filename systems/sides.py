@@ -1,0 +1,64 @@
+"""Sides: every agent for itself, or teams."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import Guard, Phase, Side, Sides
+from outlast.ecs import Module, NumberError, Rows, Singleton, Write, number
+
+
+@dataclass(frozen=True)
+class FreeForAll(Module):
+    """Every agent is a side of its own."""
+
+    @classmethod
+    def slot(cls) -> type[Module]:
+        return FreeForAll
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Sides(teams=0)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"sides": "agents"}
+
+
+@FreeForAll.system(Phase.DRAW)
+def part(side: Write[Side], agents: Rows[Side]) -> None:
+    """Agent i is side i."""
+    for i in range(agents.size):
+        side.side[agents[i]] = np.int32(i)
+
+
+@dataclass(frozen=True)
+class Teams(Module):
+    """Agents are split into `count` teams by id, as evenly as it goes (paper, section 3.1 and appendix).
+
+    Members cannot hurt each other, give only to each other, and share their rewards.
+    """
+
+    count: int = number(2, low=1)
+
+    @classmethod
+    def slot(cls) -> type[Module]:
+        return FreeForAll
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Sides(teams=1)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"sides": self.count, "features": 1}
+
+    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
+        if self.count > dims["agents"]:
+            raise NumberError(f"sides.count = {self.count} teams, but there are only {dims['agents']} agents")
+
+
+@Teams.system(Phase.DRAW)
+def split(side: Write[Side], guard: Write[Guard], agents: Rows[Side], count: int) -> None:
+    """Consecutive ids, teams of equal size (the last ones larger by one if need be); immune to one's own."""
+    for i in range(agents.size):
+        e = agents[i]
+        side.side[e] = np.int32(((i + 1) * count - 1) // agents.size)
+        guard.ignores[e] = side.side[e]

@@ -1,0 +1,61 @@
+"""The spawn grid: the floor is cut into cells, and every body that spawns at reset gets one of its own."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from outlast.components import Body, Floor, Phase, Spawned
+from outlast.ecs import Array, Entity, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
+from outlast.ecs.random import integer
+
+
+class Cells(Singleton):
+    """The cells in the order in which they are taken; written at reset."""
+
+    order: Array = column("i4", "cells")
+
+
+@dataclass(frozen=True)
+class SpawnGrid(Module):
+    """Cells on a side; at most one body a cell, whatever its kind (reference rules, section 1)."""
+
+    cells: int = number(8, low=1)
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Cells()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"cells": self.cells**2}
+
+    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
+        bodies = {a.name: a.count for m in modules for a in m.archetypes() if any(isinstance(p, Spawned) for p in a.parts)}
+        if sum(bodies.values()) > self.cells**2:
+            what = ", ".join(f"{count} {name}" for name, count in bodies.items())
+            raise NumberError(
+                f"{sum(bodies.values())} bodies ({what}) do not fit into spawn.cells = {self.cells} x {self.cells} = "
+                f"{self.cells**2} cells; take fewer bodies or more cells"
+            )
+
+
+@SpawnGrid.system(Phase.SPAWN)
+def place(
+    body: Write[Body],
+    spawned: Write[Spawned],
+    cells: Write[Cells],
+    entities: Read[Entity],
+    floor: Read[Floor],
+    rows: Rows[Spawned],
+    key: Random,
+) -> None:
+    """Each body takes a random free cell, facing +x. Agents have the first rows, so items never move them."""
+    side = int(round(cells.order.size**0.5))
+    for c in range(cells.order.size):
+        cells.order[c] = c
+    for k in range(rows.size):
+        e = rows[k]
+        pick = k + integer(key, entities.identity[e], cells.order.size - k)
+        cell = cells.order[pick]
+        cells.order[pick] = cells.order[k]
+        cells.order[k] = cell
+        spawned.cell[e] = cell
+        body.x[e] = floor.size[0] * ((cell % side + 0.5) / side - 0.5)
+        body.y[e] = floor.size[0] * ((cell // side + 0.5) / side - 0.5)

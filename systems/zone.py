@@ -1,0 +1,116 @@
+"""The safe zone: a circle that stands, then shrinks and moves, and hurts whoever is outside."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from outlast.components import Body, Floor, Guard, Health, Phase, Side, Zone, ZoneView
+from outlast.components.health import hurt
+from outlast.ecs import (
+    Array, Cause, Clock, Entity, Module, NumberError, Random, Read, Rows, Singleton, Write, kernel, number,
+)  # fmt: skip
+from outlast.ecs.random import uniform2
+
+HALF = np.float32(0.5)
+
+
+@dataclass(frozen=True)
+class SafeZone(Module):
+    """Phases of `stand` ticks of rest and `shrink` ticks of linear change (paper, section 3.3).
+
+    radii: of the phases, in metres; after the last one the zone is void. centres = "random": independent, uniform
+    over where the circle fits into the room. "middle": always the origin.
+    """
+
+    cause: ClassVar[str] = "zone"
+
+    radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
+    stand: int = number(100, low=0)  # ticks
+    shrink: int = number(100, low=1)  # ticks
+    harm: int = number(1, low=0)  # hit points a tick outside
+    centres: str = number("random", choices=("random", "middle"))
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Zone(), ZoneView()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"zones": len(self.radii) + 1}
+
+    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
+        if not self.radii:
+            raise NumberError("zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
+        for module in modules:
+            size = getattr(module, "size", None)
+            if module.name() == "room" and size is not None and max(self.radii) > size / 2:
+                raise NumberError(f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)")
+
+
+@SafeZone.system(Phase.DRAW)
+def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centres: int, key: Random) -> None:
+    """A centre for every phase, the void one included."""
+    for k in range(zone.centres.shape[0]):
+        radius = radii[k] if k < len(radii) else np.float32(0)
+        room = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
+        x, y = uniform2(key, k)
+        zone.centres[k, 0], zone.centres[k, 1] = room * (x - HALF), room * (y - HALF)
+
+
+@kernel
+def locate(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> None:
+    """Where the zone is after `tick` ticks: a function of time alone, so that nothing has to be counted."""
+    cycle = stand + shrink
+    phase = min(tick // cycle, len(radii))
+    zone.x[0], zone.y[0] = zone.centres[phase, 0], zone.centres[phase, 1]
+    zone.radius[0] = radii[phase] if phase < len(radii) else 0
+    if phase == len(radii):
+        zone.next_x[0], zone.next_y[0], zone.next_radius[0] = 0, 0, 0
+        return
+    zone.next_x[0], zone.next_y[0] = zone.centres[phase + 1, 0], zone.centres[phase + 1, 1]
+    zone.next_radius[0] = radii[phase + 1] if phase + 1 < len(radii) else 0
+    share = np.float32(max(0, tick - phase * cycle - stand)) / np.float32(shrink)
+    rest = np.float32(1) - share
+    zone.x[0] = rest * zone.x[0] + share * zone.next_x[0]
+    zone.y[0] = rest * zone.y[0] + share * zone.next_y[0]
+    zone.radius[0] = rest * zone.radius[0] + share * zone.next_radius[0]
+
+
+@SafeZone.system(Phase.SPAWN)
+def begin(zone: Write[Zone], radii: tuple[float, ...], stand: int, shrink: int) -> None:
+    """The zone of the first phase."""
+    locate(zone, radii, 0, stand, shrink)
+
+
+@SafeZone.system(Phase.ZONE)
+def burn(
+    health: Write[Health],
+    guard: Read[Guard],
+    body: Read[Body],
+    zone: Read[Zone],
+    entities: Read[Entity],
+    clock: Read[Clock],
+    agents: Rows[Side, Health],
+    harm: int,
+    cause: Cause,
+) -> None:
+    """Outside means the centre is beyond the rim. It kills at the next check, so a heal can still save."""
+    for e in agents:
+        x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
+        outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
+        if entities.alive[e] and outside:
+            hurt(health, guard, e, harm, cause, -1, clock.tick[0])
+
+
+@SafeZone.system(Phase.ZONE, after="zone.burn")
+def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand: int, shrink: int) -> None:
+    """On to where it is after this tick."""
+    locate(zone, radii, np.int64(clock.tick[0]), stand, shrink)
+
+
+@SafeZone.system(Phase.OBSERVE)
+def see_zone(zone: Read[Zone], view: Write[ZoneView], agents: Rows[Side]) -> None:
+    """Everybody knows the zone, dead or alive."""
+    for i in range(agents.size):
+        view.zone[i, 0], view.zone[i, 1], view.zone[i, 2] = zone.x[0], zone.y[0], zone.radius[0]
+        view.zone[i, 3], view.zone[i, 4], view.zone[i, 5] = zone.next_x[0], zone.next_y[0], zone.next_radius[0]

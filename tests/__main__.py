@@ -1,0 +1,170 @@
+"""The whole check, one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
+
+Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
+The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python.
+`--quick` leaves out the slow tests and the last two ways.
+"""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ElementTree
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
+NO_TESTS = 5  # pytest's exit code where nothing was selected
+
+# import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
+LINT_IMPORTS = "from importlinter.cli import lint_imports_command as run; run()"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One command, given to this Python; `mode` is the numba variable it runs under."""
+
+    name: str
+    arguments: tuple[str, ...]
+    mode: str = ""
+
+    @property
+    def environment(self) -> dict[str, str]:
+        inherited = {name: value for name, value in os.environ.items() if name not in MODES}
+        return inherited | ({self.mode: "1"} if self.mode else {})
+
+
+@dataclass
+class Result:
+    name: str
+    passed: bool
+    seconds: float
+    tests: Counter[str] = field(default_factory=Counter)
+
+    def __str__(self) -> str:
+        tests = f"   {counted(self.tests)}" if self.tests else ""
+        return f"{'ok  ' if self.passed else 'FAIL'}  {self.name:<24}{self.seconds:7.1f} s{tests}"
+
+
+def checks() -> list[Stage]:
+    """The stages that read the sources without running them."""
+    return [
+        Stage("ruff check", ("-m", "ruff", "check", "--output-format", "concise")),
+        Stage("ruff format --check", ("-m", "ruff", "format", "--check", "--output-format", "concise")),
+        Stage("lint-imports", ("-c", LINT_IMPORTS)),
+        Stage("mypy", ("-m", "mypy")),
+    ]
+
+
+def suites(quick: bool) -> list[Stage]:
+    """The ways in which the tests run."""
+    if quick:
+        return [Stage("pytest compiled", ())]
+    return [
+        Stage("pytest compiled", ("-m", "")),
+        Stage("pytest bounds-checked", (), "NUMBA_BOUNDSCHECK"),
+        Stage("pytest not compiled", (), "NUMBA_DISABLE_JIT"),
+    ]
+
+
+def check(stage: Stage) -> Result:
+    """Run a quiet stage: what it prints is shown only if it fails."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, *stage.arguments],
+        cwd=ROOT,
+        env=stage.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    if done.returncode:
+        print(done.stdout.rstrip(), flush=True)
+    return Result(stage.name, done.returncode == 0, time.perf_counter() - start)
+
+
+def suite(stage: Stage, arguments: list[str]) -> Result:
+    """Run the tests in one way, in full view, and count them."""
+    print(f"\n{stage.name}", flush=True)
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", *stage.arguments, *arguments]
+        code = subprocess.run(command, cwd=ROOT, env=stage.environment).returncode
+        tests = counts(report)
+    if code not in (0, NO_TESTS) and not tests["failed"]:
+        tests["failed"] += 1  # it ended before it could say which
+    return Result(stage.name, code in (0, NO_TESTS), time.perf_counter() - start, tests)
+
+
+def counts(report: Path) -> Counter[str]:
+    """How many tests of a JUnit report passed, failed and were skipped."""
+    tests: Counter[str] = Counter(passed=0, failed=0, skipped=0)
+    if report.exists():
+        for case in ElementTree.parse(report).iter("testcase"):
+            ends = {child.tag for child in case}
+            tests[
+                "failed" if ends & {"failure", "error"} else "skipped" if "skipped" in ends else "passed"
+            ] += 1
+    return tests
+
+
+def counted(tests: Counter[str]) -> str:
+    """The line by which continuous integration recognises a test run."""
+    line = f"{tests['passed']} passed, {tests['failed']} failed"
+    return line + (f", {tests['skipped']} skipped" if tests["skipped"] else "")
+
+
+def other_tree() -> str:
+    """Why what would be tested is not this tree, or nothing."""
+    found = importlib.util.find_spec("outlast")
+    if found and found.origin and Path(found.origin).resolve().is_relative_to(ROOT):
+        return ""
+    return f"outlast is {f'imported from {found.origin}' if found else 'not installed'}, not from {ROOT}"
+
+
+def divided(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """What stands before `--`, for us, and what stands behind it, for pytest."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    return arguments[:end], arguments[end + 1 :]
+
+
+def summary(results: list[Result]) -> int:
+    """Say what failed, then count the tests; the exit code of the whole."""
+    total = sum((result.tests for result in results), Counter())
+    failed = [result.name for result in results if not result.passed]
+    print("\n" + "\n".join(str(result) for result in results))
+    if failed:
+        print(f"\nfailed: {', '.join(failed)}")
+    elif not total["passed"]:
+        print("\nno test ran")
+    print(counted(total), flush=True)
+    return 1 if failed or not total["passed"] else 0
+
+
+def main() -> int:
+    ours, theirs = divided(sys.argv[1:])
+    parser = ArgumentParser(
+        "python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
+    quick = parser.parse_args(ours).quick
+    if other := other_tree():
+        parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
+    results = []
+    for stage in checks():
+        results.append(check(stage))
+        print(results[-1], flush=True)
+    for stage in suites(quick):
+        results.append(suite(stage, theirs))
+        print(results[-1], flush=True)
+    return summary(results)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

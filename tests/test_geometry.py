@@ -1,0 +1,366 @@
+"""Rays, cones and gaps against pybox2d (bit for bit where it can be) and against plain-Python twins."""
+
+import cmath
+import math
+import platform
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import Box2D
+import naive
+import numba
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from outlast.ecs import kernel
+from outlast.systems import geometry
+
+COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
+TOLERANCE = 1e-5
+# Elsewhere either compiler may fuse multiply and add; then only the tolerance holds.
+SAME_BITS = platform.machine() in ("x86_64", "AMD64")
+F4 = np.float32
+Near = tuple[float, float, float]  # share of the way along a ray, then an offset
+QUICK = settings(max_examples=100 if numba.config.DISABLE_JIT else 400, deadline=None, derandomize=True)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _overflow() -> Iterator[None]:
+    """Uncompiled, a division by a tiny direction may overflow to infinity, which the kernels handle."""
+    with np.errstate(over="ignore"):
+        yield
+
+
+class Queries(NamedTuple):
+    """Rays and bodies, one a row. origin, ray, centre, half: f4[n, 2]; angle, cosine, sine: f4[n]."""
+
+    origin: np.ndarray
+    ray: np.ndarray
+    centre: np.ndarray
+    half: np.ndarray
+    angle: np.ndarray
+    cosine: np.ndarray
+    sine: np.ndarray
+
+
+@kernel
+def _cast_circles(queries: Queries, out: np.ndarray) -> None:
+    for i in range(len(out)):
+        o, d, c = queries.origin[i], queries.ray[i], queries.centre[i]
+        out[i] = geometry.ray_circle(o[0], o[1], d[0], d[1], c[0], c[1], queries.half[i, 0])
+
+
+@kernel
+def _cast_boxes(queries: Queries, out: np.ndarray) -> None:
+    for i in range(len(out)):
+        o, d, c, half = queries.origin[i], queries.ray[i], queries.centre[i], queries.half[i]
+        cosine, sine = queries.cosine[i], queries.sine[i]
+        out[i] = geometry.ray_box(o[0], o[1], d[0], d[1], c[0], c[1], cosine, sine, half[0], half[1])
+
+
+@kernel
+def _look(points: np.ndarray, eyes: np.ndarray, turns: np.ndarray, camera: tuple, out: np.ndarray) -> None:
+    """camera: (depth, cosine and sine of half_fov); turns: f4[n, 2] cosine and sine."""
+    for i in range(len(out)):
+        p, o, turn = points[i], eyes[i], turns[i]
+        out[i] = geometry.in_kite(p[0], p[1], o[0], o[1], turn[0], turn[1], camera[0], camera[1], camera[2])
+
+
+def _queries(seed: int, count: int) -> Queries:
+    """Rays of game lengths with a body near most of them; some rays start inside, some stop short."""
+    rng = np.random.default_rng(seed)
+    origin = rng.uniform(-12.5, 12.5, (count, 2))
+    heading = rng.uniform(-np.pi, np.pi, count)
+    length = rng.choice([0.01, 0.5, 2, 10, 30], count)
+    ray = np.stack([np.cos(heading), np.sin(heading)], 1) * length[:, None]
+    centre = origin + ray * rng.uniform(-0.2, 1.3, count)[:, None] + rng.normal(0, 0.8, (count, 2))
+    half = rng.uniform(0.05, 2, (count, 2))
+    half[::10, 1] = 12.5  # walls
+    angle = rng.uniform(-np.pi, np.pi, count) * rng.choice([0, 1], count, p=[0.1, 0.9])
+    return _pack(origin, ray, centre, half, angle)
+
+
+def _pack(*arrays: np.ndarray) -> Queries:
+    """Queries of the columns up to angle, rounded to float32, with cosine and sine as Box2D takes them."""
+    columns = [np.ascontiguousarray(array, F4) for array in arrays]
+    turns = np.array([_turn(value) for value in columns[4].tolist()], F4)
+    return Queries(*columns, np.ascontiguousarray(turns[:, 0]), np.ascontiguousarray(turns[:, 1]))
+
+
+def _turn(angle: float) -> tuple[float, float]:
+    transform = Box2D.b2Transform()
+    transform.Set((0, 0), angle)
+    return transform.q.c, transform.q.s
+
+
+def _box2d_casts(queries: Queries, circles: bool) -> np.ndarray:
+    """Fractions by b2Shape::RayCast itself, the call behind fixture and world casts."""
+    shape = Box2D.b2CircleShape() if circles else Box2D.b2PolygonShape(box=(1, 1))
+    transform, result = Box2D.b2Transform(), Box2D.b2RayCastOutput()
+    segment = Box2D.b2RayCastInput(p1=(0, 0), p2=(0, 0), maxFraction=1)
+    ends = (queries.origin + queries.ray).tolist()
+    out = np.full(len(ends), geometry.MISS)
+    starts, centres, angles, halves = (queries[column].tolist() for column in (0, 2, 4, 3))
+    rows = zip(starts, ends, centres, angles, halves, strict=True)
+    for i, (segment.p1, segment.p2, centre, angle, half) in enumerate(rows):
+        transform.Set(centre, angle)
+        if circles:
+            shape.radius = half[0]
+        else:
+            shape.box = half
+        if shape.RayCast(result, segment, transform, 0):
+            out[i] = result.fraction
+    return out
+
+
+def _cast(queries: Queries, circles: bool) -> np.ndarray:
+    out = np.empty(len(queries.origin), F4)
+    (_cast_circles if circles else _cast_boxes)(queries, out)
+    return out
+
+
+def _agree(queries: Queries, circles: bool) -> np.ndarray:
+    """Assert that kernel and Box2D agree on every row; the fractions."""
+    ours, theirs = _cast(queries, circles), _box2d_casts(queries, circles)
+    if SAME_BITS:
+        np.testing.assert_array_equal(ours, theirs)
+    grown = _cast(queries._replace(half=queries.half + F4(TOLERANCE)), circles)
+    shrunk = _cast(queries._replace(half=queries.half - F4(TOLERANCE)), circles)
+    clear = (grown < 1) & (shrunk < 1) | (grown > 1) & (shrunk > 1)  # not within the tolerance of hit or miss
+    np.testing.assert_allclose(ours[clear], theirs[clear], rtol=0, atol=TOLERANCE)
+    assert clear.mean() > 0.9
+    return ours
+
+
+@pytest.mark.parametrize("circles", [True, False], ids=["circles", "boxes"])
+def test_rays_equal_box2d(circles: bool) -> None:
+    fractions = _agree(_queries(1, COUNT), circles)
+    hits = fractions <= 1
+    assert 0.2 < hits.mean() < 0.5
+    assert (fractions[~hits] == geometry.MISS).all()
+
+
+@pytest.mark.parametrize("circles", [True, False], ids=["circles", "boxes"])
+def test_rays_equal_box2d_where_everything_touches(circles: bool) -> None:
+    """Small whole numbers, exact in float32: tangents, corners, rays along edges, from rims, of length 0."""
+    grid = np.arange(-3, 4)
+    rows = np.stack(np.meshgrid(grid, grid, grid, grid, [1, 2], [1, 2], indexing="ij"), -1).reshape(-1, 6)
+    rows = rows[:: 3 if numba.config.DISABLE_JIT else 1]
+    zeros = np.zeros(len(rows))
+    queries = _pack(rows[:, :2], rows[:, 2:4], np.zeros((len(rows), 2)), rows[:, 4:], zeros)
+    np.testing.assert_array_equal(_cast(queries, circles), _box2d_casts(queries, circles))
+
+
+def test_rays_through_a_box2d_world() -> None:
+    """The nearest of many bodies by ray_body equals world.RayCast."""
+    rng = np.random.default_rng(3)
+    world = Box2D.b2World()
+    bodies = []
+    for n in range(40):
+        x, y, angle, half = *rng.uniform(-10, 10, 2), rng.uniform(-3, 3), rng.uniform(0.2, 1, 2)
+        radius = half[0] if n % 2 else 0.0
+        shape = Box2D.b2CircleShape(radius=radius) if n % 2 else Box2D.b2PolygonShape(box=half.tolist())
+        body = world.CreateStaticBody(position=(x, y), angle=angle, fixtures=Box2D.b2FixtureDef(shape=shape))
+        turn = body.transform.q
+        bodies.append([F4(value) for value in (x, y, turn.c, turn.s, radius, *half)])
+    nearest = _Nearest()
+    found = 0
+    for _ in range(COUNT // 100):
+        origin, ray = rng.uniform(-10, 10, 2).astype(F4), rng.uniform(-8, 8, 2).astype(F4)
+        nearest.fraction = float(geometry.MISS)
+        world.RayCast(nearest, origin.tolist(), (origin + ray).tolist())
+        ours = min(float(geometry.ray_body(*origin, *ray, *body)) for body in bodies)
+        assert ours == pytest.approx(nearest.fraction, abs=TOLERANCE)
+        found += ours <= 1
+    assert found > COUNT // 300
+
+
+class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
+    fraction = 0.0
+
+    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
+        self.fraction = fraction
+        return fraction
+
+
+def _f4(*numbers: float) -> list[np.float32]:
+    return [F4(number) for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ("origin", "ray", "expected"),
+    [
+        ((-3, 0), (4, 0), 0.5),
+        ((-3, 0), (2, 0), 1.0),
+        ((-3, 0), (1.99, 0), 2.0),
+        ((-3, 1), (6, 0), 0.5),  # tangent
+        ((-3, 1.001), (6, 0), 2.0),
+        ((0.5, 0), (4, 0), 2.0),  # from inside
+        ((0, 0), (4, 0), 2.0),
+        ((-1, 0), (4, 0), 0.0),  # from the rim inwards
+        ((1, 0), (4, 0), 2.0),  # from the rim outwards
+        ((3, 0), (4, 0), 2.0),  # away
+        ((-3, 0), (0, 0), 2.0),
+        ((0, 0), (0, 0), 2.0),
+    ],
+)
+def test_ray_circle(origin: tuple[float, float], ray: tuple[float, float], expected: float) -> None:
+    assert float(geometry.ray_circle(*_f4(*origin, *ray, 0, 0, 1))) == expected
+    assert float(geometry.ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 1, 9, 9))) == expected
+
+
+@pytest.mark.parametrize(
+    ("origin", "ray", "expected"),
+    [
+        ((-4, 0), (4, 0), 0.5),
+        ((-4, 0), (2, 0), 1.0),
+        ((-4, 0), (1.99, 0), 2.0),
+        ((-4, 1), (8, 0), 0.25),  # along an edge
+        ((-4, 1.001), (8, 0), 2.0),
+        ((-3, 0), (2, 2), 0.5),  # through a corner
+        ((-3, 0.001), (2, 2), 2.0),
+        ((0, 0), (8, 0), 2.0),  # from inside
+        ((-2, 0), (8, 0), 2.0),  # from an edge
+        ((0, 4), (0, -8), 0.375),
+        ((0, -4), (0, 8), 0.375),
+        ((4, 0), (8, 0), 2.0),  # away
+        ((-4, 0), (0, 0), 2.0),
+        ((0, 0), (0, 0), 2.0),
+    ],
+)
+def test_ray_box(origin: tuple[float, float], ray: tuple[float, float], expected: float) -> None:
+    assert float(geometry.ray_box(*_f4(*origin, *ray, 0, 0, 1, 0, 2, 1))) == expected
+    assert float(geometry.ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 0, 2, 1))) == expected
+
+
+def test_nearly_parallel_rays_do_not_break() -> None:
+    for tiny in (1e-45, 1e-38, 1e-20):
+        for sign in (1, -1):
+            ray = _f4(-4, 0.5, 8, sign * tiny)
+            assert float(geometry.ray_box(*ray, *_f4(0, 0, 1, 0, 2, 1))) == 0.25
+            assert float(geometry.ray_circle(*ray, *_f4(0, 0, 1))) <= 1
+
+
+def test_results_are_float32() -> None:
+    calls = [
+        (geometry.ray_circle, 7, numba.float32),
+        (geometry.ray_box, 10, numba.float32),
+        (geometry.ray_body, 11, numba.float32),
+        (geometry.gap_circle_box, 9, numba.float32),
+        (geometry.in_kite, 9, numba.boolean),
+        (geometry.in_sector, 9, numba.boolean),
+    ]
+    for function, count, expected in calls:
+        result = function(*_f4(*range(1, count + 1)))
+        if numba.config.DISABLE_JIT:
+            assert type(result) is (F4 if expected is numba.float32 else bool)
+        else:
+            assert {overload.signature.return_type for overload in function.overloads.values()} == {expected}
+
+
+def test_kite_equals_box2d() -> None:
+    rng = np.random.default_rng(4)
+    depth, half_fov = 10.0, math.radians(36)
+    camera = tuple(_f4(depth, math.cos(half_fov), math.sin(half_fov)))
+    eyes = rng.uniform(-12, 12, (COUNT, 2)).astype(F4)
+    headings = rng.uniform(-np.pi, np.pi, COUNT)
+    away = rng.uniform(-1.2, 1.2, COUNT) * half_fov + headings
+    offsets = rng.uniform(0, 11, COUNT)[:, None] * np.stack([np.cos(away), np.sin(away)], 1)
+    points = (eyes + offsets).astype(F4)
+    points[::100] = eyes[::100]
+    turns = np.array([_turn(heading) for heading in headings.tolist()], F4)
+    seen = np.empty(COUNT, np.bool_)
+    _look(points, eyes, turns, camera, seen)
+    corners = naive.kite_corners((0.0, 0.0), 0.0, depth, half_fov)
+    shape, transform = Box2D.b2PolygonShape(vertices=corners), Box2D.b2Transform()
+    rows = zip(points.tolist(), eyes.tolist(), headings.tolist(), strict=True)
+    for i, (point, eye, heading) in enumerate(rows):
+        transform.Set(eye, heading)
+        if shape.TestPoint(transform, point) != seen[i]:
+            corners = naive.kite_corners(tuple(eye), heading, depth, half_fov)
+            assert naive.edge_distance(tuple(point), corners) < TOLERANCE
+    assert 0.5 < seen.mean() < 0.9
+    assert seen[::100].all()  # the apex itself
+
+
+def test_kite_is_shallower_than_the_sector_between_axis_and_edge() -> None:
+    half_fov = math.radians(36)
+    camera = _f4(0, 0, 1, 0, 10, math.cos(half_fov), math.sin(half_fov))
+    chord = 10 * math.cos(half_fov / 2)
+    for degrees, depth in ((0, 10), (18, chord), (-18, chord), (35.99, 10)):
+        ahead = cmath.exp(1j * math.radians(degrees))
+        for reach, inside in ((depth - 0.01, True), (depth + 0.01, False)):
+            point = _f4(ahead.real * reach, ahead.imag * reach)
+            assert geometry.in_kite(*point, *camera) == inside
+            assert geometry.in_sector(*point, *camera) == (reach <= 10)
+
+
+coordinate = st.floats(-12.5, 12.5, width=32)
+size = st.floats(0.25, 2, width=32)
+turned = st.floats(-math.pi, math.pi)
+pair = st.tuples(coordinate, coordinate)
+# Where a body lies, so that most rays meet theirs.
+nearby = st.tuples(st.floats(-0.2, 1.3), st.floats(-2, 2), st.floats(-2, 2))
+
+
+def _place(o: naive.Point, d: naive.Point, near: Near) -> naive.Point:
+    share, *offset = near
+    return float(F4(o[0] + share * d[0] + offset[0])), float(F4(o[1] + share * d[1] + offset[1]))
+
+
+def _between(fraction: float, larger: float, smaller: float) -> None:
+    """A body a little larger is hit no later, one a little smaller no earlier (MISS being latest)."""
+    assert larger - TOLERANCE <= float(fraction) <= smaller + TOLERANCE
+
+
+@QUICK
+@given(pair, pair, nearby, size)
+def test_ray_circle_equals_twin(o: naive.Point, d: naive.Point, near: Near, radius: float) -> None:
+    centre = _place(o, d, near)
+    distance = math.dist(o, centre)
+    # Rounding of the discriminant, as a change of radius: it grows with the square of the distance.
+    slack = TOLERANCE + 1e-6 * distance**2 / radius
+    assume(math.hypot(*d) > 0.01 and abs(distance - radius) > slack and radius > slack)
+    fraction = geometry.ray_circle(*_f4(*o, *d, *centre, radius))
+    larger = naive.ray_circle(o, d, centre, radius + slack)
+    _between(fraction, larger, naive.ray_circle(o, d, centre, radius - slack))
+
+
+@QUICK
+@given(pair, pair, nearby, turned, size, size)
+def test_ray_box_equals_twin(
+    o: naive.Point, d: naive.Point, near: Near, angle: float, width: float, height: float
+) -> None:
+    slack, centre = TOLERANCE, _place(o, d, near)
+    assume(math.hypot(*d) > 0.01)
+    assume(naive.edge_distance(o, naive.box_corners(centre, angle, width, height)) > 2 * slack)
+    turn = (math.cos(angle), math.sin(angle))
+    fraction = geometry.ray_box(*_f4(*o, *d, *centre, *turn, width, height))
+    larger = naive.ray_box(o, d, centre, angle, width + slack, height + slack)
+    _between(fraction, larger, naive.ray_box(o, d, centre, angle, width - slack, height - slack))
+
+
+@QUICK
+@given(pair, pair, turned, st.floats(1, 12), st.floats(0.1, 3))
+def test_cameras_equal_twins(
+    p: naive.Point, o: naive.Point, heading: float, depth: float, half_fov: float
+) -> None:
+    numbers = (*p, *o, math.cos(heading), math.sin(heading), depth, math.cos(half_fov), math.sin(half_fov))
+    corners = naive.kite_corners(o, heading, depth, half_fov)
+    if naive.edge_distance(p, corners) > TOLERANCE:
+        assert geometry.in_kite(*_f4(*numbers)) == naive.in_kite(p, o, heading, depth, half_fov)
+    sides = [corners[1], corners[0], corners[3]]
+    if naive.edge_distance(p, sides) > TOLERANCE and abs(math.dist(p, o) - depth) > TOLERANCE:
+        assert geometry.in_sector(*_f4(*numbers)) == naive.in_sector(p, o, heading, depth, half_fov)
+
+
+@QUICK
+@given(pair, size, pair, turned, size, size)
+def test_gap_equals_twin(
+    centre: naive.Point, radius: float, box: naive.Point, angle: float, width: float, height: float
+) -> None:
+    numbers = (*centre, radius, *box, math.cos(angle), math.sin(angle), width, height)
+    expected = naive.gap_circle_box(centre, radius, box, angle, width, height)
+    assert float(geometry.gap_circle_box(*_f4(*numbers))) == pytest.approx(expected, abs=TOLERANCE)
