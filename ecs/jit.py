@@ -18,9 +18,15 @@ from numba.extending import intrinsic
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def kernel(function: Function, cache: bool = False) -> Function:
-    """Compile `function` for the tick: arrays and scalars in, columns written in place."""
-    return numba.njit(nogil=True, error_model="numpy", cache=cache)(function)  # type: ignore[no-any-return]
+def kernel(function: Function, cache: bool = False, inner: bool = False) -> Function:
+    """Compile `function` for the tick: arrays and scalars in, columns written in place.
+
+    cache: keep machine code on disk. inner: never called from Python, so the wrappers for that are left out, which
+    saves a tenth of the time to compile a tick.
+    """
+    return numba.njit(  # type: ignore[no-any-return]
+        nogil=True, error_model="numpy", cache=cache, no_cpython_wrapper=inner, no_cfunc_wrapper=inner
+    )(function)
 
 
 def compiled() -> bool:

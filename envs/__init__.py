@@ -1,0 +1,1 @@
+"""Faces: scenarios as data, the batched environment, policies, rollouts, the command line."""

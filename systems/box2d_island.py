@@ -7,21 +7,18 @@ that change nothing. Everything else is its own order of operations, in float32,
 import numpy as np
 
 from outlast.ecs.jit import kernel
-from outlast.systems.box2d_layout import *
-from outlast.systems.scene import Settings
 
-CAPACITY = 128  # bodies in a scene
-STEP = 103_424
-SOLVER_DEF = STEP + 64
-SOLVER = SOLVER_DEF + 64
-SCRATCH = SOLVER + 128
-GROUP = SCRATCH + 64
-STACK = GROUP + 8 * CAPACITY
-POSITIONS = STACK + 8 * CAPACITY
-VELOCITIES = POSITIONS + 12 * CAPACITY
-CONTACTS = VELOCITIES + 12 * CAPACITY
-BEFORE = CONTACTS + 8 * CAPACITY * (CAPACITY - 1) // 2
-END = BEFORE + 12 * CAPACITY + 16 * CAPACITY * (CAPACITY - 1) // 2
+from .box2d_arena import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
+from .box2d_layout import (
+    BODY_ANGLE, BODY_ANGLE0, BODY_CENTER, BODY_CENTER0, BODY_COS, BODY_EDGES, BODY_FLAGS, BODY_INDEX,
+    BODY_LOCAL, BODY_NEXT, BODY_OMEGA, BODY_POSITION, BODY_SIN, BODY_TYPE, BODY_VELOCITY, CONSTRAINT_SIZE,
+    CONTACT_FLAGS, CONTACT_NEXT, EDGE_CONTACT, EDGE_NEXT, EDGE_OTHER, IMPULSES_0, IMPULSES_1, IN_ISLAND,
+    MANAGER_CONTACTS, MOVING, SOLID, SOLVER_CONSTRAINTS, SOLVER_COUNT, STATIC, WORLD_BODIES,
+    WORLD_MANAGER, construct_solver, destroy_solver, find_new_contacts, initialize_velocities, load_f4,
+    load_i4, load_i8, load_u2, sincos, solve_positions, solve_velocities, store_f4, store_i4, store_i8,
+    store_impulses, store_u2, synchronize_fixtures, warm_start,
+)  # fmt: skip
+from .scene import Settings
 
 _MAX_TURN = np.float32(0.5 * 3.14159265359)  # b2_maxRotation
 _MAX_TURN_SQUARED = _MAX_TURN * _MAX_TURN
@@ -138,7 +135,7 @@ def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
         value = load_i4(now + 4 * k)
         changed |= value ^ load_i4(before + 4 * k)
         store_i4(before + 4 * k, value)
-    before += 12 * CAPACITY
+    before = arena + IMPULSES
     for k in range(contacts):
         a = load_i8(constraints + IMPULSES_0)
         b = load_i8(constraints + IMPULSES_1)

@@ -7,14 +7,13 @@ from typing import Any
 
 import Box2D
 import numpy as np
-from numpy.typing import NDArray
 
-from outlast.systems.scene import (
-    ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, JTURN, JX, JY, OMEGA, RADIUS, REACH, SOLVED, VX, VY, X, Y,
-    Settings,
-)
+from .scene import (
+    ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
+    SMALLEST, SOLVED, VX, VY, X, Y, Scene, Settings,
+)  # fmt: skip
 
-Scene = NDArray[np.float32]
+CAPACITY = 256  # bodies in a scene, as in the native bridge
 
 
 def make_arena() -> None:
@@ -34,8 +33,11 @@ def verify() -> None:
 def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
     """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
 
-    Returns SOLVED, or ABANDONED with the scene untouched if a body moved further than its REACH.
+    Returns SOLVED; or, with the scene untouched, ABANDONED if a body moved further than its REACH, INVALID if
+    there are more than CAPACITY bodies or a number out of bounds.
     """
+    if not _valid(scene, count):
+        return INVALID
     world = Box2D.b2World(gravity=(0, 0), doSleep=True)
     world.continuousPhysics = bool(settings.continuous)
     rows = [scene[k] for k in range(count)]
@@ -50,6 +52,13 @@ def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
         if row[DYNAMIC]:
             row[X:RADIUS] = (*body.position, body.angle, *body.linearVelocity, body.angularVelocity)
     return SOLVED
+
+
+def _valid(scene: Scene, count: int) -> bool:
+    rows = scene[:count]
+    bounded = (np.abs(np.delete(rows, REACH, axis=1)) < LIMIT).all()
+    box = (rows[:, HALF_WIDTH] > SMALLEST) & (rows[:, HALF_HEIGHT] > SMALLEST) & (rows[:, RADIUS] == 0)
+    return bool(count <= CAPACITY and bounded and ((rows[:, RADIUS] > SMALLEST) | box).all())
 
 
 def _build(world: Any, settings: Settings, row: Scene) -> Any:

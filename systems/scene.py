@@ -7,6 +7,9 @@ array (capacity, 14), one row a body in the order in which Box2D gets them; the 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+Scene = NDArray[np.float32]
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
@@ -22,6 +25,9 @@ COLUMNS = 14
 
 SOLVED = 0  # the scene holds the state after the tick
 ABANDONED = 1  # a body went further than its REACH; the scene is untouched
+INVALID = 2  # too many bodies, or a number out of bounds or NaN: a fault of the caller; the scene is untouched
+LIMIT = np.float32(1e6)  # every number but REACH is below it
+SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it, or Box2D finds no mass
 
 
 class Settings(NamedTuple):

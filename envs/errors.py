@@ -1,0 +1,13 @@
+"""What the faces refuse. The environment is as it was before the refused call."""
+
+
+class ActionError(ValueError):
+    """Actions of the wrong shape or type, or out of range."""
+
+
+class NotResetError(RuntimeError):
+    """A step where there is no running episode."""
+
+
+class ClosedError(RuntimeError):
+    """A call after close()."""

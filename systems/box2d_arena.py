@@ -1,0 +1,87 @@
+"""An arena: the memory in which one thread's scenes are built, with a b2World that is empty between calls."""
+
+import ctypes
+import weakref
+from typing import Any
+
+import Box2D
+import numpy as np
+from numpy.typing import NDArray
+
+from .box2d_layout import (
+    CIRCLE_SIZE, DEF_SIZE, FILE, FIXTURE_BODY, FIXTURE_PROXIES, FIXTURE_SIZE, MANAGER_FILTER,
+    MANAGER_LISTENER, POLYGON_SIZE, PROXY_SIZE, SOLVER_CONTACTS, SOLVER_POSITIONS, SOLVER_STACK,
+    SOLVER_VELOCITIES, WORLD_MANAGER, WORLD_STACK,
+)  # fmt: skip
+
+CAPACITY = 256  # bodies in a scene
+_PAIRS = CAPACITY * (CAPACITY - 1) // 2
+
+# Byte offsets in an arena; the b2World comes first
+STEP = 103_424  # b2TimeStep
+SOLVER_DEF = STEP + 64  # b2ContactSolverDef
+SOLVER = SOLVER_DEF + 64  # b2ContactSolver
+BODY_DEF = SOLVER + 128  # b2BodyDef
+GROUP = BODY_DEF + 64  # the bodies of the island being solved
+STACK = GROUP + 8 * CAPACITY  # bodies whose contacts are still to be followed
+POSITIONS = STACK + 8 * CAPACITY  # b2Position of each body in the island
+VELOCITIES = POSITIONS + 12 * CAPACITY  # b2Velocity, likewise
+BEFORE = VELOCITIES + 12 * CAPACITY  # what VELOCITIES were an iteration ago
+CONTACTS = BEFORE + 12 * CAPACITY  # the contacts of the island
+IMPULSES = CONTACTS + 8 * _PAIRS  # what their impulses were an iteration ago
+SLOTS = (IMPULSES + 16 * _PAIRS + 63) // 64 * 64
+
+# Body k of a scene lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
+SLOT = 640
+FIXTURE = 192
+PROXY = FIXTURE + FIXTURE_SIZE
+DISC = PROXY + PROXY_SIZE
+BOX = DISC + CIRCLE_SIZE
+SIZE = SLOTS + CAPACITY * SLOT
+
+
+def make_arena() -> NDArray[np.uint8]:
+    """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
+
+    Holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
+    About 1 MiB, most of which is never touched.
+    """
+    memory = np.zeros(SIZE + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    arena = memory[start : start + SIZE]
+    base = arena.ctypes.data
+    library = ctypes.CDLL(FILE)
+    library["_ZN7b2WorldC1ERK6b2Vec2"](ctypes.c_void_p(base), ctypes.c_void_p(base + GROUP))  # gravity: zeros
+    weakref.finalize(memory, library["_ZN7b2WorldD1Ev"], ctypes.c_void_p(base)).atexit = False
+    _write_templates(arena)
+    _write_pointers(arena, base)
+    return arena
+
+
+def _write_templates(arena: NDArray[np.uint8]) -> None:
+    """Copy objects made by the public API; they bring vtable pointers and the defaults of unused fields."""
+    disc, box = Box2D.b2CircleShape(), Box2D.b2PolygonShape(box=(1, 1))
+    world = Box2D.b2World()
+    fixture = world.CreateStaticBody().CreateFixture(shape=disc)
+    _copy(arena, BODY_DEF, Box2D.b2BodyDef(), DEF_SIZE)
+    for slot in range(SLOTS, SIZE, SLOT):
+        _copy(arena, slot + FIXTURE, fixture, FIXTURE_SIZE)
+        _copy(arena, slot + DISC, disc, CIRCLE_SIZE)
+        _copy(arena, slot + BOX, box, POLYGON_SIZE)
+
+
+def _copy(arena: NDArray[np.uint8], offset: int, thing: Any, size: int) -> None:
+    arena[offset : offset + size] = np.frombuffer(ctypes.string_at(int(thing.this), size), np.uint8)
+
+
+def _write_pointers(arena: NDArray[np.uint8], base: int) -> None:
+    words = arena.view(np.int64)
+    words[(WORLD_MANAGER + MANAGER_FILTER) // 8] = 0  # none: every pair may touch
+    words[(WORLD_MANAGER + MANAGER_LISTENER) // 8] = 0
+    words[(SOLVER_DEF + SOLVER_CONTACTS) // 8] = base + CONTACTS
+    words[(SOLVER_DEF + SOLVER_POSITIONS) // 8] = base + POSITIONS
+    words[(SOLVER_DEF + SOLVER_VELOCITIES) // 8] = base + VELOCITIES
+    words[(SOLVER_DEF + SOLVER_STACK) // 8] = base + WORLD_STACK
+    for slot in range(SLOTS, SIZE, SLOT):
+        words[(slot + FIXTURE + FIXTURE_BODY) // 8] = base + slot
+        words[(slot + FIXTURE + FIXTURE_PROXIES) // 8] = base + slot + PROXY
