@@ -183,11 +183,12 @@ class Segment:
     source: str
 
 
-def segments(layout: Layout, systems: Sequence[System]) -> list[Segment]:
-    """Generate the functions of a tick; with no Python system among them there is exactly one."""
+def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> list[Segment]:
+    """Generate the functions of a tick; with no Python system among them there is exactly one, or one a system (split)."""
     result = []
-    for number, (_, group) in enumerate(groupby(systems, lambda system: system.compiled)):
-        writer = Writer(layout, list(group), first=number == 0)
+    groups = [[system] for system in systems] if split else [list(g) for _, g in groupby(systems, lambda s: s.compiled)]
+    for number, group in enumerate(groups):
+        writer = Writer(layout, group, first=number == 0)
         source = writer.source()
         function = load(source, writer.names, systems, writer.compiled)
         result.append(Segment(function, writer.arguments, writer.compiled, source))

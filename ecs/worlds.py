@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
@@ -24,11 +25,12 @@ class Worlds:
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself and stay the same objects for life. Raises DeclarationError or ScheduleError when
+    The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take all
+    worlds through one after the other, to time them (see `times`); the results are the same. Raises DeclarationError or ScheduleError when
     the modules do not fit together.
     """
 
-    def __init__(self, modules: Sequence[Module], count: int, threads: int = 1) -> None:
+    def __init__(self, modules: Sequence[Module], count: int, threads: int = 1, split: bool = False) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
         systems = [system for module in self.layout.modules for system in module.systems()]
@@ -37,7 +39,8 @@ class Worlds:
         self.block = np.zeros((count, self.layout.world_bytes), np.uint8)
         self.block[:] = self.layout.template
         self._tables = {c: self._allocate(c) for c in self.layout.components}
-        self._segments = segments(self.layout, self.schedule.systems)
+        self._segments = segments(self.layout, self.schedule.systems, split)
+        self.times = [0.0] * len(self._segments)  # seconds spent in each; with split, in each system of the schedule
         self._inputs = [_Inputs(segment, self.dims) for segment in self._segments]
         self._columns = self._column_addresses()
         self._sizes = _table([place.shape for place in self.layout.places])
@@ -83,11 +86,13 @@ class Worlds:
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
         """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world."""
-        for segment, inputs in zip(self._segments, self._inputs, strict=True):
+        for k, (segment, inputs) in enumerate(zip(self._segments, self._inputs, strict=True)):
+            start = time.perf_counter()
             if self.threads == 1 or not segment.compiled or self.count <= BLOCK:
                 self._call(segment, inputs, 0, 0, self.count, mode)
             else:
                 self._spread(segment, inputs, mode)
+            self.times[k] += time.perf_counter() - start
 
     def close(self) -> None:
         """Let the threads go. The tables stay readable."""

@@ -52,7 +52,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.num_agents = self.worlds.dims["agents"]
         self.single_observation_space = observation_space(self.worlds)
         self.single_action_space = action_space(self.worlds)
-        self._actions = [(getattr(self.worlds[c], n)[:], int(col.low)) for _, c, n, col in published(self.worlds, Action)]
+        actions = published(self.worlds, Action)
+        self.action_columns = [(key, int(column.low)) for key, _, _, column in actions]
+        self._actions = [(getattr(self.worlds[c], name), int(column.low)) for _, c, name, column in actions]
         self._sizes = self.single_action_space.nvec[0]
         self._observations = {k: getattr(self.worlds[c], n) for k, c, n, _ in published(self.worlds, Observation)}
         self._mode = np.zeros(self.num_worlds, np.int8)

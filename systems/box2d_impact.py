@@ -35,7 +35,7 @@ def may_hit(arena: int) -> bool:
 def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
     """Whether one side of the static box has the circle on its outside all along the circle's path.
 
-    Box2D stops a circle at radius - 3.75 mm from the box; asking for the whole radius leaves room for rounding.
+    Box2D stops a circle's centre at radius - 3.75 mm from the box; the whole radius leaves room for rounding.
     """
     c, s = load_f4(body + BODY_COS), load_f4(body + BODY_SIN)
     x, y = load_f4(body + BODY_POSITION), load_f4(body + BODY_POSITION + 4)

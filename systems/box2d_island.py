@@ -1,7 +1,7 @@
-"""b2World::Solve without its clocks: groups bodies that touch and lets Box2D's contact solver resolve each group.
+"""b2World::Solve without its clocks: bodies that touch are an island, and Box2D's contact solver resolves it.
 
-Box2D reads the clock sixteen times a step, a third of the cost of a small scene; and it repeats iterations
-that change nothing. Everything else is its own order of operations, in float32, so that the bits agree.
+Box2D reads the clock sixteen times a step, which can cost as much as the step itself, and repeats iterations
+that change nothing. Both are left out here; the order of operations is its own, in float32: the bits agree.
 """
 
 import numpy as np
@@ -92,7 +92,8 @@ def _solve_island(arena: int, settings: Settings, bodies: int, contacts: int) ->
     linear = max(_ZERO, min(_ONE - settings.dt * settings.linear_damping, _ONE))
     angular = max(_ZERO, min(_ONE - settings.dt * settings.angular_damping, _ONE))
     for k in range(bodies):
-        _load(load_i8(arena + GROUP + 8 * k), arena + POSITIONS + 12 * k, arena + VELOCITIES + 12 * k, linear, angular)
+        body = load_i8(arena + GROUP + 8 * k)
+        _load(body, arena + POSITIONS + 12 * k, arena + VELOCITIES + 12 * k, linear, angular)
     solver = arena + SOLVER
     if contacts:
         store_i4(arena + SOLVER_DEF + SOLVER_COUNT, contacts)

@@ -35,7 +35,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 def available() -> bool:
-    """Whether this process can use the native bridge: kernels are compiled and the library is the known one."""
+    """Whether this process can use the native bridge: kernels are compiled, the library is as expected."""
     try:
         verify()
     except IncompatibleBox2D:

@@ -83,7 +83,7 @@ def _shape(row: Scene) -> Any:
 
 
 def _push(body: Any, row: Scene) -> None:
-    """Apply the row's impulses; zero ones are skipped (in Box2D they would only wake a body that is awake)."""
+    """Apply the row's impulses; zero ones are skipped (they would only wake a body that is awake)."""
     if row[DYNAMIC] and (row[JX] != 0 or row[JY] != 0):
         body.ApplyLinearImpulse((float(row[JX]), float(row[JY])), body.worldCenter, True)
     if row[DYNAMIC] and row[JTURN] != 0:
@@ -91,6 +91,6 @@ def _push(body: Any, row: Scene) -> None:
 
 
 def _outside(body: Any, row: Scene) -> bool:
-    """Whether the body is further from its start than its REACH, decided in float32 as in the native bridge."""
+    """Whether the body is further from its start than its REACH, in float32 as in the native bridge."""
     x, y = np.float32(body.position.x) - row[X], np.float32(body.position.y) - row[Y]
     return bool(row[DYNAMIC] and x * x + y * y > row[REACH] * row[REACH])

@@ -1,0 +1,99 @@
+"""Policies that need no training. A policy is a function (observations) -> actions for a whole batch of worlds."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .vector import Actions, Arrays, SurvivalVectorEnv
+
+Policy = Callable[[Arrays], Actions]
+
+REACH = 2.0  # metres: strike when an enemy ahead is this near or nearer
+WOUNDED = 70  # hit points at or below which a heal is used
+
+
+def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Every action uniform and independent; its random numbers are its own."""
+    sizes, shape = env.single_action_space.nvec[0], (env.num_worlds, env.num_agents)
+    generator = np.random.default_rng([seed, 1])
+
+    def act(observations: Arrays) -> Actions:
+        return np.stack([generator.integers(0, size, shape, dtype=np.int8) for size in sizes], axis=-1)
+
+    return act
+
+
+def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Do nothing: motors idle, nothing attacked, used or given."""
+    idle = [-low for _, low in env.action_columns]
+    actions = np.broadcast_to(np.array(idle, np.int8), (env.num_worlds, env.num_agents, len(idle)))
+    return lambda observations: actions
+
+
+def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile."""
+    keys = [key for key, _ in env.action_columns]
+    teams = 1 if env.single_observation_space["self"].shape[-1] == 9 else 0
+
+    def act(observations: Arrays) -> Actions:
+        me, zone = observations["self"], observations.get("zone")
+        health, place, angle = me[..., teams + 1], me[..., teams + 2 : teams + 4], me[..., teams + 4]
+        speed, omega = me[..., teams + 5 : teams + 7], me[..., teams + 7]
+        goal, urgent = np.zeros_like(place), np.zeros(health.shape, bool)
+        if zone is not None:  # towards the next circle; at once if outside of the present one
+            goal, urgent = zone[..., 3:5], _length(place - zone[..., :2]) > 0.9 * zone[..., 2]
+        if "heals" in observations:
+            heal, found = _nearest(place, observations["heals"], observations["heals_mask"])
+            goal = np.where((found & ~urgent)[..., None], heal, goal)
+        others, seen = observations["others"], observations["others_mask"]
+        if teams:
+            seen = seen * (others[..., 1] != me[..., None, 1])
+        enemy, met = _nearest(place, others[..., teams + 2 : teams + 4], seen)
+        near = met & (_length(enemy - place) < 2 * REACH) & ~urgent
+        goal = np.where(near[..., None], enemy, goal)
+        wish = 2 * (goal - place) - speed  # slow down in time
+        ahead, left = _turned(wish, -angle)
+        view = _turned(enemy - place, -angle)
+        error = np.where(met, np.arctan2(view[1], view[0]), 1.0)  # nobody in sight: keep turning
+        choice = {
+            "ahead": 1 + _sign(ahead, 0.3),
+            "left": 1 + _sign(left, 0.3),
+            "turn": 1 + _sign(4 * error - 3 * omega, 0.2),
+            "attack": met & (_length(enemy - place) < REACH + 0.5),
+            "use": (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0) if "heal_slot" in observations else 0,
+        }
+        zeros = np.zeros(health.shape, np.int8)
+        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in keys], axis=-1)
+
+    return act
+
+
+POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
+    "random": random_policy,
+    "noop": noop_policy,
+    "scripted": scripted_policy,
+}
+
+
+def _length(vectors: Any) -> Any:
+    return np.hypot(vectors[..., 0], vectors[..., 1])
+
+
+def _sign(values: Any, dead: float) -> Any:
+    """-1, 0 or 1; 0 within the dead band."""
+    return (values > dead).astype(np.int8) - (values < -dead).astype(np.int8)
+
+
+def _turned(vectors: Any, angle: Any) -> tuple[Any, Any]:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
+
+
+def _nearest(place: Any, points: Any, mask: Any) -> tuple[Any, Any]:
+    """The nearest of the seen points to each agent, and whether there is one."""
+    if points.shape[-2] == 0:
+        return np.zeros_like(place), np.zeros(place.shape[:-1], bool)
+    distance = np.where(mask > 0, _length(points - place[..., None, :]), np.inf)
+    index = distance.argmin(-1)
+    return np.take_along_axis(points, index[..., None, None], -2)[..., 0, :], np.isfinite(distance.min(-1))
