@@ -22,6 +22,7 @@ class Shape(Component):
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
+    bound: Array = column("f4")  # radius of the circle around all of it; written at reset
 
 
 class Solid(Component):

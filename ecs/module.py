@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeVar
 
+import numpy as np
+
 from .access import Parameter, parameters
 from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
@@ -79,7 +81,10 @@ class Module:
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            _check(f"{self.name()}.{item.name}", getattr(self, item.name), item.metadata)
+            if hasattr(Module, item.name):
+                raise DeclarationError(f"{self.name()} has a number '{item.name}', which hides Module.{item.name}; rename it")
+            value = _checked(f"{self.name()}.{item.name}", getattr(self, item.name), item.default, item.metadata)
+            object.__setattr__(self, item.name, value)
 
     @classmethod
     def name(cls) -> str:
@@ -158,19 +163,28 @@ def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names
 
 
-def _check(name: str, value: Any, rule: Any) -> None:
-    """Raise NumberError unless `value` keeps to `rule` (see `number`); tuples are checked element by element."""
+def _checked(name: str, value: Any, default: Any, rule: Any) -> Any:
+    """`value` in the type of `default`, on which the compiled tick depends; NumberError unless it keeps to `rule`."""
     if rule.get("choices"):
-        if value not in rule["choices"]:
+        if not isinstance(value, str) or value not in rule["choices"]:
             raise NumberError(f"{name} = {value!r}: allowed are {', '.join(map(repr, rule['choices']))}")
-        return
-    if isinstance(value, tuple):
-        for k, element in enumerate(value):
-            _check(f"{name}[{k}]", element, rule)
-        return
-    if not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise NumberError(f"{name} = {value!r}: a finite number is needed")
+        return value
+    if isinstance(default, tuple):
+        if not isinstance(value, (tuple, list)):
+            raise NumberError(f"{name} = {value!r}: a tuple of numbers is needed")
+        return tuple(_checked(f"{name}[{k}]", element, 0.0, rule) for k, element in enumerate(value))
+    if isinstance(default, bool):
+        if not isinstance(value, (bool, np.bool_)):
+            raise NumberError(f"{name} = {value!r}: True or False is needed")
+        return bool(value)
+    whole = isinstance(default, int)
+    limit = 2**31 - 1 if whole else 3e38  # what a column holds
+    real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
+    if not real or isinstance(value, bool) or not abs(value) <= limit:
+        needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
+        raise NumberError(f"{name} = {value!r}: {needed} is needed")
     low, high, above = (rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf)))
     if not low <= value <= high or not value > above:
         least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
         raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))
+    return int(value) if whole else float(value)

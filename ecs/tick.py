@@ -187,7 +187,7 @@ def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> 
     """Generate the functions of a tick; with no Python system among them there is exactly one, or one a system (split)."""
     result = []
     groups = [[system] for system in systems] if split else [list(g) for _, g in groupby(systems, lambda s: s.compiled)]
-    for number, group in enumerate(groups):
+    for number, group in enumerate(groups or [[]]):  # without systems, time still goes on
         writer = Writer(layout, group, first=number == 0)
         source = writer.source()
         function = load(source, writer.names, systems, writer.compiled)

@@ -14,12 +14,13 @@ WOUNDED = 70  # hit points at or below which a heal is used
 
 
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Every action uniform and independent; its random numbers are its own."""
-    sizes, shape = env.single_action_space.nvec[0], (env.num_worlds, env.num_agents)
+    """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
+    sizes = env.single_action_space.nvec[0]
+    joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
     generator = np.random.default_rng([seed, 1])
 
     def act(observations: Arrays) -> Actions:
-        return np.stack([generator.integers(0, size, shape, dtype=np.int8) for size in sizes], axis=-1)
+        return joint[generator.integers(0, len(joint), (env.num_worlds, env.num_agents))]
 
     return act
 

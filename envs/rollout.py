@@ -14,8 +14,8 @@ from .vector import SurvivalVectorEnv
 class Summary:
     """Mean and standard error of every episode statistic, from sums; nothing is kept of single episodes.
 
-    The first episodes of a rollout that have ended are the short ones. To be unbiased, only episodes that BEGAN
-    at the same reset in all worlds should be compared; `cut` says how many had begun but not ended.
+    Episodes that were still running at the end are not in it, and long ones are more likely to be among them: with
+    steps enough for only a few episodes a world, the means lean towards short episodes.
     """
 
     episodes: int = 0

@@ -11,7 +11,7 @@ from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from .errors import ActionError, ClosedError, NotResetError
 from .notice import announce_compilation
-from .scenario import Scenario
+from .scenario import Scenario, ScenarioError
 from .spaces import action_space, observation_space, published, statistics
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -45,9 +45,13 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
                 raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset = AutoresetMode(autoreset)
+        self.autoreset = _autoreset(autoreset)
         self.metadata = {"render_modes": [], "render_fps": 30, "autoreset_mode": self.autoreset, "name": scenario.name}
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
+        if missing := [signal.__name__ for signal in (Reward, End) if signal not in self.worlds]:
+            raise ScenarioError(
+                f"{scenario.name}: no module brings {' and '.join(missing)}; an environment needs the modules rewards and ending"
+            )
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
         self.single_observation_space = observation_space(self.worlds)
@@ -134,19 +138,22 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
 
     def _seed(self, seed: Any, mask: Any = slice(None)) -> None:
-        if np.ndim(seed) == 0:
+        given = np.asarray(seed, object)
+        if given.ndim == 0:
             seeds, worlds = np.full(self.num_worlds, _seed(seed)), self.first_world + np.arange(self.num_worlds)
         else:
-            if np.shape(seed) != (self.num_worlds,):
-                raise ValueError(f"seed has shape {np.shape(seed)}: one integer, or one for each of {self.num_worlds} worlds")
-            seeds, worlds = np.array([_seed(s) for s in seed], np.uint64), np.zeros(self.num_worlds, np.uint64)
+            if given.shape != (self.num_worlds,):
+                raise ValueError(f"seed has shape {given.shape}: one integer, or one for each of {self.num_worlds} worlds")
+            seeds, worlds = np.array([_seed(s) for s in given], np.uint64), np.zeros(self.num_worlds, np.uint64)
         self.worlds.seed(seeds[mask], worlds[mask], mask)
 
     def _mask(self, options: dict[str, Any] | None) -> np.ndarray[Any, Any]:
+        if set(options or ()) - {"reset_mask"}:
+            raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
         mask = (options or {}).get("reset_mask")
         if mask is None:
             return np.ones(self.num_worlds, bool)
-        mask = np.asarray(mask)
+        mask = _array(mask)
         if mask.dtype != bool or mask.shape != (self.num_worlds,) or not mask.any():
             raise ValueError(
                 f"reset_mask must be bool, of shape ({self.num_worlds},), with at least one True; "
@@ -168,7 +175,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             )
 
     def _take(self, actions: Any) -> None:
-        actions = np.asarray(actions)
+        actions = _array(actions)
         shape = (self.num_worlds, self.num_agents, len(self._sizes))
         if actions.shape != shape:
             raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
@@ -182,10 +189,26 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
                     f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: 0 to {self._sizes[k] - 1} is allowed"
                 )
         for k, (column, low) in enumerate(self._actions):
-            np.add(actions[:, :, k], low, out=column, casting="unsafe")
+            np.add(actions[:, :, k], np.int64(low), out=column, casting="unsafe")
 
 
 def _seed(value: Any) -> np.uint64:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < 2**64:
         raise ValueError(f"seed = {value!r}: an integer from 0 to 2**64 - 1 is needed")
     return np.uint64(value)
+
+
+def _autoreset(value: Any) -> AutoresetMode:
+    try:
+        return AutoresetMode(value)
+    except ValueError:
+        known = ", ".join(f"AutoresetMode.{mode.name} ({mode.value!r})" for mode in AutoresetMode)
+        raise ValueError(f"autoreset = {value!r}: allowed are {known}") from None
+
+
+def _array(value: Any) -> np.ndarray[Any, Any]:
+    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        return np.empty(len(value), object)

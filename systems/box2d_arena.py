@@ -8,11 +8,8 @@ import Box2D
 import numpy as np
 from numpy.typing import NDArray
 
-from .box2d_layout import (
-    CIRCLE_SIZE, DEF_SIZE, FILE, FIXTURE_BODY, FIXTURE_PROXIES, FIXTURE_SIZE, MANAGER_FILTER,
-    MANAGER_LISTENER, POLYGON_SIZE, PROXY_SIZE, SOLVER_CONTACTS, SOLVER_POSITIONS, SOLVER_STACK,
-    SOLVER_VELOCITIES, WORLD_MANAGER, WORLD_STACK,
-)  # fmt: skip
+from . import box2d_layout as at
+
 
 CAPACITY = 256  # bodies in a scene
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
@@ -34,9 +31,9 @@ SLOTS = (IMPULSES + 16 * _PAIRS + 63) // 64 * 64
 # Body k of a scene lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
 SLOT = 640
 FIXTURE = 192
-PROXY = FIXTURE + FIXTURE_SIZE
-DISC = PROXY + PROXY_SIZE
-BOX = DISC + CIRCLE_SIZE
+PROXY = FIXTURE + at.FIXTURE_SIZE
+DISC = PROXY + at.PROXY_SIZE
+BOX = DISC + at.CIRCLE_SIZE
 SIZE = SLOTS + CAPACITY * SLOT
 
 
@@ -50,7 +47,7 @@ def make_arena() -> NDArray[np.uint8]:
     start = -memory.ctypes.data % 64
     arena = memory[start : start + SIZE]
     base = arena.ctypes.data
-    library = ctypes.CDLL(FILE)
+    library = ctypes.CDLL(at.FILE)
     library["_ZN7b2WorldC1ERK6b2Vec2"](ctypes.c_void_p(base), ctypes.c_void_p(base + GROUP))  # gravity: zeros
     weakref.finalize(memory, library["_ZN7b2WorldD1Ev"], ctypes.c_void_p(base)).atexit = False
     _write_templates(arena)
@@ -63,11 +60,11 @@ def _write_templates(arena: NDArray[np.uint8]) -> None:
     disc, box = Box2D.b2CircleShape(), Box2D.b2PolygonShape(box=(1, 1))
     world = Box2D.b2World()
     fixture = world.CreateStaticBody().CreateFixture(shape=disc)
-    _copy(arena, BODY_DEF, Box2D.b2BodyDef(), DEF_SIZE)
+    _copy(arena, BODY_DEF, Box2D.b2BodyDef(), at.DEF_SIZE)
     for slot in range(SLOTS, SIZE, SLOT):
-        _copy(arena, slot + FIXTURE, fixture, FIXTURE_SIZE)
-        _copy(arena, slot + DISC, disc, CIRCLE_SIZE)
-        _copy(arena, slot + BOX, box, POLYGON_SIZE)
+        _copy(arena, slot + FIXTURE, fixture, at.FIXTURE_SIZE)
+        _copy(arena, slot + DISC, disc, at.CIRCLE_SIZE)
+        _copy(arena, slot + BOX, box, at.POLYGON_SIZE)
 
 
 def _copy(arena: NDArray[np.uint8], offset: int, thing: Any, size: int) -> None:
@@ -76,12 +73,12 @@ def _copy(arena: NDArray[np.uint8], offset: int, thing: Any, size: int) -> None:
 
 def _write_pointers(arena: NDArray[np.uint8], base: int) -> None:
     words = arena.view(np.int64)
-    words[(WORLD_MANAGER + MANAGER_FILTER) // 8] = 0  # none: every pair may touch
-    words[(WORLD_MANAGER + MANAGER_LISTENER) // 8] = 0
-    words[(SOLVER_DEF + SOLVER_CONTACTS) // 8] = base + CONTACTS
-    words[(SOLVER_DEF + SOLVER_POSITIONS) // 8] = base + POSITIONS
-    words[(SOLVER_DEF + SOLVER_VELOCITIES) // 8] = base + VELOCITIES
-    words[(SOLVER_DEF + SOLVER_STACK) // 8] = base + WORLD_STACK
+    words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8] = 0  # none: every pair may touch
+    words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8] = 0
+    words[(SOLVER_DEF + at.SOLVER_CONTACTS) // 8] = base + CONTACTS
+    words[(SOLVER_DEF + at.SOLVER_POSITIONS) // 8] = base + POSITIONS
+    words[(SOLVER_DEF + at.SOLVER_VELOCITIES) // 8] = base + VELOCITIES
+    words[(SOLVER_DEF + at.SOLVER_STACK) // 8] = base + at.WORLD_STACK
     for slot in range(SLOTS, SIZE, SLOT):
-        words[(slot + FIXTURE + FIXTURE_BODY) // 8] = base + slot
-        words[(slot + FIXTURE + FIXTURE_PROXIES) // 8] = base + slot + PROXY
+        words[(slot + FIXTURE + at.FIXTURE_BODY) // 8] = base + slot
+        words[(slot + FIXTURE + at.FIXTURE_PROXIES) // 8] = base + slot + PROXY

@@ -8,21 +8,10 @@ from numpy.typing import NDArray
 
 from outlast.ecs.jit import compiled, kernel
 
+from . import box2d_layout as at
 from .box2d_arena import BODY_DEF, BOX, CAPACITY, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
 from .box2d_impact import may_hit
 from .box2d_island import solve_islands
-from .box2d_layout import (
-    BODY_ANGLE, BODY_FIXTURES, BODY_FIXTURE_COUNT, BODY_INVERSE_INERTIA, BODY_INVERSE_MASS, BODY_NEXT,
-    BODY_OMEGA, BODY_POSITION, BODY_VELOCITY, CIRCLE_RADIUS, CONTACT_NEXT, DEF_ANGLE, DEF_ANGULAR_DAMPING,
-    DEF_LINEAR_DAMPING, DEF_OMEGA, DEF_POSITION, DEF_TYPE, DEF_VELOCITY, FIXTURE_DENSITY,
-    FIXTURE_FRICTION, FIXTURE_PROXY_COUNT, FIXTURE_RESTITUTION, FIXTURE_SHAPE, MANAGER_CONTACTS,
-    MANAGER_CONTACT_COUNT, MOVE_COUNT, MOVING, NODE_HEIGHT, NODE_NEXT, NODE_SIZE, POLYGON_VERTICES,
-    PROXY_COUNT, STATIC, STEP_DT, STEP_INVERSE_DT, STEP_POSITION, STEP_RATIO, STEP_VELOCITY, STEP_WARM,
-    TREE_CAPACITY, TREE_COUNT, TREE_FREE, TREE_INSERTIONS, TREE_NODES, TREE_ROOT, WORLD_BODIES,
-    WORLD_BODY_COUNT, WORLD_MANAGER, collide, construct_body, create_proxies, destroy_contact,
-    find_new_contacts, load_f4, load_i4, load_i8, reset_mass, solve_impacts, store_f4, store_i4, store_i8,
-    store_u1,
-)  # fmt: skip
 from .box2d_verify import verify
 from .scene import (
     ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
@@ -55,8 +44,8 @@ def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int
         return INVALID
     for k in range(count):
         _build(base, settings, scene, k)
-    store_i4(base + WORLD_BODY_COUNT, count)
-    find_new_contacts(base + WORLD_MANAGER)
+    at.store_i4(base + at.WORLD_BODY_COUNT, count)
+    at.find_new_contacts(base + at.WORLD_MANAGER)
     result = SOLVED
     for substep in range(settings.substeps):
         _step(base, settings, scene, count, substep)
@@ -89,46 +78,46 @@ def _valid(scene: Scene, count: int) -> bool:
 def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
-    store_i4(definition + DEF_TYPE, MOVING if scene[k, DYNAMIC] != 0 else STATIC)
-    store_f4(definition + DEF_POSITION, scene[k, X])
-    store_f4(definition + DEF_POSITION + 4, scene[k, Y])
-    store_f4(definition + DEF_ANGLE, scene[k, ANGLE])
-    store_f4(definition + DEF_VELOCITY, scene[k, VX])
-    store_f4(definition + DEF_VELOCITY + 4, scene[k, VY])
-    store_f4(definition + DEF_OMEGA, scene[k, OMEGA])
-    store_f4(definition + DEF_LINEAR_DAMPING, settings.linear_damping)
-    store_f4(definition + DEF_ANGULAR_DAMPING, settings.angular_damping)
-    construct_body(body, definition, base)
+    at.store_i4(definition + at.DEF_TYPE, at.MOVING if scene[k, DYNAMIC] != 0 else at.STATIC)
+    at.store_f4(definition + at.DEF_POSITION, scene[k, X])
+    at.store_f4(definition + at.DEF_POSITION + 4, scene[k, Y])
+    at.store_f4(definition + at.DEF_ANGLE, scene[k, ANGLE])
+    at.store_f4(definition + at.DEF_VELOCITY, scene[k, VX])
+    at.store_f4(definition + at.DEF_VELOCITY + 4, scene[k, VY])
+    at.store_f4(definition + at.DEF_OMEGA, scene[k, OMEGA])
+    at.store_f4(definition + at.DEF_LINEAR_DAMPING, settings.linear_damping)
+    at.store_f4(definition + at.DEF_ANGULAR_DAMPING, settings.angular_damping)
+    at.construct_body(body, definition, base)
     fixture = body + FIXTURE
-    store_f4(fixture + FIXTURE_DENSITY, settings.density)
-    store_f4(fixture + FIXTURE_FRICTION, settings.friction)
-    store_f4(fixture + FIXTURE_RESTITUTION, settings.restitution)
-    store_i4(fixture + FIXTURE_PROXY_COUNT, 0)
-    store_i8(fixture + FIXTURE_SHAPE, _shape(body, scene, k))
-    create_proxies(fixture, base + WORLD_MANAGER, body + BODY_POSITION)
-    store_i8(body + BODY_FIXTURES, fixture)
-    store_i4(body + BODY_FIXTURE_COUNT, 1)
-    reset_mass(body)
-    store_i8(body + BODY_NEXT, load_i8(base + WORLD_BODIES))
-    store_i8(base + WORLD_BODIES, body)
+    at.store_f4(fixture + at.FIXTURE_DENSITY, settings.density)
+    at.store_f4(fixture + at.FIXTURE_FRICTION, settings.friction)
+    at.store_f4(fixture + at.FIXTURE_RESTITUTION, settings.restitution)
+    at.store_i4(fixture + at.FIXTURE_PROXY_COUNT, 0)
+    at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, scene, k))
+    at.create_proxies(fixture, base + at.WORLD_MANAGER, body + at.BODY_POSITION)
+    at.store_i8(body + at.BODY_FIXTURES, fixture)
+    at.store_i4(body + at.BODY_FIXTURE_COUNT, 1)
+    at.reset_mass(body)
+    at.store_i8(body + at.BODY_NEXT, at.load_i8(base + at.WORLD_BODIES))
+    at.store_i8(base + at.WORLD_BODIES, body)
 
 
 @kernel
 def _shape(body: int, scene: Scene, k: int) -> int:
     """Write the shape of body k; the corners go round counter-clockwise from the lower left (SetAsBox)."""
     if scene[k, RADIUS] > 0:
-        store_f4(body + DISC + CIRCLE_RADIUS, scene[k, RADIUS])
+        at.store_f4(body + DISC + at.CIRCLE_RADIUS, scene[k, RADIUS])
         return body + DISC
     width, height = scene[k, HALF_WIDTH], scene[k, HALF_HEIGHT]
-    corner = body + BOX + POLYGON_VERTICES
-    store_f4(corner, -width)
-    store_f4(corner + 4, -height)
-    store_f4(corner + 8, width)
-    store_f4(corner + 12, -height)
-    store_f4(corner + 16, width)
-    store_f4(corner + 20, height)
-    store_f4(corner + 24, -width)
-    store_f4(corner + 28, height)
+    corner = body + BOX + at.POLYGON_VERTICES
+    at.store_f4(corner, -width)
+    at.store_f4(corner + 4, -height)
+    at.store_f4(corner + 8, width)
+    at.store_f4(corner + 12, -height)
+    at.store_f4(corner + 16, width)
+    at.store_f4(corner + 20, height)
+    at.store_f4(corner + 24, -width)
+    at.store_f4(corner + 28, height)
     return body + BOX
 
 
@@ -140,35 +129,35 @@ def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int)
             _push(base + SLOTS + SLOT * k, scene, k)
     inverse = _ONE / settings.dt
     for step in (base + STEP, base + SOLVER_DEF):
-        store_f4(step + STEP_DT, settings.dt)
-        store_f4(step + STEP_INVERSE_DT, inverse)
-        store_f4(step + STEP_RATIO, inverse * settings.dt if substep else _ZERO)
-        store_i4(step + STEP_VELOCITY, settings.velocity_iterations)
-        store_i4(step + STEP_POSITION, settings.position_iterations)
-        store_u1(step + STEP_WARM, 1)
-    collide(base + WORLD_MANAGER)
+        at.store_f4(step + at.STEP_DT, settings.dt)
+        at.store_f4(step + at.STEP_INVERSE_DT, inverse)
+        at.store_f4(step + at.STEP_RATIO, inverse * settings.dt if substep else _ZERO)
+        at.store_i4(step + at.STEP_VELOCITY, settings.velocity_iterations)
+        at.store_i4(step + at.STEP_POSITION, settings.position_iterations)
+        at.store_u1(step + at.STEP_WARM, 1)
+    at.collide(base + at.WORLD_MANAGER)
     solve_islands(base, settings)
     if settings.continuous and may_hit(base):
-        solve_impacts(base, base + STEP)
+        at.solve_impacts(base, base + STEP)
 
 
 @kernel
 def _push(body: int, scene: Scene, k: int) -> None:
     """b2Body::ApplyLinearImpulse at the centre and ApplyAngularImpulse; zero impulses are skipped."""
     if scene[k, JX] != 0 or scene[k, JY] != 0:
-        mass = load_f4(body + BODY_INVERSE_MASS)
-        store_f4(body + BODY_VELOCITY, load_f4(body + BODY_VELOCITY) + mass * scene[k, JX])
-        store_f4(body + BODY_VELOCITY + 4, load_f4(body + BODY_VELOCITY + 4) + mass * scene[k, JY])
+        mass = at.load_f4(body + at.BODY_INVERSE_MASS)
+        at.store_f4(body + at.BODY_VELOCITY, at.load_f4(body + at.BODY_VELOCITY) + mass * scene[k, JX])
+        at.store_f4(body + at.BODY_VELOCITY + 4, at.load_f4(body + at.BODY_VELOCITY + 4) + mass * scene[k, JY])
     if scene[k, JTURN] != 0:
-        turn = load_f4(body + BODY_INVERSE_INERTIA) * scene[k, JTURN]
-        store_f4(body + BODY_OMEGA, load_f4(body + BODY_OMEGA) + turn)
+        turn = at.load_f4(body + at.BODY_INVERSE_INERTIA) * scene[k, JTURN]
+        at.store_f4(body + at.BODY_OMEGA, at.load_f4(body + at.BODY_OMEGA) + turn)
 
 
 @kernel
 def _check_reach(base: int, scene: Scene, count: int) -> int:
     for k in range(count):
-        position = base + SLOTS + SLOT * k + BODY_POSITION
-        x, y = load_f4(position) - scene[k, X], load_f4(position + 4) - scene[k, Y]
+        position = base + SLOTS + SLOT * k + at.BODY_POSITION
+        x, y = at.load_f4(position) - scene[k, X], at.load_f4(position + 4) - scene[k, Y]
         if scene[k, DYNAMIC] != 0 and x * x + y * y > scene[k, REACH] * scene[k, REACH]:
             return ABANDONED
     return SOLVED
@@ -179,12 +168,12 @@ def _read(base: int, scene: Scene, count: int) -> None:
     for k in range(count):
         body = base + SLOTS + SLOT * k
         if scene[k, DYNAMIC] != 0:
-            scene[k, X] = load_f4(body + BODY_POSITION)
-            scene[k, Y] = load_f4(body + BODY_POSITION + 4)
-            scene[k, ANGLE] = load_f4(body + BODY_ANGLE)
-            scene[k, VX] = load_f4(body + BODY_VELOCITY)
-            scene[k, VY] = load_f4(body + BODY_VELOCITY + 4)
-            scene[k, OMEGA] = load_f4(body + BODY_OMEGA)
+            scene[k, X] = at.load_f4(body + at.BODY_POSITION)
+            scene[k, Y] = at.load_f4(body + at.BODY_POSITION + 4)
+            scene[k, ANGLE] = at.load_f4(body + at.BODY_ANGLE)
+            scene[k, VX] = at.load_f4(body + at.BODY_VELOCITY)
+            scene[k, VY] = at.load_f4(body + at.BODY_VELOCITY + 4)
+            scene[k, OMEGA] = at.load_f4(body + at.BODY_OMEGA)
 
 
 @kernel
@@ -193,24 +182,24 @@ def _forget(base: int, count: int) -> None:
 
     The tree hands out nodes from a free list and the order of contacts follows the node numbers: history.
     """
-    manager = base + WORLD_MANAGER
-    contact = load_i8(manager + MANAGER_CONTACTS)
+    manager = base + at.WORLD_MANAGER
+    contact = at.load_i8(manager + at.MANAGER_CONTACTS)
     while contact:
-        following = load_i8(contact + CONTACT_NEXT)
-        destroy_contact(contact, base)
+        following = at.load_i8(contact + at.CONTACT_NEXT)
+        at.destroy_contact(contact, base)
         contact = following
-    store_i8(manager + MANAGER_CONTACTS, 0)
-    store_i4(manager + MANAGER_CONTACT_COUNT, 0)
-    store_i8(base + WORLD_BODIES, 0)
-    store_i4(base + WORLD_BODY_COUNT, 0)
-    store_i4(manager + PROXY_COUNT, 0)
-    store_i4(manager + MOVE_COUNT, 0)
-    store_i4(manager + TREE_ROOT, -1)
-    store_i4(manager + TREE_COUNT, 0)
-    store_i4(manager + TREE_FREE, 0)
-    store_i4(manager + TREE_INSERTIONS, 0)
-    node = load_i8(manager + TREE_NODES)
-    for following_node in range(1, min(2 * count, load_i4(manager + TREE_CAPACITY) - 1) + 1):
-        store_i4(node + NODE_NEXT, following_node)
-        store_i4(node + NODE_HEIGHT, -1)
-        node += NODE_SIZE
+    at.store_i8(manager + at.MANAGER_CONTACTS, 0)
+    at.store_i4(manager + at.MANAGER_CONTACT_COUNT, 0)
+    at.store_i8(base + at.WORLD_BODIES, 0)
+    at.store_i4(base + at.WORLD_BODY_COUNT, 0)
+    at.store_i4(manager + at.PROXY_COUNT, 0)
+    at.store_i4(manager + at.MOVE_COUNT, 0)
+    at.store_i4(manager + at.TREE_ROOT, -1)
+    at.store_i4(manager + at.TREE_COUNT, 0)
+    at.store_i4(manager + at.TREE_FREE, 0)
+    at.store_i4(manager + at.TREE_INSERTIONS, 0)
+    node = at.load_i8(manager + at.TREE_NODES)
+    for following_node in range(1, min(2 * count, at.load_i4(manager + at.TREE_CAPACITY) - 1) + 1):
+        at.store_i4(node + at.NODE_NEXT, following_node)
+        at.store_i4(node + at.NODE_HEIGHT, -1)
+        node += at.NODE_SIZE

@@ -45,7 +45,7 @@ def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
     for _ in range(settings.substeps):
         for body, row in zip(bodies, rows, strict=True):
             _push(body, row)
-        world.Step(float(settings.dt), settings.velocity_iterations, settings.position_iterations)
+        world.Step(float(settings.dt), int(settings.velocity_iterations), int(settings.position_iterations))
         if any(_outside(body, row) for body, row in zip(bodies, rows, strict=True)):
             return ABANDONED
     for body, row in zip(bodies, rows, strict=True):

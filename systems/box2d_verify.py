@@ -103,7 +103,7 @@ def _body(sample: Sample) -> Iterator[_Check]:
     yield from _floats(disc, BODY_ANGLE=(disc.angle,))
     yield from _floats(disc, BODY_SIN=(disc.transform.q.s,), BODY_COS=(disc.transform.q.c,))
     yield from _floats(disc, BODY_VELOCITY=disc.linearVelocity, BODY_OMEGA=(disc.angularVelocity,))
-    yield from _floats(disc, BODY_INVERSE_MASS=(np.float32(1) / np.float32(disc.mass),))
+    yield from _floats(disc, BODY_INVERSE_MASS=(float(1 / np.float32(disc.mass)),))
     inertia = disc.inertia - disc.mass * disc.localCenter.lengthSquared
     found = _read(int(disc.this), "BODY_INVERSE_INERTIA")
     yield "BODY_INVERSE_INERTIA", math.isclose(found, 1 / inertia, rel_tol=1e-4), True
@@ -131,7 +131,7 @@ def _fixture(sample: Sample) -> Iterator[_Check]:
     yield _pointer(fixture, "FIXTURE_SHAPE", fixture.shape)
     yield _integer(fixture, "FIXTURE_PROXY_COUNT", 1)
     proxy = _read(int(fixture.this), "FIXTURE_PROXIES", ctypes.c_int64)
-    near = proxy % 8 == 0 and abs(proxy - int(fixture.this)) < 1 << 24  # from the same allocator: safe to follow
+    near = proxy % 8 == 0 and abs(proxy - int(fixture.this)) < 1 << 40  # safe to follow
     yield "FIXTURE_PROXIES", near and ctypes.c_int64.from_address(proxy + 16).value, int(fixture.this)
     yield _integer(fixture.shape, "SHAPE_TYPE", at.CIRCLE)
     yield _integer(box, "SHAPE_TYPE", at.POLYGON)
@@ -161,14 +161,15 @@ def _tree(sample: Sample) -> Iterator[_Check]:
     yield _integer(tree, "TREE_FREE", 5)
     yield _integer(tree, "TREE_INSERTIONS", 3)
     nodes = _read(int(tree.this), "TREE_NODES", ctypes.c_int64)
+    index = _read(int(tree.this), "TREE_ROOT", ctypes.c_int32)
+    yield "TREE_NODES", nodes % 8 == 0 and abs(nodes - int(tree.this)) < 1 << 40, True  # safe to follow
+    yield "TREE_ROOT", 0 <= index < 5, True
     for proxy in (0, 1, 3):  # 2 and 4 are branches
         fat = tree.GetFatAABB(proxy)
         corners = (*fat.lowerBound, *fat.upperBound)
         yield "NODE_SIZE", tuple((ctypes.c_float * 4).from_address(nodes + proxy * at.NODE_SIZE)), corners
-    root = nodes + at.NODE_SIZE * _read(int(tree.this), "TREE_ROOT", ctypes.c_int32)
-    yield "NODE_HEIGHT", _read(root, "NODE_HEIGHT", ctypes.c_int32), tree.treeHeight
-    free = nodes + at.NODE_SIZE * 5
-    yield "NODE_NEXT", _read(free, "NODE_NEXT", ctypes.c_int32), 6
+    yield "NODE_HEIGHT", _read(nodes + at.NODE_SIZE * index, "NODE_HEIGHT", ctypes.c_int32), tree.treeHeight
+    yield "NODE_NEXT", _read(nodes + at.NODE_SIZE * 5, "NODE_NEXT", ctypes.c_int32), 6
 
 
 def _contacts(sample: Sample) -> Iterator[_Check]:
@@ -200,11 +201,13 @@ def _construction(sample: Sample) -> Iterator[_Check]:
     world, fits = _construct("_ZN7b2WorldC1ERK6b2Vec2", at.WORLD_SIZE, zeros)
     _call("_ZN7b2WorldD1Ev", ctypes.addressof(world))
     yield "WORLD_SIZE", fits, True
+    border = bytes(world[at.WORLD_STACK - 1 : at.WORLD_STACK + 1])
+    yield "WORLD_STACK", border, b"\x00\xa5"  # after the free lists, which are zero; its data is left as it was
 
 
 def _solver(sample: Sample) -> Iterator[_Check]:
     """Hand both contacts to a b2ContactSolver: it copies their impulses, times the ratio of the steps."""
-    contacts = (ctypes.c_int64 * 2)(*(int(contact.this) for contact in sample.world.contacts))
+    contacts = (ctypes.c_int64 * 2)(*(int(contact.this) for contact in reversed(sample.world.contacts)))
     places = (ctypes.c_float * 12)()
     definition = (ctypes.c_uint8 * 64)()
     values: dict[str, tuple[type, float]] = {
@@ -220,9 +223,17 @@ def _solver(sample: Sample) -> Iterator[_Check]:
     address = ctypes.addressof(solver)
     _call("_ZN15b2ContactSolverC1EP18b2ContactSolverDef", address, ctypes.addressof(definition))
     constraints = _read(address, "SOLVER_CONSTRAINTS", ctypes.c_int64)
-    for k, contact in enumerate(sample.world.contacts):
+    data = int(sample.world.this) + at.WORLD_STACK
+    checks: list[_Check] = [("SOLVER_CONSTRAINTS", data < constraints < data + 1024, True)]
+    if checks[0][1]:
+        checks += _impulses(constraints, sample)
+    _call("_ZN15b2ContactSolverD1Ev", address)
+    yield from checks
+
+
+def _impulses(constraints: int, sample: Sample) -> Iterator[_Check]:
+    for k, contact in enumerate(reversed(sample.world.contacts)):  # the first has two points
         for name, point in zip(("IMPULSES_0", "IMPULSES_1"), contact.manifold.points, strict=False):
             for extra, impulse in (0, point.normalImpulse), (4, point.tangentImpulse):
                 found = _read(constraints + k * at.CONSTRAINT_SIZE, name, extra=extra)
-                yield name, found, impulse / 2
-    _call("_ZN15b2ContactSolverD1Ev", address)
+                yield "CONSTRAINT_SIZE" if k else name, found, impulse / 2

@@ -20,22 +20,14 @@ def travel(body: Array, push: Array, e: int, time: np.float32) -> np.float32:
 
 @kernel
 def gap(body: Array, shape: Array, e: int, o: int) -> np.float32:
-    """Lower bound of the distance between the surfaces of two bodies; `e` counts as its bounding circle."""
-    radius = bound(shape, e)
+    """Lower bound of the distance between the surfaces of two bodies; `e` counts as the circle around it."""
     if shape.radius[o] == ZERO:
         return gap_circle_box(
-            body.x[e], body.y[e], radius, body.x[o], body.y[o], body.cosine[o], body.sine[o],
+            body.x[e], body.y[e], shape.bound[e], body.x[o], body.y[o], body.cosine[o], body.sine[o],
             shape.half_width[o], shape.half_height[o],
         )  # fmt: skip
     x, y = body.x[e] - body.x[o], body.y[e] - body.y[o]
-    return np.float32(np.sqrt(x * x + y * y)) - radius - shape.radius[o]
-
-
-@kernel
-def bound(shape: Array, e: int) -> np.float32:
-    """Radius of the circle around all of body `e`."""
-    x, y = shape.half_width[e], shape.half_height[e]
-    return max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
+    return np.float32(np.sqrt(x * x + y * y)) - shape.bound[e] - shape.radius[o]
 
 
 @kernel

@@ -2,15 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
-from outlast.ecs import Array, Entity, Module, Read, Rows, Write, kernel, number
+from outlast.ecs import Array, Entity, Module, Read, Rows, Scratch, Write, kernel, number
 
+from .crowd import MARK, X, Y, beside_ray, gather, make_crowd, marked, member
 from .geometry import MISS, enters, in_kite, in_sector
 
+SECTOR = 0  # index into the choices of Cameras.cone
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
 
 
@@ -28,6 +31,9 @@ class Cameras(Module):
     items_occlude: bool = number(True)
     mode: str = number("masked", choices=MODES)
 
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return make_crowd(dims)
+
 
 @Cameras.system(Phase.DRAW)
 def choose(sight: Write[Sight], mode: int) -> None:
@@ -44,6 +50,8 @@ def see(
     agents: Rows[Side],
     bodies: Rows[Shape],
     solids: Rows[Shape, Solid],
+    crowd: Scratch,
+    blockers: Scratch,
     fov: float,
     depth: float,
     cone: int,
@@ -52,34 +60,49 @@ def see(
     """Who sees whom, while everything is still in the world."""
     if sight.mode[0] == OMNISCIENT:
         return
-    occluders = bodies if items_occlude else solids
     half_cos, half_sin = np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
+    count = gather(crowd, body, shape, entities, bodies)
+    blocking = gather(blockers, body, shape, entities, bodies if items_occlude else solids)
     for i in range(agents.size):
         me = agents[i]
         sight.seen[i, :] = 0
         if not entities.alive[me]:
             continue
-        for e in bodies:
-            if e == me or not entities.alive[e]:
-                continue
-            x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
-            if cone == 0:
-                inside = in_sector(body.x[e], body.y[e], x, y, cosine, sine, depth, half_cos, half_sin)
-            else:
-                inside = in_kite(body.x[e], body.y[e], x, y, cosine, sine, depth, half_cos, half_sin)
-            if inside and line_of_sight(body, shape, entities, occluders, me, e):
+        facing = body.x[me], body.y[me], body.cosine[me], body.sine[me]
+        left = in_cone(crowd, count, facing, depth, half_cos, half_sin, cone)
+        for k in range(left):
+            e = member(crowd, k)
+            if e != me and line_of_sight(body, shape, blockers, blocking, me, e):
                 sight.seen[i, e] = 1
 
 
 @kernel
-def line_of_sight(body: Array, shape: Array, entities: Array, occluders: Array, me: int, e: int) -> bool:
+def in_cone(
+    crowd: Array, count: int, facing: Array, depth: np.float32, half_cos: np.float32, half_sin: np.float32, cone: int
+) -> int:
+    """List whose centres lie in the vision cone of an agent `facing` (x, y, cosine, sine)."""
+    x, y, cosine, sine = facing
+    if cone == SECTOR:
+        for k in range(count):
+            inside = in_sector(crowd[X, k], crowd[Y, k], x, y, cosine, sine, depth, half_cos, half_sin)
+            crowd[MARK, k] = 1 if inside else 0
+    else:
+        for k in range(count):
+            inside = in_kite(crowd[X, k], crowd[Y, k], x, y, cosine, sine, depth, half_cos, half_sin)
+            crowd[MARK, k] = 1 if inside else 0
+    return marked(crowd, count)
+
+
+@kernel
+def line_of_sight(body: Array, shape: Array, blockers: Array, blocking: int, me: int, e: int) -> bool:
     """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself."""
     x, y = body.x[me], body.y[me]
     dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
     reach = enters(body, shape, x, y, dx, dy, e)
     if reach == MISS:
         return False
-    for o in occluders:
-        if o != e and o != me and entities.alive[o] and enters(body, shape, x, y, dx, dy, o) < reach:
+    for k in range(beside_ray(blockers, blocking, x, y, dx, dy)):
+        o = member(blockers, k)
+        if o != e and o != me and enters(body, shape, x, y, dx, dy, o) < reach:
             return False
     return True

@@ -184,9 +184,7 @@ def gap_circle_box(
 
 
 @kernel
-def enters(
-    body: Array, shape: Array, ox: np.float32, oy: np.float32, dx: np.float32, dy: np.float32, e: int
-) -> np.float32:
+def enters(body: Array, shape: Array, ox: np.float32, oy: np.float32, dx: np.float32, dy: np.float32, e: int) -> np.float32:
     """Fraction at which the ray enters entity `e`, or MISS: `ray_body` on the tables Body and Shape."""
     return ray_body(
         ox, oy, dx, dy, body.x[e], body.y[e], body.cosine[e], body.sine[e],

@@ -2,14 +2,15 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, Weapon
 from outlast.components.health import hurt, immune
-from outlast.ecs import Archetype, Cause, Clock, Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Archetype, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
 
+from .crowd import beside_ray, gather, make_crowd, member
 from .geometry import MISS, enters
 
 
@@ -32,6 +33,9 @@ class Melee(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Attack()]
 
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return make_crowd(dims)
+
 
 @Melee.system(Phase.MELEE)
 def aim(
@@ -45,11 +49,13 @@ def aim(
     entities: Read[Entity],
     agents: Rows[Weapon],
     bodies: Rows[Shape],
+    crowd: Scratch,
     reach: float,
     cooldown: int,
     blocked: bool,
 ) -> None:
     """All rays are cast before any damage is dealt, so two agents can kill each other."""
+    count = gather(crowd, body, shape, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
@@ -60,14 +66,13 @@ def aim(
             continue
         if not attack.attack[i]:
             continue
-        dx, dy = reach * body.cosine[me], reach * body.sine[me]
+        x, y, dx, dy = body.x[me], body.y[me], reach * body.cosine[me], reach * body.sine[me]
         nearest = MISS
-        for e in bodies:
-            if e == me or not entities.alive[e]:
+        for k in range(beside_ray(crowd, count, x, y, dx, dy)):
+            e = member(crowd, k)
+            if e == me or not (blocked or (health.mortal[e] and not immune(guard, e, side.side[me]))):
                 continue
-            if not blocked and (not health.mortal[e] or immune(guard, e, side.side[me])):
-                continue
-            at = enters(body, shape, body.x[me], body.y[me], dx, dy, e)
+            at = enters(body, shape, x, y, dx, dy, e)
             if at < nearest:
                 nearest = at
                 weapon.target[me] = e

@@ -6,7 +6,7 @@ the others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,10 +14,12 @@ import numpy as np
 
 from outlast.components import Body, Phase, Push, Shape, Solid
 from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Scratch, System, Write, kernel, number
+from outlast.ecs.jit import compiled
 
 from . import box2d_native, box2d_portable
 from .broad import clearance, gap, travel
-from .scene import COLUMNS, SOLVED, Settings
+from .crowd import gather, make_crowd, member, within
+from .scene import COLUMNS, SOLVED, IncompatibleBox2D, Settings
 
 MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
 LONGEST = np.float32(2.0)  # metres a substep: b2_maxTranslation
@@ -52,11 +54,25 @@ class Contacts(Module):
         """Whether the native bridge is used; IncompatibleBox2D if it is asked for and cannot be."""
         if self.bridge == "native":
             box2d_native.verify()
+            if not compiled():
+                raise IncompatibleBox2D(
+                    'physics.bridge = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; take "auto" or "portable"'
+                )
         return self.bridge == "native" or (self.bridge == "auto" and box2d_native.available())
+
+    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
+        solid = (a for m in modules for a in m.archetypes() if any(isinstance(part, Solid) for part in a.parts))
+        if (bodies := sum(archetype.count for archetype in solid)) > box2d_native.CAPACITY:
+            raise NumberError(
+                f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics can do with at most "
+                f"{box2d_native.CAPACITY}; take fewer agents or boxes"
+            )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         if name == "scene":
             return np.zeros((dims["rows"], COLUMNS), np.float32)
+        if name == "crowd":
+            return make_crowd(dims)
         return (box2d_native if self.native() else box2d_portable).make_arena()
 
 
@@ -68,22 +84,25 @@ def approach(
     push: Read[Push],
     entities: Read[Entity],
     solids: Rows[Solid],
+    crowd: Scratch,
     rate: float,
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
+    widest = ZERO
     for e in solids:
         solid.near[e] = 0
         solid.reach[e] = ZERO
         if entities.alive[e] and solid.dynamic[e]:
             solid.reach[e] = travel(body, push, e, substeps / rate) + MARGIN
+            widest = max(widest, solid.reach[e])
+    count = gather(crowd, body, shape, entities, solids)
     for e in solids:
         if not entities.alive[e] or not solid.dynamic[e]:
             continue
-        for o in solids:
-            if o == e or not entities.alive[o] or (solid.dynamic[o] and o < e):
-                continue
-            if gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
+        for k in range(within(crowd, count, body.x[e], body.y[e], shape.bound[e] + solid.reach[e] + widest)):
+            o = member(crowd, k)
+            if o != e and gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
                 solid.near[e], solid.near[o] = 1, 1
 
 

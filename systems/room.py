@@ -3,8 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Body, Floor, Shape, Solid
-from outlast.ecs import Archetype, Module, Singleton, number
+import numpy as np
+
+from outlast.components import Body, Floor, Phase, Shape, Solid
+from outlast.ecs import Archetype, Module, Rows, Singleton, Write, number
 
 
 @dataclass(frozen=True)
@@ -25,3 +27,11 @@ class Room(Module):
 
     def singletons(self) -> Iterable[Singleton]:
         return [Floor(size=self.size)]
+
+
+@Room.system(Phase.SPAWN)
+def measure(shape: Write[Shape], bodies: Rows[Shape]) -> None:
+    """The circle around each body, by which most rays and contacts are ruled out."""
+    for e in bodies:
+        x, y = shape.half_width[e], shape.half_height[e]
+        shape.bound[e] = max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))

@@ -62,12 +62,14 @@ def ray_box(o: Point, d: Point, centre: Point, angle: float, half_width: float, 
 
 
 def _segments_cross(o: Point, d: Point, a: Point, b: Point) -> float:
-    """Solve o + f d = a + g (b - a) for 0 <= f, g <= 1; a parallel side is left to its two neighbours."""
-    matrix = np.array([[d[0], a[0] - b[0]], [d[1], a[1] - b[1]]])
-    if np.linalg.det(matrix) == 0:
+    """Solve o + f d = a + g (b - a) for 0 <= f, g <= 1 (Cramer); a parallel side is left to its two neighbours."""
+    side, away = (b[0] - a[0], b[1] - a[1]), (a[0] - o[0], a[1] - o[1])
+    determinant = d[0] * side[1] - d[1] * side[0]
+    if determinant == 0:
         return MISS
-    f, g = np.linalg.solve(matrix, [a[0] - o[0], a[1] - o[1]])
-    return float(f) if 0 <= f <= 1 and 0 <= g <= 1 else MISS
+    f = (away[0] * side[1] - away[1] * side[0]) / determinant
+    g = (away[0] * d[1] - away[1] * d[0]) / determinant
+    return f if 0 <= f <= 1 and 0 <= g <= 1 else MISS
 
 
 def kite_corners(o: Point, heading: float, depth: float, half_fov: float) -> list[Point]:

@@ -1,0 +1,33 @@
+"""What all tests share: how they run, and what it means that two environments are the same."""
+
+import hashlib
+from typing import Any
+
+import numba
+import numpy as np
+
+from outlast.ecs import Worlds
+from outlast.envs.vector import SurvivalVectorEnv
+
+COMPILED = not numba.config.DISABLE_JIT
+
+
+def scaled(count: int, least: int = 1) -> int:
+    """`count`, or a hundredth of it (but `least`) where kernels run as plain Python, which is that much slower."""
+    return count if COMPILED else max(least, count // 100)
+
+
+def digest(worlds: Worlds, where: Any = slice(None)) -> str:
+    """Of every byte of the worlds `where`: their state, and the buffers of actions, observations and signals."""
+    total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
+    for component in worlds.components:
+        if not component.packed:
+            for column in worlds[component]:
+                total.update(column[where].tobytes())
+    return total.hexdigest()
+
+
+def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray[Any, Any]:
+    """Uniformly random actions for every agent of every world."""
+    sizes = env.single_action_space.nvec
+    return rng.integers(0, sizes, (env.num_worlds, *sizes.shape))

@@ -1,0 +1,161 @@
+"""The schedule: the order of a tick follows from what systems declare, and what does not follow is refused."""
+
+from collections.abc import Callable
+from itertools import permutations
+from typing import Any
+
+import pytest
+
+from outlast.ecs import Add, Component, Module, Read, Rows, ScheduleError, Worlds, Write, column
+from tests import toy
+from tests.conftest import digest
+from tests.toy import Energy, Line, Meals, Phase, Place, Toy, Walkers, Weather, Wind, make, run
+
+TABLE = """\
+phase     runs on      system                 reads                              writes                         adds
+BEGIN     reset        # everybody is somewhere
+                       walkers.scatter        Entity                             Place
+                       food.grow                                                 Place Entity
+MOVE      step         # everybody has moved
+                       walkers.walk           Pace                               Place
+                       weather.blow                                              Place Wind
+FEED      step         # everybody has eaten
+                       food.eat               Place                                                             Meals
+                       weather.freeze         Wind                                                              Energy
+SHOW      reset, step  # everything is seen
+                       walkers.show           Place Clock                        Line Pay
+"""
+
+
+class Nowhere(Component):
+    left: Any = column("u1")
+
+
+class Placeless(Toy):
+    """Food's systems without its entities, and without rows to be dormant for."""
+
+    def systems(self) -> Any:
+        return [module("food.grow", reads).registered[0]]
+
+
+def reads(place: Read[Place]) -> None: ...
+def writes(place: Write[Place]) -> None: ...
+def adds(place: Add[Place]) -> None: ...
+def reads_pieces(energy: Read[Energy], line: Read[Line]) -> None: ...
+def writes_pieces(line: Write[Line], energy: Write[Energy]) -> None: ...
+def asks_nowhere(nowhere: Read[Nowhere]) -> None: ...
+def needs_nobody(place: Write[Place], nobody: Rows[Place, Nowhere]) -> None: ...
+
+
+def module(label: str, function: Callable[..., None], phase: Phase = Phase.FEED, **order: Any) -> Module:
+    """A module with one system, called `label`."""
+    name = label.split(".")[0]
+    cls = type(name.capitalize(), (Toy,), {})
+    system = type(function)(function.__code__, function.__globals__, label.split(".")[1])
+    system.__annotations__ = function.__annotations__
+    cls.system(phase, **order)(system)
+    return cls()
+
+
+def labels(*modules: Module) -> list[str]:
+    """The systems in FEED, in order."""
+    systems = Worlds([Walkers(), *modules], 1).schedule.systems
+    return [system.label for system in systems if system.phase is Phase.FEED]
+
+
+def test_the_schedule_prints_as_a_table() -> None:
+    assert str(Worlds(toy.GAME, 1).schedule) == TABLE.rstrip("\n")
+
+
+def test_the_order_in_which_modules_are_listed_never_matters() -> None:
+    expected = digest(run(make(), toy.STEP, toy.STEP))
+    for modules in permutations(toy.GAME):
+        worlds = make(*modules)
+        assert str(worlds.schedule) == TABLE.rstrip("\n")
+        assert digest(run(worlds, toy.STEP, toy.STEP)) == expected
+
+
+@pytest.mark.parametrize(
+    ("one", "two"), [(writes, writes), (reads, writes), (writes, reads), (reads, adds), (adds, reads), (adds, writes)]
+)
+def test_ambiguous_orders_are_refused_with_the_cure(one: Any, two: Any) -> None:
+    modules = [module("zebra.act", two), module("ape.act", one)]
+    with pytest.raises(ScheduleError) as raised:
+        labels(*modules)
+    for words in ("ape.act and zebra.act", "phase FEED", "both touch Place", 'after="ape.act" on zebra.act', "Add"):
+        assert words in str(raised.value)
+
+
+def test_the_component_in_conflict_is_found_among_several() -> None:
+    with pytest.raises(ScheduleError, match=r"both touch (Energy|Line)"):
+        labels(module("ape.act", reads_pieces), module("zebra.act", writes_pieces))
+
+
+@pytest.mark.parametrize(("one", "two"), [(reads, reads), (adds, adds), (writes, reads_pieces), (adds, reads_pieces)])
+def test_orders_that_cannot_matter_are_free(one: Any, two: Any) -> None:
+    assert labels(module("zebra.act", one), module("ape.act", two)) == ["ape.act", "zebra.act"]
+
+
+def test_systems_of_different_phases_never_conflict() -> None:
+    assert labels(module("zebra.act", writes), module("ape.act", writes, Phase.SHOW, before="walkers.show")) == ["zebra.act"]
+
+
+def test_after_and_before_are_honoured() -> None:
+    """Also through systems in between, and against the alphabet that orders the rest."""
+    ape = module("ape.act", writes, after="zebra.act")
+    assert labels(ape, module("zebra.act", writes)) == ["zebra.act", "ape.act"]
+    zebra = module("zebra.act", writes, before=("ape.act", "food.eat"))
+    assert labels(module("ape.act", writes), zebra) == ["zebra.act", "ape.act"]
+    chain = [
+        module("ape.act", writes, after=("fox.act",)), module("fox.act", reads_pieces, after="zebra.act"),
+        module("zebra.act", writes),
+    ]  # fmt: skip
+    assert labels(*chain) == ["zebra.act", "fox.act", "ape.act"]
+
+
+def test_a_circle_is_refused() -> None:
+    circle = [
+        module("ape.act", reads, after="fox.act"), module("fox.act", reads, after="zebra.act"),
+        module("zebra.act", reads, after="ape.act"), module("bee.act", reads),
+    ]  # fmt: skip
+    with pytest.raises(ScheduleError, match=r"run in a circle: ape\.act, fox\.act, zebra\.act$"):
+        labels(*circle)
+
+
+def test_an_unknown_label_is_refused() -> None:
+    with pytest.raises(ScheduleError, match=r"ape\.act is to run after or before 'zebra.snore', which no module"):
+        labels(module("ape.act", reads, after="zebra.snore"))
+
+
+def test_a_label_of_a_mechanic_left_out_is_ignored() -> None:
+    """weather.freeze exists somewhere, but is not in this scenario."""
+    assert labels(module("ape.act", reads, after="weather.freeze", before="food.eat")) == ["ape.act"]
+
+
+def test_a_missing_component_is_named_with_the_cure() -> None:
+    with pytest.raises(ScheduleError, match=r"ape\.act needs Nowhere .parameter 'nowhere'.*brings it.*leave ape out"):
+        labels(module("ape.act", asks_nowhere))
+    with pytest.raises(ScheduleError, match=r"food\.grow needs Place .*leave food out"):
+        Worlds([Placeless()], 1)
+
+
+def test_a_system_without_rows_is_dormant() -> None:
+    """It has nothing to do, so it is not scheduled, and needs nothing."""
+    assert labels(module("ape.act", needs_nobody), module("zebra.act", writes)) == ["zebra.act"]
+
+
+def test_a_scenario_may_have_no_system_at_all() -> None:
+    class Still(Toy):
+        def archetypes(self) -> list[Any]:
+            return [toy.Archetype("stone", (Energy(),), 2)]
+
+    worlds = make(Still())
+    run(worlds, toy.STEP)
+    assert worlds[Energy].left.tolist() == [[10, 10]] * 4
+    assert worlds[toy.Clock].tick.tolist() == [[1]] * 4
+
+
+def test_what_touches_nothing_in_common_needs_no_order() -> None:
+    """The toy game itself: both eat and freeze add to Energy, and only one reads Wind."""
+    assert labels(toy.Food(), Weather()) == ["food.eat", "weather.freeze"]
+    assert {Meals, Wind} <= set(Worlds(toy.GAME, 1).components)

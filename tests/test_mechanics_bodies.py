@@ -1,0 +1,77 @@
+"""Fights, deaths, boxes and items: ticks of random worlds against the twins in tests/twins.py."""
+
+import math
+
+import pytest
+from twin_scenes import COUNT, KINDS, disagreements, play
+from twin_world import TOLERANCE
+
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+@kinds
+def test_who_is_hit_loses_health_and_blames_the_right_one(kind: str) -> None:
+    assert disagreements(kind, ["agent"], "health", "cause", "source") == []
+
+
+@kinds
+def test_weapons_rest_after_a_strike_that_met_something(kind: str) -> None:
+    assert disagreements(kind, ["agent"], "wait") == []
+
+
+@kinds
+def test_who_has_no_health_at_the_check_is_dead(kind: str) -> None:
+    assert disagreements(kind, ["agent"], "here") == []
+    assert [k for k, tick in enumerate(play(kind)) if tick.after.deaths != tick.want.deaths] == []
+
+
+@kinds
+def test_items_of_the_dead_lie_around_them(kind: str) -> None:
+    """On the rim of the circle, or anywhere in it; in which direction is up to chance."""
+    for tick in play(kind):
+        for item, agent in tick.want.fallen:
+            one, other, numbers = tick.after.things[item], tick.after.things[agent], tick.after.numbers
+            far = math.dist((one.x, one.y), (other.x, other.y))
+            assert far <= numbers["drop_radius"] + TOLERANCE
+            if numbers["drop_scatter"] == "rim":
+                assert far >= numbers["drop_radius"] - TOLERANCE
+
+
+@kinds
+def test_bags_hold_what_was_picked_up_given_and_not_used(kind: str) -> None:
+    assert disagreements(kind, ["agent"], "bag") == []
+    assert disagreements(kind, ["heal", "box_item"], "holder") == []
+
+
+@kinds
+def test_items_lie_where_they_fell_until_somebody_takes_them(kind: str) -> None:
+    assert disagreements(kind, ["heal", "box_item"], "here") == []
+    for tick in play(kind):
+        pairs = zip(tick.after.of("heal", "box_item"), tick.want.of("heal", "box_item"), strict=True)
+        for got, want in pairs:
+            assert not want.here or (got.x, got.y) == (want.x, want.y)
+
+
+@kinds
+def test_boxes_break_become_items_and_are_set_up_again(kind: str) -> None:
+    assert disagreements(kind, ["box"], "here", "broken", "owner") == []
+    for tick in play(kind):
+        for got, want in zip(tick.after.of("box"), tick.want.of("box"), strict=True):
+            if want.here:
+                assert (got.health, got.angle) == (want.health, pytest.approx(want.angle, abs=TOLERANCE))
+                assert (got.x, got.y) == pytest.approx((want.x, want.y), abs=TOLERANCE)
+
+
+@kinds
+def test_these_random_worlds_are_eventful(kind: str) -> None:
+    """Guards the tests above against having nothing to compare."""
+    ticks = play(kind)
+    events = {
+        "deaths": sum(len(tick.want.deaths) for tick in ticks),
+        "kills": sum(source >= 0 for tick in ticks for _, _, source in tick.want.deaths),
+        "items dropped": sum(len(tick.want.fallen) for tick in ticks),
+        "items used": sum(len(tick.want.used) for tick in ticks),
+        "boxes broken": sum(box.broken for tick in ticks for box in tick.want.of("box")),
+        "bags that changed": sum(a.bag != b.bag for t in ticks for a, b in zip(t.before.things, t.want.things, strict=True)),
+    }
+    assert min(events.values()) > COUNT / 20, events

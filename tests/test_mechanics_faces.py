@@ -1,0 +1,57 @@
+"""Cameras, observations, rewards, ends, statistics and the zone: ticks of random worlds against their twins."""
+
+import numpy as np
+import pytest
+import twin_faces
+from twin_scenes import KINDS, play
+from twin_world import TOLERANCE
+
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+@kinds
+def test_everybody_is_told_what_its_camera_sees_and_nothing_else(kind: str) -> None:
+    for tick in play(kind):
+        tick.want.zone = tick.after.zone
+        for i in range(len(tick.want.of("agent"))):
+            told = twin_faces.observe(tick.want, i)
+            assert set(told) == set(tick.observation)
+            for key, value in told.items():
+                np.testing.assert_allclose(tick.observation[key][i], value, atol=TOLERANCE, err_msg=f"{key} of agent {i}")
+
+
+@kinds
+def test_cameras_of_these_worlds_see_some_and_not_all(kind: str) -> None:
+    ticks = [tick for tick in play(kind) if any(tick.want.seen)]
+    shares = [len(seen) / len(tick.want.things) for tick in ticks for seen in tick.want.seen if seen]
+    assert len(ticks) > len(play(kind)) / 2
+    assert 0.02 < np.mean(shares) < 0.5
+
+
+@kinds
+def test_the_zone_keeps_to_its_calendar(kind: str) -> None:
+    for tick in play(kind):
+        assert tick.after.zone == pytest.approx(tick.want.zone, abs=TOLERANCE)
+
+
+@kinds
+def test_rewards_are_the_papers_formula(kind: str) -> None:
+    rewards = [[twin_faces.reward(tick.want, i) for i in range(len(tick.reward))] for tick in play(kind)]
+    assert [tick.reward for tick in play(kind)] == rewards
+    assert len({reward for row in rewards for reward in row}) > 5
+
+
+@kinds
+def test_episodes_end_by_their_rule_or_at_the_limit(kind: str) -> None:
+    ends = [twin_faces.end(tick.want) for tick in play(kind)]
+    assert [tick.end for tick in play(kind)] == ends
+    assert len(set(ends)) == (3 if "written" in kind else 2)
+
+
+@kinds
+def test_statistics_count_every_tick(kind: str) -> None:
+    for tick in play(kind):
+        want = twin_faces.statistics(tick.want, tick.before.statistics)
+        assert tick.after.statistics.keys() == want.keys()
+        for key, value in want.items():
+            assert tick.after.statistics[key] == pytest.approx(value, rel=1e-6), key

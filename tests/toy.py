@@ -1,0 +1,220 @@
+"""A game of a few lines, to test the engine without the survival game: walkers on a line, food, and weather."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast import ecs
+from outlast.ecs import (
+    RESET,
+    SKIP,
+    STEP,
+    Action,
+    Add,
+    Archetype,
+    Array,
+    Cause,
+    Clock,
+    Component,
+    Entity,
+    Module,
+    Observation,
+    Random,
+    Read,
+    Rows,
+    Scratch,
+    Signal,
+    Singleton,
+    Statistic,
+    When,
+    Worlds,
+    Write,
+    column,
+    number,
+)  # fmt: skip
+from outlast.ecs.random import uniform
+
+__all__ = ["RESET", "SKIP", "STEP"]
+
+
+class Phase(ecs.Phase):
+    BEGIN = When.RESET, "everybody is somewhere"
+    MOVE = When.STEP, "everybody has moved"
+    FEED = When.STEP, "everybody has eaten"
+    SHOW = When.ALWAYS, "everything is seen"
+
+
+class Place(Component):
+    x: Array = column("f4")
+    trail: Array = column("i2", "memory", fill=-1)  # where it was, newest first
+
+
+class Energy(Component):
+    left: Array = column("i4", fill=10)
+
+
+class Wind(Singleton):
+    push: Array = column("f8", fill=0.5)
+    cause: Array = column("i4", fill=-1)
+    felt: Array = column("i4", "memory", 2)
+
+
+class Pace(Action):
+    pace: Array = column("i1", "walkers", low=-1, high=1)
+
+
+class Line(Observation):
+    line: Array = column("f4", "walkers", low=-100, high=100)
+
+
+class Pay(Signal):
+    pay: Array = column("f4", "walkers")
+
+
+class Meals(Statistic):
+    meals: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Toy(Module):
+    """Modules of one file, each named by its class."""
+
+    @classmethod
+    def name(cls) -> str:
+        return cls.__name__.lower()
+
+
+@dataclass(frozen=True)
+class Walkers(Toy):
+    count: int = number(3, low=1)
+    stride: float = number(0.5, above=0, high=10)
+
+    def archetypes(self) -> Iterable[Archetype]:
+        return [Archetype("walker", (Place(), Energy(left=20)), self.count)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Pace(), Line(), Pay()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"walkers": self.count, "memory": 2}
+
+
+@Walkers.system(Phase.BEGIN)
+def scatter(place: Write[Place], entities: Read[Entity], walkers: Rows[Energy], key: Random) -> None:
+    for e in walkers:
+        place.x[e] = 10 * uniform(key, entities.identity[e])
+
+
+@Walkers.system(Phase.MOVE)
+def walk(place: Write[Place], pace: Read[Pace], walkers: Rows[Energy], stride: float) -> None:
+    for i in range(walkers.size):
+        e = walkers[i]
+        for k in range(place.trail.shape[1] - 1, 0, -1):
+            place.trail[e, k] = place.trail[e, k - 1]
+        place.trail[e, 0] = np.int16(place.x[e])
+        place.x[e] += stride * pace.pace[i]
+
+
+@Walkers.system(Phase.SHOW)
+def show(place: Read[Place], line: Write[Line], pay: Write[Pay], clock: Read[Clock], walkers: Rows[Energy]) -> None:
+    for i in range(walkers.size):
+        line.line[i] = place.x[walkers[i]]
+        pay.pay[i] = clock.tick[0]
+
+
+@dataclass(frozen=True)
+class Food(Toy):
+    cause = "hunger"
+
+    count: int = number(2, low=1)
+    worth: int = number(3, low=0)
+
+    def archetypes(self) -> Iterable[Archetype]:
+        return [Archetype("food", (Place(x=[-1.0] * self.count),), self.count, alive=False)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Meals()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"memory": 1}
+
+
+@Food.system(Phase.BEGIN, after="walkers.scatter")
+def grow(place: Write[Place], entities: Write[Entity], rows: Rows[Place], count: int, key: Random) -> None:
+    for e in rows:
+        if not entities.alive[e]:
+            place.x[e] = 10 * uniform(key, entities.identity[e])
+            entities.alive[e] = 1
+
+
+@Food.system(Phase.FEED)
+def eat(
+    place: Read[Place], meals: Add[Meals], energy: Add[Energy], walkers: Rows[Energy], rows: Rows[Place], worth: int
+) -> None:
+    for e in walkers:
+        for o in rows:
+            if o != e and abs(place.x[o] - place.x[e]) < 1:
+                energy.left[e] += np.int32(worth)
+                meals.meals[0] += 1
+
+
+@dataclass(frozen=True)
+class Weather(Toy):
+    cause = "cold"
+
+    gusts: tuple[float, ...] = number((0.25, -0.5), low=-1, high=1)
+    wild: bool = number(True)
+    sky: str = number("grey", choices=("blue", "grey", "black"))
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Wind()]
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return np.zeros((dims["rows"], 2), np.int64)
+
+
+@Weather.system(Phase.MOVE, after="walkers.walk")
+def blow(
+    place: Write[Place],
+    wind: Write[Wind],
+    rows: Rows[Place],
+    gusts: tuple[float, ...],
+    wild: bool,
+    sky: int,
+    cause: Cause,
+    memory: Scratch,
+    key: Random,
+) -> None:
+    wind.push[0] = uniform(key, 0)
+    wind.cause[0] = cause
+    wind.felt[0, 1] = sky
+    memory[0, 0] += 1  # ticks of all worlds that this thread has seen
+    for e in rows:
+        if wild:
+            place.x[e] += gusts[e % gusts.size] * wind.push[0]
+
+
+@Weather.system(Phase.FEED)
+def freeze(energy: Add[Energy], wind: Read[Wind], walkers: Rows[Energy]) -> None:
+    for e in walkers:
+        energy.left[e] -= np.int32(1)
+
+
+GAME = (Walkers(), Food(), Weather())
+
+
+def make(*modules: Module, count: int = 4, threads: int = 1, seed: int = 0, first: int = 0) -> Worlds:
+    """Worlds of `modules` (all of them by default), seeded and reset."""
+    worlds = Worlds(modules or GAME, count, threads)
+    worlds.seed(np.full(count, seed), first + np.arange(count))
+    run(worlds, RESET)
+    return worlds
+
+
+def run(worlds: Worlds, *modes: Any) -> Worlds:
+    """A tick for each mode: SKIP, STEP or RESET for all worlds, or a list with one for each world."""
+    for mode in modes:
+        worlds.run(np.full(worlds.count, mode, np.int8) if np.ndim(mode) == 0 else np.array(mode, np.int8))
+    return worlds

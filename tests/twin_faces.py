@@ -1,0 +1,150 @@
+"""Plain-Python twins of what agents are told: cameras, observations, rewards, ends and statistics."""
+
+import math
+from typing import Any
+
+from naive import in_kite, in_sector
+from twin_world import Thing, World
+from twins import Unsure, distance, entry, surely
+
+STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
+
+
+def see(world: World) -> list[set[int]]:
+    """By agent: the rows that its camera sees. The dead see nothing."""
+    here = [thing for thing in world.things if thing.here]
+    agents = world.of("agent")
+    return [{thing.row for thing in here if thing is not me and sees(world, me, thing)} if me.here else set() for me in agents]
+
+
+def sees(world: World, me: Thing, thing: Thing) -> bool:
+    """Whether its centre is in the cone, and nothing is nearer on the ray to it."""
+    fov, depth = world.numbers["cameras_fov"], world.numbers["cameras_depth"]
+    cone = in_kite if world.numbers["cameras_cone"] == "kite" else in_sector
+    place, eye = (thing.x, thing.y), (me.x, me.y)
+    if place == eye:
+        return False
+    if distance(me, thing) < 1e-3:
+        raise Unsure
+    if not surely(lambda hair: cone(place, eye, me.angle, depth + hair, fov / 2 + hair)):
+        return False
+    kinds = ("agent", "box", "wall") + (("box_item", "heal") if world.numbers["cameras_items_occlude"] else ())
+    others = [other for other in world.live(*kinds) if other is not me and other is not thing]
+    ray = (thing.x - me.x) * STRETCH, (thing.y - me.y) * STRETCH
+
+    def first(hair: float) -> bool:
+        own = entry(eye, ray, thing, hair)
+        return own <= 1 and not any(entry(eye, ray, other, -hair) < own for other in others)
+
+    return surely(first)
+
+
+def agent_row(world: World, agent: Thing) -> list[float]:
+    """id, [team], health, x, y, angle, vx, vy, omega; zeros after id and team once dead."""
+    state = [agent.health, agent.x, agent.y, agent.angle, agent.vx, agent.vy, agent.omega]
+    return [agent.index, *([agent.side] if world.teams else []), *(state if agent.here else [0] * 7)]
+
+
+def corners(world: World, index: int) -> list[float]:
+    """Vertices of box `index` as if centred at the origin, counter-clockwise from the lower left."""
+    x, y = world.of("box")[index].half_width, world.of("box")[index].half_height
+    return [-x, -y, x, -y, x, y, -x, y]
+
+
+def entity_row(world: World, thing: Thing) -> list[float]:
+    """Its row in the observation, as it truly is."""
+    if thing.kind == "agent":
+        return agent_row(world, thing)
+    if thing.kind == "heal":
+        return [thing.x, thing.y] if thing.here else [0] * 2
+    outline = corners(world, thing.index)
+    if thing.kind == "box":
+        return [*outline, thing.x, thing.y, thing.angle] if thing.here else [0] * 11
+    return [*outline, thing.x, thing.y] if thing.here else [0] * 10
+
+
+def observe(world: World, i: int) -> dict[str, Any]:
+    """What agent `i` is told, by key."""
+    me = world.of("agent")[i]
+    told: dict[str, Any] = {"self": agent_row(world, me), "zone": world.zone}
+    for key, kind in (("others", "agent"), ("heals", "heal"), ("boxes", "box"), ("box_items", "box_item")):
+        things = [thing for thing in world.of(kind) if thing is not me]
+        if things or kind == "agent":
+            told[f"{key}_mask"] = [int(is_told(world, me, thing)) for thing in things]
+            secret = world.numbers["cameras_mode"] == "masked"
+            rows = [(entity_row(world, thing), is_told(world, me, thing) or not secret) for thing in things]
+            told[key] = [row if shown else [0] * len(row) for row, shown in rows]
+    last = world.things[me.bag[-1]] if me.bag and me.here else None
+    if world.of("heal"):
+        heal = last is not None and last.kind == "heal"
+        told["heal_slot"], told["heal_slot_mask"] = [[world.numbers["heals_amount"] if heal else 0]], [int(heal)]
+    if world.of("box"):
+        box = last is not None and last.kind == "box_item"
+        told["box_slot"], told["box_slot_mask"] = [corners(world, last.index) if box else [0] * 8], [int(box)]
+    return told
+
+
+def is_told(world: World, me: Thing, thing: Thing) -> bool:
+    """What the mask says: the living are told of what exists, as far as their camera sees it if that counts."""
+    if not me.here or not thing.here:
+        return False
+    return world.numbers["cameras_mode"] == "omniscient" or thing.row in world.seen[me.index]
+
+
+def alive(world: World, side: int) -> int:
+    """Members of a side that live."""
+    return sum(agent.side == side for agent in world.live("agent"))
+
+
+def killed(world: World, side: int) -> int:
+    """Enemies that a side killed in this tick."""
+    agents = world.of("agent")
+    return sum(source == side != agents[victim].side for victim, _, source in world.deaths)
+
+
+def reward(world: World, i: int) -> float:
+    """Of agent `i` for this tick: its side's (paper, section 3.5)."""
+    side = world.of("agent")[i].side
+    pay = {name: world.numbers[f"rewards_{name}"] for name in ("alive", "dead", "kill", "death", "posthumous")}
+    total = pay["alive"] if alive(world, side) else pay["dead"]
+    if alive(world, side) or pay["posthumous"]:
+        total += pay["kill"] * killed(world, side)
+    return total + pay["death"] * sum(world.of("agent")[victim].side == side for victim, _, _ in world.deaths)
+
+
+def end(world: World) -> tuple[bool, bool]:
+    """Terminated, truncated."""
+    standing = sum(alive(world, side) > 0 for side in range(world.sides))
+    over = standing <= {"all dead": 0, "last alive": 1}[world.numbers["ending_rule"]]
+    return over, not over and 0 < world.numbers["ending_limit"] <= world.tick
+
+
+def statistics(world: World, before: dict[str, Any]) -> dict[str, Any]:
+    """Of the episode so far, `before` being those of the tick before; items count as they are used."""
+    causes = [cause for _, cause, _ in world.deaths]
+    return {
+        "length": world.tick,
+        "returns": [old + reward(world, i) for i, old in enumerate(before["returns"])],
+        "kills": [old + killed(world, side) for side, old in enumerate(before["kills"])],
+        "deaths": [old + causes.count(cause) for cause, old in enumerate(before["deaths"])],
+        "first_death": before["first_death"] or (world.tick if world.deaths else 0),
+        **{key: world.statistics[key] for key in ("heals_used", "boxes_placed") if key in before},
+    }
+
+
+def free_motion(agent: Thing, push: dict[str, int], numbers: dict[str, Any]) -> list[float]:
+    """x, y, angle, vx, vy, omega after a tick in open space: a push, then substeps of damping and drifting."""
+    mass = math.pi * numbers["agents_radius"] ** 2 * numbers["agents_density"]
+    inertia = mass * numbers["agents_radius"] ** 2 / 2
+    force = complex(numbers["motors_ahead"] * push["ahead"], numbers["motors_left"] * push["left"])
+    kick = force * complex(math.cos(agent.angle), math.sin(agent.angle)) / mass
+    spin = numbers["motors_turn"] * push["turn"] / inertia
+    place, speed = complex(agent.x, agent.y), complex(agent.vx, agent.vy)
+    angle, omega = agent.angle, agent.omega
+    steps, dt = numbers["physics_substeps"], 1 / numbers["physics_rate"]
+    for step in range(steps):
+        share = 1 / steps if numbers["motors_give"] == "evenly" else float(step == 0)
+        speed = (speed + kick * share) * (1 - dt * numbers["physics_linear_damping"])
+        omega = (omega + spin * share) * (1 - dt * numbers["physics_angular_damping"])
+        place, angle = place + speed * dt, angle + omega * dt
+    return [place.real, place.imag, angle, speed.real, speed.imag, omega]

@@ -1,0 +1,155 @@
+"""Random worlds for the twins: states that play could reach, and some that it can only just; and ticks played from them."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import twin_faces
+import twins
+from conftest import draw_actions, scaled
+from twin_world import World, differences, read
+
+import outlast
+from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Weapon, Zone
+from outlast.components.score import End
+from outlast.ecs import Clock, Entity
+from outlast.envs.vector import SurvivalVectorEnv
+
+COUNT = scaled(400, least=12)  # worlds of each kind
+TICKS = 3  # played from each random state
+KEYS = ("ahead", "left", "turn", "attack", "use", "give")
+
+# As in the paper's runs; and as in its text, which are the defaults of the mechanics. Neither compiles anything anew.
+RUNS = {"agents_count": 5, "boxes_count": 6, "heals_count": 9, "rewards_kill": 100.0, "rewards_death": -100.0}
+TEXT = RUNS | {
+    "melee_blocked": False, "melee_damage": 20, "melee_cooldown": 2, "give_nearest": "suitable", "pickup_touch": True,
+    "drop_scatter": "disc", "cameras_cone": "sector", "cameras_items_occlude": False, "cameras_mode": "revealed",
+    "boxes_offset": 0.0, "boxes_owned": False, "boxes_dynamic": True, "motors_give": "evenly", "ending_limit": 700,
+    "inventory_slots": 2, "zone_harm": 3,
+}  # fmt: skip
+KINDS = {
+    "ffa as run": ("ffa_4", RUNS),
+    "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
+    "teams as run": ("teams_4", RUNS | {"agents_count": 6, "sides_count": 3, "ending_rule": "all dead"}),
+    "teams as written": ("teams_4", TEXT | {"sides_count": 2, "cameras_mode": "omniscient", "rewards_posthumous": False}),
+}
+TURNING_POINTS = (0, 98, 99, 100, 101, 199, 200, 399, 699, 1300, 1398, 1399, 1400, 1700)
+
+
+@dataclass
+class Played:
+    """A tick: the world before it, the actions, the world after it, and what its twins say must come out."""
+
+    before: World
+    actions: list[dict[str, int]]
+    after: World
+    want: World
+    observation: dict[str, Any]
+    reward: list[float]
+    end: tuple[bool, bool]
+
+
+@functools.cache
+def play(kind: str) -> tuple[Played, ...]:
+    """Ticks from random worlds of one of KINDS, in which no hair's breadth decides."""
+    variant, numbers = KINDS[kind]
+    env = outlast.make_vec(outlast.variant(variant).replace(**numbers), COUNT, seed=5)
+    rng = np.random.default_rng(6)
+    env.reset()
+    for w in range(COUNT):
+        scramble(env, w, rng)
+    played, unsure, running = [], 0, range(COUNT)
+    for _ in range(TICKS):
+        before = {w: read(env, w) for w in running}
+        actions = draw_actions(env, rng)
+        env.step(actions)
+        for w, world in before.items():
+            moves = [dict(zip(KEYS, row, strict=True)) for row in (actions[w] - [1, 1, 1, 0, 0, 0]).tolist()]
+            try:
+                played.append(_played(env, w, world, moves))
+            except twins.Unsure:
+                unsure += 1
+        running = [w for w in running if not _over(env, w)[0] and not _over(env, w)[1]]
+    env.close()
+    assert unsure < max(2, 0.05 * len(played))
+    return tuple(played)
+
+
+def disagreements(kind: str, kinds: Sequence[str], *columns: str) -> list[str]:
+    """Where the tick and its twins differ, over all ticks of a kind; the first few, in words."""
+    ticks = enumerate(play(kind))
+    return [f"tick {k}: {words}" for k, p in ticks for words in differences(p.after, p.want, tuple(kinds), *columns)][:5]
+
+
+def _played(env: SurvivalVectorEnv, w: int, before: World, actions: list[dict[str, int]]) -> Played:
+    after = read(env, w)
+    want = twins.tick(before, actions, after, twin_faces.see)
+    observation = {key: buffer[w].copy() for key, buffer in env._observe().items()}
+    return Played(before, actions, after, want, observation, env.worlds[Reward].reward[w].tolist(), _over(env, w))
+
+
+def _over(env: SurvivalVectorEnv, w: int) -> tuple[bool, bool]:
+    end = env.worlds[End]
+    return bool(end.terminated[w, 0]), bool(end.truncated[w, 0])
+
+
+def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
+    """Any time of day; bodies crowded somewhere, some at the very same place; any health; items anywhere."""
+    tables, agents = env.worlds, range(env.num_agents)
+    alive = tables[Entity].alive[w]
+    tables[Clock].tick[w] = time = rng.choice(TURNING_POINTS) if rng.random() < 0.5 else rng.integers(1700)
+    alive[list(agents)] = rng.random(len(agents)) < rng.choice([0, 0.2, 0.8, 1], p=[0.02, 0.08, 0.5, 0.4])
+    _scatter_bodies(env, w, rng)
+    health = tables[Health]
+    health.points[w, list(agents)] = points = rng.choice([-3, 0, 1, 5, 20, 100, 175], len(agents))
+    health.points[w, list(agents)] = points = np.where(alive[list(agents)] & (rng.random(len(agents)) < 0.5), 5, points)
+    health.cause[w, list(agents)] = 0
+    health.source[w, list(agents)] = rng.integers(-1, 2, len(agents))
+    health.doomed[w, list(agents)] = np.where(points <= 0, time, -1)
+    tables[Weapon].wait[w, list(agents)] = rng.integers(0, 3, len(agents))
+    tables[Episode].returns[w] = rng.normal(0, 100, len(agents))
+    tables[Episode].first_death[w] = rng.choice([0, min(time, 7)])
+    _scatter_items(env, w, rng)
+    zone = tables[Zone]
+    for column, value in zip(zone[:6], twins.zone_at(read(env, w), int(time)), strict=True):
+        column[w] = value
+
+
+def _scatter_bodies(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
+    body, walls = env.worlds[Body], env.worlds.span("wall")
+    count = walls.start
+    middle = rng.choice([0.0, 11.0, -11.0, 6.0], 2)
+    place = np.clip(middle + rng.normal(0, rng.choice([0.5, 1.5, 6]), (count, 2)), -11.8, 11.8)
+    if rng.random() < 0.3:  # some at the very same place
+        place[rng.integers(count, size=count // 3)] = place[rng.integers(count)]
+    body.x[w, :count], body.y[w, :count] = place.T
+    moving = slice(0, env.num_agents)
+    body.angle[w, moving] = rng.uniform(-7, 7, env.num_agents) * (rng.random() < 0.9)
+    body.cosine[w, moving], body.sine[w, moving] = np.cos(body.angle[w, moving]), np.sin(body.angle[w, moving])
+    for column in (body.vx, body.vy, body.omega):
+        column[w, moving] = rng.normal(0, 1, env.num_agents)
+
+
+def _scatter_items(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
+    """Each item on the ground, in a bag or gone; each box standing, just broken, or an item."""
+    tables = env.worlds
+    alive, bag, slots = tables[Entity].alive[w], tables[Bag], env.scenario.numbers()["inventory_slots"]
+    living = [i for i in range(env.num_agents) if alive[i]]
+    boxes, items = tables.span("box"), tables.span("box_item")
+    tables[Shape].half_height[w, boxes.start] = 0.05  # a sliver in every world
+    loose = list(range(tables.span("heal").start, tables.span("heal").stop))
+    for box, item in zip(range(boxes.start, boxes.stop), range(items.start, items.stop), strict=True):
+        tables[Guard].heeds[w, box] = rng.integers(-1, 2) if env.scenario.numbers()["boxes_owned"] else -1
+        state = rng.integers(4)
+        alive[box], tables[Box].broken[w, box] = state == 0, state == 1
+        if state > 1:
+            loose.append(item)
+    for item in rng.permutation(loose).tolist():
+        holder = int(rng.choice(living)) if living and rng.random() < 0.6 else -1
+        alive[item] = holder < 0 and rng.random() < 0.8
+        if holder >= 0 and bag.count[w, holder] < slots:
+            bag.items[w, holder, bag.count[w, holder]] = item
+            bag.count[w, holder] += 1
+            tables[Item].holder[w, item] = holder

@@ -1,0 +1,158 @@
+"""One world as plain Python objects: what the twins take, what they give back, and how the two are compared."""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from outlast.components import (
+    Bag, Body, Box, BoxesPlaced, Death, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
+)  # fmt: skip
+from outlast.ecs import Clock, Entity
+from outlast.envs.vector import SurvivalVectorEnv
+
+TOLERANCE = 2e-5  # metres, radians, shares: what float32 may lose in a room of 25 metres
+
+
+class Loss(NamedTuple):
+    """Hit points lost at once."""
+
+    tick: int
+    cause: int
+    side: int
+    before: int
+    after: int
+
+
+@dataclass
+class Thing:
+    """One row of the tables: an agent, a box, an item or a wall."""
+
+    row: int
+    kind: str
+    index: int  # among its kind
+    here: bool
+    x: float
+    y: float
+    angle: float
+    vx: float
+    vy: float
+    omega: float
+    radius: float
+    half_width: float
+    half_height: float
+    health: int | None  # None: has none
+    cause: int
+    source: int
+    losses: list[Loss]
+    side: int = -1
+    owner: int = -1
+    broken: bool = False
+    wait: int = 0
+    bag: list[int] = field(default_factory=list)
+    holder: int = -1
+
+
+@dataclass
+class World:
+    """One world. `statistics` are those of the episode so far, `deaths` (agent, cause, side) those of this tick."""
+
+    things: list[Thing]
+    tick: int
+    numbers: dict[str, Any]
+    causes: list[str]
+    centres: list[tuple[float, float]]
+    zone: list[float]
+    deaths: list[tuple[int, int, int]]
+    statistics: dict[str, Any]
+    used: list[int] = field(default_factory=list)  # items used in this tick
+    fallen: list[tuple[int, int]] = field(default_factory=list)  # (item, agent that dropped it dying) in this tick
+    seen: list[set[int]] = field(default_factory=list)  # by agent: rows that its camera sees
+
+    def of(self, *kinds: str) -> list[Thing]:
+        return [thing for thing in self.things if thing.kind in kinds]
+
+    def live(self, *kinds: str) -> Iterator[Thing]:
+        return (thing for thing in self.of(*kinds) if thing.here)
+
+    @property
+    def teams(self) -> bool:
+        return "sides_count" in self.numbers
+
+    @property
+    def sides(self) -> int:
+        return self.numbers["sides_count"] if self.teams else len(self.of("agent"))
+
+    def copy(self) -> "World":
+        return copy.deepcopy(self)
+
+
+def read(env: SurvivalVectorEnv, w: int) -> World:
+    """World `w` of the environment as it stands in the tables."""
+    tables = env.worlds
+    body, shape, health, guard = (_rows(tables[c], w) for c in (Body, Shape, Health, Guard))
+    side, weapon, item, bag = (_rows(tables[c], w) for c in (Side, Weapon, Item, Bag))
+    broken = _rows(tables[Box], w)["broken"] if Box in tables else [0] * tables.dims["rows"]
+    alive = tables[Entity].alive[w].tolist()
+    things = []
+    for kind, span in tables.layout.spans.items():
+        for index, row in enumerate(span):
+            mortal = kind in ("agent", "box")
+            blow = (health["cause"][row], health["source"][row])
+            points = health["points"][row] if mortal else None
+            things.append(
+                Thing(
+                    row, kind, index, alive[row] == 1,
+                    *(body[c][row] for c in ("x", "y", "angle", "vx", "vy", "omega")),
+                    *(shape[c][row] for c in ("radius", "half_width", "half_height")),
+                    points, *blow, _past(points, health["doomed"][row], *blow) if mortal else [],
+                    side["side"][row], guard["heeds"][row], broken[row] == 1, weapon["wait"][row],
+                    bag["items"][row][: bag["count"][row]], item["holder"][row],
+                )  # fmt: skip
+            )
+    zone = _rows(tables[Zone], w)
+    return World(
+        things,
+        int(tables[Clock].tick[w, 0]),
+        env.scenario.numbers(),
+        tables.layout.causes,
+        [tuple(centre) for centre in zone.pop("centres")],
+        [value[0] for value in zone.values()],
+        _deaths(env, w),
+        _statistics(env, w),
+    )
+
+
+def differences(got: World, want: World, kinds: tuple[str, ...], *columns: str) -> list[str]:
+    """Where the things of these kinds differ, in words."""
+    found = []
+    for one, other in zip(got.of(*kinds), want.of(*kinds), strict=True):
+        for column in columns:
+            a, b = getattr(one, column), getattr(other, column)
+            if abs(a - b) > TOLERANCE if isinstance(b, float) else a != b:
+                found.append(f"{one.kind} {one.index}: {column} is {a}, its twin's {b}")
+    return found
+
+
+def _rows(table: Any, w: int) -> dict[str, list[Any]]:
+    return {name: getattr(table, name)[w].tolist() for name in table._fields}
+
+
+def _past(points: int, doomed: int, cause: int, source: int) -> list[Loss]:
+    """What must have happened: the blow that brought it to 0 or below, or the last one before."""
+    if points <= 0:
+        return [Loss(doomed, cause, source, 1, points)]
+    return [Loss(-1, cause, source, points + 1, points)] if cause >= 0 else []
+
+
+def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:
+    death = _rows(env.worlds[Death], w)
+    return [(i, death["cause"][i], death["source"][i]) for i in range(env.num_agents) if death["now"][i]]
+
+
+def _statistics(env: SurvivalVectorEnv, w: int) -> dict[str, Any]:
+    found = _rows(env.worlds[Episode], w) | _rows(env.worlds[HealsUsed], w)
+    if BoxesPlaced in env.worlds:
+        found |= _rows(env.worlds[BoxesPlaced], w)
+    return {key: value[0] if key in ("length", "first_death", "heals_used", "boxes_placed") else value
+            for key, value in found.items()}  # fmt: skip

@@ -1,0 +1,237 @@
+"""Plain-Python twins of the mechanics, from the reference rules: one thing at a time, float64, nothing clever.
+
+Each takes a World and changes it as the tick should. Where a hair's breadth decides, which float32 may see
+otherwise, they raise Unsure. What Box2D and chance decide is taken from the world that came out of the tick.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from naive import MISS, ray_box, ray_circle
+from twin_world import TOLERANCE, Loss, Thing, World
+
+Answer = TypeVar("Answer")
+Actions = Sequence[dict[str, int]]
+
+
+class Unsure(Exception):  # noqa: N818
+    """Too close to call in float32."""
+
+
+def surely(ask: Callable[[float], Answer], hair: float = TOLERANCE) -> Answer:
+    """The answer, if it is the same with everything a hair larger and a hair smaller."""
+    answer = ask(0.0)
+    if ask(hair) != answer or ask(-hair) != answer:
+        raise Unsure
+    return answer
+
+
+def within(a: float, b: float) -> bool:
+    """a <= b; numbers that are equal to the bit are, others must not be too close."""
+    return a == b or surely(lambda hair: a < b + hair)
+
+
+def distance(a: Any, b: Any) -> float:
+    return math.dist((a.x, a.y), (b.x, b.y))
+
+
+def ahead(thing: Thing, far: float) -> tuple[float, float]:
+    return far * math.cos(thing.angle), far * math.sin(thing.angle)
+
+
+def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, hair: float = 0.0) -> float:
+    """Fraction at which the ray enters the thing, were it a hair larger; MISS if it does not, or starts inside."""
+    if 0 < math.hypot(*ray) < 1e-3:
+        raise Unsure
+    if thing.radius > 0:
+        return ray_circle(origin, ray, (thing.x, thing.y), thing.radius + hair)
+    half = thing.half_width + hair, thing.half_height + hair
+    return ray_box(origin, ray, (thing.x, thing.y), thing.angle, *half)
+
+
+def first_on_ray(origin: tuple[float, float], ray: tuple[float, float], things: Sequence[Thing]) -> Thing | None:
+    """Whom the ray meets first; of several at the very same place, the first in order."""
+    def ask(hair: float) -> int:
+        entries = [entry(origin, ray, thing, hair) for thing in things]
+        return entries.index(min(entries)) if min(entries, default=MISS) < MISS else -1
+
+    met = surely(ask)
+    return None if met < 0 else things[met]
+
+
+def hurt(world: World, thing: Thing, amount: int, cause: str, side: int) -> None:
+    """Take hit points. To blame is the last loss of the tick in which they came to 0 or below; else the last one."""
+    thing.losses.append(Loss(world.tick, world.causes.index(cause), side, thing.health, thing.health - amount))
+    thing.health -= amount
+    blame = thing.losses[-1]
+    if thing.health <= 0:
+        fatal = [loss.tick for loss in thing.losses if loss.before > 0 >= loss.after][-1]
+        blame = [loss for loss in thing.losses if loss.tick == fatal][-1]
+    thing.cause, thing.source = blame.cause, blame.side
+
+
+def is_immune(world: World, thing: Thing, side: int) -> bool:
+    """Team mates do not hurt each other; an owned box minds its owner only."""
+    return (world.teams and thing.side == side) or (thing.owner >= 0 and thing.owner != side)
+
+
+def respawn_items(world: World) -> None:
+    """Boxes broken in the tick before lie where they stood, as items."""
+    for box in world.of("box"):
+        if box.broken:
+            item = world.of("box_item")[box.index]
+            item.here, item.x, item.y = True, box.x, box.y
+            box.broken = False
+
+
+def use(world: World, actions: Actions) -> None:
+    """The last item of the bag: a heal heals, a box item sets up its box ahead of the user."""
+    for agent in world.live("agent"):
+        if not actions[agent.index]["use"] or not agent.bag:
+            continue
+        item = world.things[agent.bag.pop()]
+        item.holder = -1
+        world.used.append(item.row)
+        if item.kind == "heal":
+            agent.health += world.numbers["heals_amount"]
+            world.statistics["heals_used"] += 1
+        else:
+            x, y = ahead(agent, world.numbers["boxes_offset"])
+            box = world.of("box")[item.index]
+            box.here, box.x, box.y, box.angle = True, agent.x + x, agent.y + y, 0.0
+            box.vx = box.vy = box.omega = 0.0
+            box.health, box.losses = world.numbers["boxes_toughness"], []
+            world.statistics["boxes_placed"] += 1
+
+
+def give(world: World, actions: Actions) -> None:
+    """Everybody chooses a taker, then the last items change hands in order; a full taker takes nothing."""
+    givers = [a for a in world.live("agent") if actions[a.index]["give"] and a.bag]
+    for giver, taker in [(giver, choose_taker(world, giver)) for giver in givers]:
+        if taker and len(taker.bag) < world.numbers["inventory_slots"]:
+            taker.bag.append(giver.bag.pop())
+            world.things[taker.bag[-1]].holder = taker.row
+
+
+def choose_taker(world: World, giver: Thing) -> Thing | None:
+    """The nearest suitable agent; or the nearest body of any kind, if that is one."""
+    def suits(thing: Thing) -> bool:
+        return thing.kind == "agent" and (not world.teams or thing.side == giver.side)
+
+    others = [thing for thing in world.things if thing.here and thing is not giver]
+    if world.numbers["give_nearest"] == "suitable":
+        others = [thing for thing in others if suits(thing)]
+    near = [thing for thing in others if within(distance(giver, thing), world.numbers["give_reach"])]
+    if not near:
+        return None
+    nearest = min(near, key=lambda thing: distance(giver, thing))
+    for thing in near:
+        if thing is not nearest and 0 < distance(giver, thing) - distance(giver, nearest) < TOLERANCE:
+            raise Unsure
+    return nearest if suits(nearest) else None
+
+
+def melee(world: World, actions: Actions) -> None:
+    """All look first, then all strike, in order. After a strike that met something the weapon rests."""
+    blows = []
+    for agent in world.live("agent"):
+        if agent.wait > 0:
+            agent.wait -= 1
+        elif actions[agent.index]["attack"]:
+            target = first_on_ray((agent.x, agent.y), ahead(agent, world.numbers["melee_reach"]), in_the_way(world, agent))
+            if target:
+                agent.wait = world.numbers["melee_cooldown"]
+                blows.append((agent, target))
+    for agent, target in blows:
+        if target.health is not None and not is_immune(world, target, agent.side):
+            hurt(world, target, world.numbers["melee_damage"], "melee", agent.side)
+
+
+def in_the_way(world: World, agent: Thing) -> list[Thing]:
+    """What can stop the melee of `agent`: everything, or if it is not blocked, what it can hurt."""
+    others = [thing for thing in world.things if thing.here and thing is not agent]
+    if world.numbers["melee_blocked"]:
+        return others
+    return [thing for thing in others if thing.health is not None and not is_immune(world, thing, agent.side)]
+
+
+def move(world: World, after: World) -> None:
+    """As Box2D did."""
+    for thing, moved in zip(world.things, after.things, strict=True):
+        if thing.kind == "agent" or (thing.kind == "box" and thing.here and world.numbers["boxes_dynamic"]):
+            thing.x, thing.y, thing.angle = moved.x, moved.y, moved.angle
+            thing.vx, thing.vy, thing.omega = moved.vx, moved.vy, moved.omega
+
+
+def break_boxes(world: World) -> None:
+    """Who breaks a box first owns it."""
+    for box in world.live("box"):
+        if box.health <= 0:
+            box.here, box.broken = False, True
+            if world.numbers["boxes_owned"] and box.owner < 0:
+                box.owner = box.source
+
+
+def die(world: World, after: World) -> None:
+    """Agents without health are gone. Their items fall, the last one first; where, chance has decided."""
+    for agent in world.live("agent"):
+        if agent.health > 0:
+            continue
+        agent.here = False
+        world.deaths.append((agent.index, agent.cause, agent.source))
+        while agent.bag:
+            item = world.things[agent.bag.pop()]
+            item.holder, item.here = -1, True
+            item.x, item.y = after.things[item.row].x, after.things[item.row].y
+            world.fallen.append((item.row, agent.row))
+
+
+def pick_up(world: World) -> None:
+    """Everybody takes what is in reach, while there is room."""
+    for agent in world.live("agent"):
+        for item in world.live("box_item", "heal"):
+            reach = world.numbers["pickup_reach"] + (item.radius if world.numbers["pickup_touch"] else 0)
+            if within(distance(agent, item), reach) and len(agent.bag) < world.numbers["inventory_slots"]:
+                agent.bag.append(item.row)
+                item.here, item.holder = False, agent.row
+
+
+def zone_at(world: World, tick: int) -> list[float]:
+    """x, y, radius and next x, y, radius at the end of step `tick`, from the calendar."""
+    radii = [*world.numbers["zone_radii"], 0.0]
+    stand, shrink = world.numbers["zone_stand"], world.numbers["zone_shrink"]
+    circles = [(*centre, radius) for centre, radius in zip(world.centres, radii, strict=True)]
+    phase = tick // (stand + shrink)
+    if phase >= len(radii) - 1:
+        return [*circles[-1], 0.0, 0.0, 0.0]
+    late = tick % (stand + shrink) - stand
+    share = late / shrink if late > 0 else 0.0
+    return [*((1 - share) * a + share * b for a, b in zip(*circles[phase : phase + 2], strict=True)), *circles[phase + 1]]
+
+
+def burn(world: World) -> None:
+    """Who is outside of the zone as it was a tick ago loses health; in the void phase everybody is."""
+    x, y, radius = zone_at(world, world.tick - 1)[:3]
+    for agent in world.live("agent"):
+        if radius == 0 or not within(math.dist((agent.x, agent.y), (x, y)), radius):
+            hurt(world, agent, world.numbers["zone_harm"], "zone", -1)
+
+
+def tick(world: World, actions: Actions, after: World, see: Callable[[World], list[set[int]]]) -> World:
+    """What comes out of `world` by one step, in the order of section 2 of the rules."""
+    world = world.copy()
+    world.tick += 1
+    world.deaths = []
+    respawn_items(world)
+    use(world, actions)
+    give(world, actions)
+    melee(world, actions)
+    move(world, after)
+    break_boxes(world)
+    world.seen = see(world)
+    die(world, after)
+    pick_up(world)
+    burn(world)
+    world.zone = zone_at(world, world.tick)
+    return world
