@@ -49,7 +49,7 @@ class Drop(Action, order=4):
 @kernel
 def last(bag: Any, e: int) -> int:
     """Row of the last item in the bag of agent `e`, -1 if it is empty."""
-    return bag.items[e, bag.count[e] - 1] if bag.count[e] > 0 else -1
+    return int(bag.items[e, bag.count[e] - 1]) if bag.count[e] > 0 else -1
 
 
 @kernel
@@ -69,7 +69,7 @@ def pop(bag: Any, item: Any, e: int) -> int:
     if bag.count[e] == 0:
         return -1
     bag.count[e] -= 1
-    thing = bag.items[e, bag.count[e]]
+    thing = int(bag.items[e, bag.count[e]])
     bag.items[e, bag.count[e]] = -1
     item.holder[thing] = -1
     return thing

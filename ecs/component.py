@@ -27,6 +27,9 @@ from .errors import DeclarationError
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
 
+Real: TypeAlias = Any
+"""A float32 scalar as kernels see it."""
+
 
 @dataclass(frozen=True)
 class Column:

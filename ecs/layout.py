@@ -100,9 +100,9 @@ class Layout:
 
     def _template(self) -> np.ndarray[Any, Any]:
         block = np.zeros((1, self.world_bytes), np.uint8)
-        for component, part in self.singletons.items():
-            if component.packed:
-                _fill(self.columns(block, component), slice(None), part)
+        for singleton, values in self.singletons.items():
+            if singleton.packed:
+                _fill(self.columns(block, singleton), slice(None), values)
         for name, archetype in self.archetypes.items():
             span = slice(self.spans[name].start, self.spans[name].stop)
             entity = self.columns(block, Entity)
@@ -111,7 +111,7 @@ class Layout:
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
                 _fill(self.columns(block, type(part)), (0, span), part)
-        return block[0]
+        return np.ascontiguousarray(block[0])
 
 
 def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from .component import Real
 from .jit import kernel
 
 Key = tuple[np.uint64, np.uint64, np.uint64, np.uint64, np.uint64]
@@ -63,19 +64,19 @@ def words(key: Key, index: int) -> Words:
 
 
 @kernel
-def _unit(word: np.uint64) -> np.float32:
+def _unit(word: np.uint64) -> Real:
     """Float32 in [0, 1) from the upper 24 bits: each multiple of 2**-24 is equally likely, and exact."""
     return np.float32(word >> TO_24_BITS) * ULP_24
 
 
 @kernel
-def uniform(key: Key, index: int) -> np.float32:
+def uniform(key: Key, index: int) -> Real:
     """Uniform float32 in [0, 1), a multiple of 2**-24; from word 0."""
     return _unit(words(key, index)[0])
 
 
 @kernel
-def uniform2(key: Key, index: int) -> tuple[np.float32, np.float32]:
+def uniform2(key: Key, index: int) -> tuple[Real, Real]:
     """Two independent uniform float32 in [0, 1) for the price of one; from words 0 and 1."""
     first, second, _, _ = words(key, index)
     return _unit(first), _unit(second)
@@ -92,7 +93,7 @@ def integer(key: Key, index: int, bound: int) -> np.int64:
 
 
 @kernel
-def normal(key: Key, index: int) -> np.float32:
+def normal(key: Key, index: int) -> Real:
     """Standard normal float32 (Box-Muller on words 0 and 1); |value| <= 8.6: the logarithm gets 53 bits.
 
     Computed in float64 and rounded once: compiled and uncompiled call the same libm, and a last-bit

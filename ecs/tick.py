@@ -22,11 +22,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import platformdirs
 
-from .component import Clock, Component, Entity
+from .component import Clock, Component
+from .fingerprint import fingerprint
 from .jit import compiled, kernel
 from .layout import Layout
 from .module import Module, System
@@ -92,7 +92,7 @@ class Writer:
         address = f"layout[{len(self.layout.places)}, 0] + w * layout[{len(self.layout.places)}, 1]"
         return [
             "        if fresh:",
-            f"            restore({block}({address}, ({self.layout.world_bytes // 8},)), {template})",
+            f"            restore({block}({address}, ({template}.size,)), {template})",
             f"            {clock}.episode[0] += np.uint64(1)",
             f"            {clock}.tick[0] = np.uint64(0)",
             "        else:",
@@ -212,7 +212,8 @@ def load(source: str, names: dict[str, Any], systems: Iterable[System], jit: boo
     module.__dict__.update(names)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)
-    return kernel(module.tick, cache=True) if jit else module.tick
+    keep = all(Path(inspect.getfile(system.function)).exists() for system in systems)  # typed in at a prompt: it may change
+    return kernel(module.tick, cache=keep) if jit else module.tick
 
 
 def is_cached(segment: Segment) -> bool:
@@ -233,19 +234,3 @@ def cache_folder() -> Path:
         return folder if os.access(folder, os.W_OK) else Path(tempfile.gettempdir()) / "outlast"
     except OSError:
         return Path(tempfile.gettempdir()) / "outlast"
-
-
-def fingerprint(systems: Iterable[System]) -> str:
-    """Hash of all that machine code depends on and numba's own key misses: sources, versions, NUMBA_* variables."""
-    package = Path(__file__).parent.parent
-    files = {path for folder in ("ecs", "components", "systems") for path in (package / folder).glob("*.py")}
-    files |= {Path(inspect.getfile(system.function)) for system in systems}
-    digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
-    for key in sorted(key for key in os.environ if key.startswith("NUMBA_")):
-        digest.update(f"{key}={os.environ[key]}".encode())
-    for path in sorted(files):
-        digest.update(path.name.encode() + (path.read_bytes() if path.exists() else b""))
-    return digest.hexdigest()[:16]
-
-
-__all__ = ["RESET", "SKIP", "STEP", "Entity", "Segment", "is_cached", "segments"]

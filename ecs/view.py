@@ -33,8 +33,8 @@ def python_view(dtype: np.dtype[Any], writable: bool) -> Any:
 
     def view(address: int, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
         size = int(np.prod(shape)) * dtype.itemsize
-        memory = (ctypes.c_char * size).from_address(int(address))
-        array = np.frombuffer(memory, dtype).reshape(shape)
+        memory: Any = (ctypes.c_char * size).from_address(int(address))
+        array: np.ndarray[Any, Any] = np.ndarray(shape, dtype, memory)
         array.flags.writeable = writable
         return array
 

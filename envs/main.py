@@ -1,6 +1,7 @@
 """The command line: outlast rollout | variants | schedule."""
 
 import argparse
+import logging
 import sys
 import time
 from collections.abc import Sequence
@@ -41,6 +42,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--seed", type=int, default=0, help="same seed, same episodes (default 0)")
     run.add_argument("--threads", type=_positive, default=1)
     run.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help="change a number: n_agents=10")
+    run.add_argument("--log-deaths", action="store_true", help="print a line for every death")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.set_defaults(run=_rollout)
 
@@ -53,6 +55,8 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _rollout(options: argparse.Namespace) -> int:
+    if options.log_deaths:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
     scenario = variant(options.variant).replace(**dict(_assignment(text) for text in options.set))
     env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
     policy = POLICIES[options.policy](env, options.seed)
@@ -80,7 +84,7 @@ def _report(options: argparse.Namespace, summary: Summary, done: int, seconds: f
     print(f"{options.variant}: {options.policy} policy, seed {options.seed}, {options.worlds} worlds x {options.steps} steps")
     print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
     print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
-    print(f"{summary.episodes:,} episodes ended\n\n{summary}")
+    print(f"{summary.episodes:,} episodes ended; those still running are not counted\n\n{summary}")
 
 
 def _variants(options: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ WOUNDED = 70  # hit points at or below which a heal is used
 
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-    sizes = env.single_action_space.nvec[0]
+    sizes = env.action_sizes
     joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
     generator = np.random.default_rng([seed, 1])
 
@@ -35,7 +35,7 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile."""
     keys = [key for key, _ in env.action_columns]
-    teams = 1 if env.single_observation_space["self"].shape[-1] == 9 else 0
+    teams = env.worlds.dims["features"] - 8  # 1 if rows hold a team
 
     def act(observations: Arrays) -> Actions:
         me, zone = observations["self"], observations.get("zone")

@@ -1,5 +1,6 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
+from .deaths import log_deaths
 from .errors import ActionError, ClosedError, NotResetError
 from .notice import announce_compilation
 from .scenario import Scenario, ScenarioError
@@ -41,9 +43,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         check_actions: bool = True,
         first_world: int = 0,
     ) -> None:
-        for name, value, least in (("num_worlds", num_worlds, 1), ("threads", threads, 1), ("first_world", first_world, 0)):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
+        _check_count("num_worlds", num_worlds, 1)
+        _check_count("threads", threads, 1)
+        _check_count("first_world", first_world, 0)
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset = _autoreset(autoreset)
         self.metadata = {"render_modes": [], "render_fps": 30, "autoreset_mode": self.autoreset, "name": scenario.name}
@@ -59,7 +61,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         actions = published(self.worlds, Action)
         self.action_columns = [(key, int(column.low)) for key, _, _, column in actions]
         self._actions = [(getattr(self.worlds[c], name), int(column.low)) for _, c, name, column in actions]
-        self._sizes = self.single_action_space.nvec[0]
+        self._sizes = self.action_sizes = action_space(self.worlds).nvec[0]
         self._observations = {k: getattr(self.worlds[c], n) for k, c, n, _ in published(self.worlds, Observation)}
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._over = np.zeros(self.num_worlds, bool)
@@ -78,7 +80,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """The single space, batched."""
         return batch_space(self.single_action_space, self.num_worlds)
 
-    def reset(  # type: ignore[override]
+    def reset(
         self, *, seed: int | list[int] | np.ndarray[Any, Any] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
         """Start new episodes everywhere, or where options["reset_mask"] (bool, (worlds,)) says.
@@ -96,7 +98,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._started |= mask
         return self._observe(), {}
 
-    def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:  # type: ignore[override]
+    def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """One tick of every world. A refused call (see ActionError) changes nothing.
 
         NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at once;
@@ -112,6 +114,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
         self._over = terminated | truncated
+        log_deaths(self.worlds, self.first_world)
         reward = self.worlds[Reward].reward.copy()
         info = self._finish() if self._over.any() else {}
         return self._observe(), reward, terminated, truncated, info
@@ -192,10 +195,15 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             np.add(actions[:, :, k], np.int64(low), out=column, casting="unsafe")
 
 
+def _check_count(name: str, value: Any, least: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
+
+
 def _seed(value: Any) -> np.uint64:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < 2**64:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < 2**64:
         raise ValueError(f"seed = {value!r}: an integer from 0 to 2**64 - 1 is needed")
-    return np.uint64(value)
+    return np.uint64(int(value))
 
 
 def _autoreset(value: Any) -> AutoresetMode:

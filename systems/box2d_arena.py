@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from . import box2d_layout as at
 
-
 CAPACITY = 256  # bodies in a scene
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
 

@@ -7,7 +7,6 @@ from outlast.ecs.jit import kernel
 from . import box2d_layout as at
 
 
-
 @kernel
 def may_hit(arena: int) -> bool:
     """False only if no moving body can have come into a static one; then SolveTOI would change nothing.
@@ -20,10 +19,10 @@ def may_hit(arena: int) -> bool:
         a, b = at.load_i8(first + at.FIXTURE_BODY), at.load_i8(second + at.FIXTURE_BODY)
         if at.load_i4(a + at.BODY_TYPE) != at.load_i4(b + at.BODY_TYPE):
             box, circle = at.load_i8(first + at.FIXTURE_SHAPE), at.load_i8(second + at.FIXTURE_SHAPE)
-            if at.load_i4(circle + at.SHAPE_TYPE) != at.CIRCLE or at.load_i4(box + at.SHAPE_TYPE) == at.CIRCLE:
-                return True  # rare: a moving box, or a static circle
-            if at.load_i4(b + at.BODY_TYPE) != at.MOVING or not _passes(a, b, box, at.load_f4(circle + at.CIRCLE_RADIUS)):
-                return True
+            usual = at.load_i4(b + at.BODY_TYPE) == at.MOVING and at.load_i4(circle + at.SHAPE_TYPE) == at.CIRCLE
+            usual = usual and at.load_i4(box + at.SHAPE_TYPE) == at.POLYGON
+            if not usual or not _passes(a, b, box, at.load_f4(circle + at.CIRCLE_RADIUS)):
+                return True  # unusual: a moving box, or a static circle
         contact = at.load_i8(contact + at.CONTACT_NEXT)
     return False
 
@@ -43,4 +42,4 @@ def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
     width = at.load_f4(box + at.POLYGON_VERTICES + 16) + radius
     height = at.load_f4(box + at.POLYGON_VERTICES + 20) + radius
     beside = min(ax, bx) >= width or max(ax, bx) <= -width
-    return beside or min(ay, by) >= height or max(ay, by) <= -height
+    return bool(beside or min(ay, by) >= height or max(ay, by) <= -height)

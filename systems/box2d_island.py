@@ -20,11 +20,11 @@ _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float
 @kernel
 def solve_islands(arena: int, settings: Settings) -> None:
     """Advance every dynamic body by one substep; new contacts are found at the end."""
-    manager = arena + at.WORLD_MANAGER
     _clear_flags(arena)
     seed = at.load_i8(arena + at.WORLD_BODIES)
     while seed:
-        if at.load_i4(seed + at.BODY_TYPE) == at.MOVING and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
+        moving = at.load_i4(seed + at.BODY_TYPE) == at.MOVING
+        if moving and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
             bodies, contacts = _gather(arena, seed)
             _solve_island(arena, settings, bodies, contacts)
         seed = at.load_i8(seed + at.BODY_NEXT)
@@ -33,7 +33,7 @@ def solve_islands(arena: int, settings: Settings) -> None:
         if at.load_i4(body + at.BODY_TYPE) == at.MOVING:
             at.synchronize_fixtures(body)
         body = at.load_i8(body + at.BODY_NEXT)
-    at.find_new_contacts(manager)
+    at.find_new_contacts(arena + at.WORLD_MANAGER)
 
 
 @kernel
@@ -129,7 +129,7 @@ def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
         changed |= value ^ at.load_i4(before + 4 * k)
         at.store_i4(before + 4 * k, value)
     before = arena + IMPULSES
-    for k in range(contacts):
+    for _ in range(contacts):
         a = at.load_i8(constraints + at.IMPULSES_0)
         b = at.load_i8(constraints + at.IMPULSES_1)
         changed |= (a ^ at.load_i8(before)) | (b ^ at.load_i8(before + 8))
@@ -143,8 +143,9 @@ def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
 @kernel
 def _load(body: int, position: int, velocity: int, linear: np.float32, angular: np.float32) -> None:
     """Copy a body into the solver's tables, damped, and remember where it starts."""
-    x, y, angle = at.load_f4(body + at.BODY_CENTER), at.load_f4(body + at.BODY_CENTER + 4), at.load_f4(body + at.BODY_ANGLE)
-    u, v, omega = at.load_f4(body + at.BODY_VELOCITY), at.load_f4(body + at.BODY_VELOCITY + 4), at.load_f4(body + at.BODY_OMEGA)
+    x, y = at.load_f4(body + at.BODY_CENTER), at.load_f4(body + at.BODY_CENTER + 4)
+    u, v = at.load_f4(body + at.BODY_VELOCITY), at.load_f4(body + at.BODY_VELOCITY + 4)
+    angle, omega = at.load_f4(body + at.BODY_ANGLE), at.load_f4(body + at.BODY_OMEGA)
     at.store_f4(body + at.BODY_CENTER0, x)
     at.store_f4(body + at.BODY_CENTER0 + 4, y)
     at.store_f4(body + at.BODY_ANGLE0, angle)

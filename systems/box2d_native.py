@@ -13,7 +13,8 @@ from .box2d_arena import BODY_DEF, BOX, CAPACITY, DISC, FIXTURE, SLOT, SLOTS, SO
 from .box2d_impact import may_hit
 from .box2d_island import solve_islands
 from .box2d_verify import verify
-from .scene import (
+
+from .scene import (  # isort: skip
     ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
     SMALLEST, SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
 )  # fmt: skip
@@ -145,9 +146,9 @@ def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int)
 def _push(body: int, scene: Scene, k: int) -> None:
     """b2Body::ApplyLinearImpulse at the centre and ApplyAngularImpulse; zero impulses are skipped."""
     if scene[k, JX] != 0 or scene[k, JY] != 0:
-        mass = at.load_f4(body + at.BODY_INVERSE_MASS)
-        at.store_f4(body + at.BODY_VELOCITY, at.load_f4(body + at.BODY_VELOCITY) + mass * scene[k, JX])
-        at.store_f4(body + at.BODY_VELOCITY + 4, at.load_f4(body + at.BODY_VELOCITY + 4) + mass * scene[k, JY])
+        inverse, velocity = at.load_f4(body + at.BODY_INVERSE_MASS), body + at.BODY_VELOCITY
+        at.store_f4(velocity, at.load_f4(velocity) + inverse * scene[k, JX])
+        at.store_f4(velocity + 4, at.load_f4(velocity + 4) + inverse * scene[k, JY])
     if scene[k, JTURN] != 0:
         turn = at.load_f4(body + at.BODY_INVERSE_INERTIA) * scene[k, JTURN]
         at.store_f4(body + at.BODY_OMEGA, at.load_f4(body + at.BODY_OMEGA) + turn)

@@ -8,7 +8,7 @@ from typing import Any
 import Box2D
 import numpy as np
 
-from .scene import (
+from .scene import (  # isort: skip
     ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
     SMALLEST, SOLVED, VX, VY, X, Y, Scene, Settings,
 )  # fmt: skip
@@ -65,12 +65,17 @@ def _build(world: Any, settings: Settings, row: Scene) -> Any:
     """One body with one fixture, in Box2D's own order."""
     create = world.CreateDynamicBody if row[DYNAMIC] else world.CreateStaticBody
     body = create(
-        position=(float(row[X]), float(row[Y])), angle=float(row[ANGLE]),
-        linearDamping=float(settings.linear_damping), angularDamping=float(settings.angular_damping),
-        linearVelocity=(float(row[VX]), float(row[VY])), angularVelocity=float(row[OMEGA]),
+        position=(float(row[X]), float(row[Y])),
+        angle=float(row[ANGLE]),
+        linearDamping=float(settings.linear_damping),
+        angularDamping=float(settings.angular_damping),
+        linearVelocity=(float(row[VX]), float(row[VY])),
+        angularVelocity=float(row[OMEGA]),
     )
     body.CreateFixture(
-        shape=_shape(row), density=float(settings.density), friction=float(settings.friction),
+        shape=_shape(row),
+        density=float(settings.density),
+        friction=float(settings.friction),
         restitution=float(settings.restitution),
     )
     return body

@@ -1,8 +1,8 @@
 """Is the installed Box2D the one whose insides the native bridge knows? Asked before its memory is touched.
 
 Objects made by pybox2d's public interface are read at the offsets of `box2d_layout`, and Box2D's constructors
-run in a guarded buffer; whatever differs is named. Only b2TimeStep's numbers, which no object shows, rest on the
-version alone (and on the tests).
+run in a guarded buffer; whatever differs is named. Only the numbers of b2TimeStep and b2ContactSolverDef, which
+no public object shows, rest mostly on the version, and on the tests that compare the bridges.
 """
 
 import ctypes
@@ -202,7 +202,7 @@ def _construction(sample: Sample) -> Iterator[_Check]:
     _call("_ZN7b2WorldD1Ev", ctypes.addressof(world))
     yield "WORLD_SIZE", fits, True
     border = bytes(world[at.WORLD_STACK - 1 : at.WORLD_STACK + 1])
-    yield "WORLD_STACK", border, b"\x00\xa5"  # after the free lists, which are zero; its data is left as it was
+    yield "WORLD_STACK", border, b"\x00\xa5"  # free lists, zero, before; data, as found, after
 
 
 def _solver(sample: Sample) -> Iterator[_Check]:

@@ -14,6 +14,8 @@ from outlast.components.sight import look
 from outlast.ecs import Add, Archetype, Array, Entity, Module, Random, Read, Rows, Singleton, Write, kernel, number
 from outlast.ecs.random import normal
 
+HALF = np.float32(0.5)
+
 
 @dataclass(frozen=True)
 class Boxes(Module):
@@ -62,8 +64,8 @@ def shape_boxes(
     """Width and height of each box, for the whole episode."""
     for k in range(boxes.size):
         e = boxes[k]
-        shape.half_width[e] = max(least, width + width_deviation * normal(key, 2 * k)) / np.float32(2)
-        shape.half_height[e] = max(least, height + height_deviation * normal(key, 2 * k + 1)) / np.float32(2)
+        shape.half_width[e] = HALF * max(least, width + width_deviation * normal(key, 2 * k))
+        shape.half_height[e] = HALF * max(least, height + height_deviation * normal(key, 2 * k + 1))
 
 
 @Boxes.system(Phase.RESPAWN)

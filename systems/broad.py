@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from outlast.ecs import Array, kernel
+from outlast.ecs import Array, Real, kernel
 
 from .geometry import gap_circle_box
 
@@ -11,7 +11,7 @@ ZERO = np.float32(0)
 
 
 @kernel
-def travel(body: Array, push: Array, e: int, time: np.float32) -> np.float32:
+def travel(body: Array, push: Array, e: int, time: Real) -> Real:
     """Upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
     vx = abs(body.vx[e]) + push.inverse_mass[e] * abs(push.x[e])
     vy = abs(body.vy[e]) + push.inverse_mass[e] * abs(push.y[e])
@@ -19,7 +19,7 @@ def travel(body: Array, push: Array, e: int, time: np.float32) -> np.float32:
 
 
 @kernel
-def gap(body: Array, shape: Array, e: int, o: int) -> np.float32:
+def gap(body: Array, shape: Array, e: int, o: int) -> Real:
     """Lower bound of the distance between the surfaces of two bodies; `e` counts as the circle around it."""
     if shape.radius[o] == ZERO:
         return gap_circle_box(
@@ -31,7 +31,7 @@ def gap(body: Array, shape: Array, e: int, o: int) -> np.float32:
 
 
 @kernel
-def clearance(body: Array, shape: Array, solid: Array, entities: Array, solids: Array, e: int) -> np.float32:
+def clearance(body: Array, shape: Array, solid: Array, entities: Array, solids: Array, e: int) -> Real:
     """How far marked body `e` may be pushed before it could meet a body that is not in the scene."""
     free = ANYWHERE
     for o in solids:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Array, kernel
+from outlast.ecs import Array, Real, kernel
 
 X, Y, BOUND, MARK = 0, 1, 2, 3  # rows of the array: centre and radius of the circle, 1 if not ruled out
 ROW, LIST = 4, 5  # the entity's row (float32 holds it exactly below 2**24), and a list of members that are left
@@ -52,7 +52,7 @@ def member(crowd: Array, k: int) -> int:
 
 
 @kernel
-def beside_ray(crowd: Array, count: int, ox: np.float32, oy: np.float32, dx: np.float32, dy: np.float32) -> int:
+def beside_ray(crowd: Array, count: int, ox: Real, oy: Real, dx: Real, dy: Real) -> int:
     """List whose circles a ray may enter: not far beside it, behind it or beyond its end."""
     square = dx * dx + dy * dy
     for k in range(count):
@@ -68,7 +68,7 @@ def beside_ray(crowd: Array, count: int, ox: np.float32, oy: np.float32, dx: np.
 
 
 @kernel
-def within(crowd: Array, count: int, x: np.float32, y: np.float32, reach: np.float32) -> int:
+def within(crowd: Array, count: int, x: Real, y: Real, reach: Real) -> int:
     """List whose circles come nearer than `reach` to the point."""
     for k in range(count):
         far_x, far_y, near = crowd[X, k] - x, crowd[Y, k] - y, crowd[BOUND, k] + reach

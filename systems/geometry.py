@@ -11,7 +11,7 @@ the rays equal to Box2D's bit for bit (where neither compiler fuses multiply and
 
 import numpy as np
 
-from outlast.ecs import Array, kernel
+from outlast.ecs import Array, Real, kernel
 
 MISS = np.float32(2.0)  # any number above 1: then min(fraction) over the shapes needs no flag beside it
 ZERO = np.float32(0.0)
@@ -21,22 +21,22 @@ EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a 
 
 @kernel
 def _turn_back(
-    x: np.float32, y: np.float32, cosine: np.float32, sine: np.float32
-) -> tuple[np.float32, np.float32]:
+    x: Real, y: Real, cosine: Real, sine: Real
+) -> tuple[Real, Real]:
     """Vector (x, y) in the frame of a body turned by the angle (b2MulT)."""
     return cosine * x + sine * y, cosine * y - sine * x
 
 
 @kernel
 def ray_circle(
-    ox: np.float32,
-    oy: np.float32,
-    dx: np.float32,
-    dy: np.float32,
-    cx: np.float32,
-    cy: np.float32,
-    radius: np.float32,
-) -> np.float32:
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    cx: Real,
+    cy: Real,
+    radius: Real,
+) -> Real:
     """Fraction at which the ray enters the circle, or MISS (also from inside, or if shorter than 3.5e-4).
 
     A ray that starts on the rim and runs inwards hits at 0. A tangent hits.
@@ -56,17 +56,17 @@ def ray_circle(
 
 @kernel
 def ray_box(
-    ox: np.float32,
-    oy: np.float32,
-    dx: np.float32,
-    dy: np.float32,
-    cx: np.float32,
-    cy: np.float32,
-    cosine: np.float32,
-    sine: np.float32,
-    half_width: np.float32,
-    half_height: np.float32,
-) -> np.float32:
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    cx: Real,
+    cy: Real,
+    cosine: Real,
+    sine: Real,
+    half_width: Real,
+    half_height: Real,
+) -> Real:
     """Fraction at which the ray enters the rectangle, or MISS (also from inside or on its edge).
 
     (half_width, half_height) lie along the body's own axes; (cosine, sine) is the body's angle. A ray along
@@ -102,18 +102,18 @@ def ray_box(
 
 @kernel
 def ray_body(
-    ox: np.float32,
-    oy: np.float32,
-    dx: np.float32,
-    dy: np.float32,
-    x: np.float32,
-    y: np.float32,
-    cosine: np.float32,
-    sine: np.float32,
-    radius: np.float32,
-    half_width: np.float32,
-    half_height: np.float32,
-) -> np.float32:
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    x: Real,
+    y: Real,
+    cosine: Real,
+    sine: Real,
+    radius: Real,
+    half_width: Real,
+    half_height: Real,
+) -> Real:
     """Fraction at which the ray enters the body at (x, y), or MISS: a circle if radius > 0, else a box."""
     if radius > ZERO:
         return ray_circle(ox, oy, dx, dy, x, y, radius)
@@ -122,15 +122,15 @@ def ray_body(
 
 @kernel
 def in_kite(
-    px: np.float32,
-    py: np.float32,
-    ox: np.float32,
-    oy: np.float32,
-    cosine: np.float32,
-    sine: np.float32,
-    depth: np.float32,
-    half_fov_cos: np.float32,
-    half_fov_sin: np.float32,
+    px: Real,
+    py: Real,
+    ox: Real,
+    oy: Real,
+    cosine: Real,
+    sine: Real,
+    depth: Real,
+    half_fov_cos: Real,
+    half_fov_sin: Real,
 ) -> bool:
     """Whether point p lies in the camera's quadrilateral, border included.
 
@@ -147,15 +147,15 @@ def in_kite(
 
 @kernel
 def in_sector(
-    px: np.float32,
-    py: np.float32,
-    ox: np.float32,
-    oy: np.float32,
-    cosine: np.float32,
-    sine: np.float32,
-    depth: np.float32,
-    half_fov_cos: np.float32,
-    half_fov_sin: np.float32,
+    px: Real,
+    py: Real,
+    ox: Real,
+    oy: Real,
+    cosine: Real,
+    sine: Real,
+    depth: Real,
+    half_fov_cos: Real,
+    half_fov_sin: Real,
 ) -> bool:
     """Whether point p lies in the circular sector of radius depth and +-half_fov, border included."""
     x, y = _turn_back(px - ox, py - oy, cosine, sine)
@@ -165,16 +165,16 @@ def in_sector(
 
 @kernel
 def gap_circle_box(
-    cx: np.float32,
-    cy: np.float32,
-    radius: np.float32,
-    bx: np.float32,
-    by: np.float32,
-    cosine: np.float32,
-    sine: np.float32,
-    half_width: np.float32,
-    half_height: np.float32,
-) -> np.float32:
+    cx: Real,
+    cy: Real,
+    radius: Real,
+    bx: Real,
+    by: Real,
+    cosine: Real,
+    sine: Real,
+    half_width: Real,
+    half_height: Real,
+) -> Real:
     """Distance from the circle's rim to the rectangle's surface; negative: minus how deep they overlap."""
     x, y = _turn_back(cx - bx, cy - by, cosine, sine)
     x, y = abs(x) - half_width, abs(y) - half_height
@@ -184,7 +184,7 @@ def gap_circle_box(
 
 
 @kernel
-def enters(body: Array, shape: Array, ox: np.float32, oy: np.float32, dx: np.float32, dy: np.float32, e: int) -> np.float32:
+def enters(body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int) -> Real:
     """Fraction at which the ray enters entity `e`, or MISS: `ray_body` on the tables Body and Shape."""
     return ray_body(
         ox, oy, dx, dy, body.x[e], body.y[e], body.cosine[e], body.sine[e],

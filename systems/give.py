@@ -32,9 +32,10 @@ class GiveLast(Module):
 
 
 @kernel
-def may_take(side: Array, sides: Array, me: int, e: int) -> bool:
-    """Whether body `e` is an agent to whom `me` may give."""
-    return side.side[e] >= 0 and (sides.teams[0] == 0 or side.side[e] == side.side[me])
+def may_take(side: Array, sides: Array, agents: Array, me: int, e: int) -> bool:
+    """Whether body `e` is an agent to whom `me` may give. Rows of other kinds have no side: it reads 0 there."""
+    is_agent = agents[0] <= e <= agents[agents.size - 1]
+    return bool(is_agent and (sides.teams[0] == 0 or side.side[e] == side.side[me]))
 
 
 @GiveLast.system(Phase.GIVE)
@@ -57,15 +58,16 @@ def choose(
         gift.taker[me] = -1
         if not entities.alive[me] or not give.give[i] or bag.count[me] == 0:
             continue
-        closest = reach * reach
+        closest = np.float32(np.inf)
         for e in bodies:
-            if e == me or not entities.alive[e] or (nearest != ANY and not may_take(side, sides, me, e)):
+            if e == me or not entities.alive[e] or (nearest != ANY and not may_take(side, sides, agents, me, e)):
                 continue
             x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
-            if x * x + y * y < closest:
-                closest = x * x + y * y
+            square = x * x + y * y
+            if square <= reach * reach and square < closest:
+                closest = square
                 gift.taker[me] = e
-        if gift.taker[me] >= 0 and not may_take(side, sides, me, gift.taker[me]):
+        if gift.taker[me] >= 0 and not may_take(side, sides, agents, me, gift.taker[me]):
             gift.taker[me] = np.int32(-1)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Phase, Push, Shape, Solid
-from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Scratch, System, Write, kernel, number
+from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Scratch, System, Write, Real, kernel, number
 from outlast.ecs.jit import compiled
 
 from . import box2d_native, box2d_portable
@@ -170,8 +170,8 @@ def collider(solve: Any) -> Any:
         if count == 0:
             return
         settings = Settings(
-            ONE / rate, substeps, velocity_iterations, position_iterations, density, friction, restitution,
-            linear_damping, angular_damping, int(continuous),
+            ONE / rate, substeps, velocity_iterations, position_iterations, np.float32(density), np.float32(friction),
+            np.float32(restitution), np.float32(linear_damping), np.float32(angular_damping), int(continuous),
         )  # fmt: skip
         if solve(arena, settings, scene, count) != SOLVED:
             for e in solids:
@@ -215,7 +215,7 @@ def fly(
 
 @kernel
 def integrate(
-    body: Array, push: Array, e: int, dt: np.float32, slow: np.float32, calm: np.float32, substeps: int
+    body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, substeps: int
 ) -> None:
     """One substep of b2Island::Solve for a body that touches nothing."""
     vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / substeps)) * slow

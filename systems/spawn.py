@@ -11,7 +11,7 @@ from outlast.ecs.random import integer
 class Cells(Singleton):
     """The cells in the order in which they are taken; written at reset."""
 
-    order: Array = column("i4", "cells")
+    cells: Array = column("i4", "cells")
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ def place(
     key: Random,
 ) -> None:
     """Each body takes a random free cell, facing +x. Agents have the first rows, so items never move them."""
-    side = int(round(cells.order.size**0.5))
-    for c in range(cells.order.size):
-        cells.order[c] = c
+    side = int(round(cells.cells.size**0.5))
+    for c in range(cells.cells.size):
+        cells.cells[c] = c
     for k in range(rows.size):
         e = rows[k]
-        pick = k + integer(key, entities.identity[e], cells.order.size - k)
-        cell = cells.order[pick]
-        cells.order[pick] = cells.order[k]
-        cells.order[k] = cell
+        pick = k + integer(key, entities.identity[e], cells.cells.size - k)
+        cell = cells.cells[pick]
+        cells.cells[pick] = cells.cells[k]
+        cells.cells[k] = cell
         spawned.cell[e] = cell
         body.x[e] = floor.size[0] * ((cell % side + 0.5) / side - 0.5)
         body.y[e] = floor.size[0] * ((cell // side + 0.5) / side - 0.5)

@@ -105,7 +105,7 @@ def burn(
 @SafeZone.system(Phase.ZONE, after="zone.burn")
 def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand: int, shrink: int) -> None:
     """On to where it is after this tick."""
-    locate(zone, radii, np.int64(clock.tick[0]), stand, shrink)
+    locate(zone, radii, int(clock.tick[0]), stand, shrink)
 
 
 @SafeZone.system(Phase.OBSERVE)

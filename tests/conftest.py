@@ -5,11 +5,13 @@ from typing import Any
 
 import numba
 import numpy as np
+import pytest
 
 from outlast.ecs import Worlds
 from outlast.envs.vector import SurvivalVectorEnv
 
 COMPILED = not numba.config.DISABLE_JIT
+slow_compiled: Any = pytest.mark.slow if COMPILED else lambda test: test  # what it compiles is what takes long
 
 
 def scaled(count: int, least: int = 1) -> int:

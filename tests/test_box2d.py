@@ -14,8 +14,9 @@ import pytest
 
 from outlast.ecs.jit import compiled
 from outlast.systems import box2d_layout, box2d_native, box2d_portable, box2d_verify
-from outlast.systems.scene import (
-    ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, OMEGA, RADIUS, REACH,
+
+from outlast.systems.scene import (  # isort: skip
+    ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, OMEGA, RADIUS, REACH,
     SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
 )  # fmt: skip
 

@@ -20,11 +20,11 @@ MOVE      step         # everybody has moved
                        walkers.walk           Pace                               Place
                        weather.blow                                              Place Wind
 FEED      step         # everybody has eaten
-                       food.eat               Place                                                             Meals
+                       food.eat               Place                                                             Meals Energy
                        weather.freeze         Wind                                                              Energy
 SHOW      reset, step  # everything is seen
                        walkers.show           Place Clock                        Line Pay
-"""
+"""  # noqa: E501
 
 
 class Nowhere(Component):
@@ -97,7 +97,8 @@ def test_orders_that_cannot_matter_are_free(one: Any, two: Any) -> None:
 
 
 def test_systems_of_different_phases_never_conflict() -> None:
-    assert labels(module("zebra.act", writes), module("ape.act", writes, Phase.SHOW, before="walkers.show")) == ["zebra.act"]
+    ape = module("ape.act", writes, Phase.SHOW, before="walkers.show")
+    assert labels(module("zebra.act", writes), ape) == ["zebra.act"]
 
 
 def test_after_and_before_are_honoured() -> None:

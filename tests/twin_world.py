@@ -106,7 +106,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
                     *(body[c][row] for c in ("x", "y", "angle", "vx", "vy", "omega")),
                     *(shape[c][row] for c in ("radius", "half_width", "half_height")),
                     points, *blow, _past(points, health["doomed"][row], *blow) if mortal else [],
-                    side["side"][row], guard["heeds"][row], broken[row] == 1, weapon["wait"][row],
+                    side["side"][row] if kind == "agent" else -1, guard["heeds"][row], broken[row] == 1, weapon["wait"][row],
                     bag["items"][row][: bag["count"][row]], item["holder"][row],
                 )  # fmt: skip
             )
