@@ -1,7 +1,7 @@
 """The nouns of the game. Reading this folder tells what exists; systems/ tells what happens to it."""
 
 from .agent import OthersView, SelfView, Side, Sides
-from .body import Body, Floor, Push, Shape, Solid, Spawned
+from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
 from .box import Box, BoxesPlaced, BoxItem, BoxItemView, BoxView
 from .heal import Heal, HealsUsed, HealView
 from .health import Death, Guard, Health
@@ -15,7 +15,7 @@ from .zone import Zone, ZoneView
 
 __all__ = [
     "Attack", "Bag", "Body", "Box", "BoxItem", "BoxItemView", "BoxView", "BoxesPlaced", "Death", "Drive", "Drop",
-    "End", "Episode", "Floor", "Gift", "Give", "Guard", "Heal", "HealView", "HealsUsed", "Health", "Item", "OthersView",
+    "End", "Episode", "Fault", "Floor", "Gift", "Give", "Guard", "Heal", "HealView", "HealsUsed", "Health", "Item", "OthersView",
     "Phase", "Push", "Reward", "Score", "SelfView", "Shape", "Side", "Sides", "Sight", "Solid", "Spawned", "Use", "Weapon",
     "Zone", "ZoneView",
 ]

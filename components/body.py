@@ -53,3 +53,9 @@ class Floor(Singleton):
     """The square region of the plane that is the room, centred on the origin."""
 
     size: Array = column("f4")  # metres, side
+
+
+class Fault(Singleton):
+    """What went wrong in this world beyond repair; a face that finds it set raises. Written by contacts."""
+
+    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)

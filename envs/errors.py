@@ -11,3 +11,7 @@ class NotResetError(RuntimeError):
 
 class ClosedError(RuntimeError):
     """A call after close()."""
+
+
+class FaultError(RuntimeError):
+    """A world is in a state that cannot go on; only a reset of that world helps."""

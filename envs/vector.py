@@ -7,11 +7,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from outlast.components import End, Reward
+from outlast.components import End, Fault, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from .deaths import log_deaths
-from .errors import ActionError, ClosedError, NotResetError
+from .errors import ActionError, ClosedError, FaultError, NotResetError
 from .notice import announce_compilation
 from .scenario import Scenario, ScenarioError
 from .spaces import action_space, observation_space, published, statistics
@@ -111,6 +111,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         again = self._over if self.autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
         self._mode[:] = np.where(again, RESET, STEP)
         self.worlds.run(self._mode)
+        self._check_faults()
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
         self._over = terminated | truncated
@@ -175,6 +176,14 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             raise NotResetError(
                 f"worlds {np.flatnonzero(self._over)[:8].tolist()} have ended and autoreset is disabled; "
                 'reset them first: reset(options={"reset_mask": terminated | truncated})'
+            )
+
+    def _check_faults(self) -> None:
+        if Fault in self.worlds and self.worlds[Fault].physics.any():
+            w = int(self.worlds[Fault].physics[:, 0].argmax())
+            raise FaultError(
+                f"world {w}: a body has a position, speed or size that physics cannot take (NaN, or 1e6 and more); "
+                "some mechanic wrote it into Body or Shape. Reset the world: it starts afresh"
             )
 
     def _take(self, actions: Any) -> None:

@@ -15,7 +15,7 @@ class Agents(Module):
     """Who plays: how many, how big, how healthy (paper, section 3.1)."""
 
     count: int = number(2, low=1)
-    radius: float = number(0.5, above=0)  # metres
+    radius: float = number(0.5, low=0.002)  # metres
     density: float = number(1.0, above=0)  # kilograms per square metre
     health: int = number(100, low=1)  # hit points at birth
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import box2d_layout as at
+from .scene import CAPACITY
 
-CAPACITY = 256  # bodies in a scene
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
 
 # Byte offsets in an arena; the b2World comes first

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from outlast.ecs.jit import compiled, kernel
 
 from . import box2d_layout as at
-from .box2d_arena import BODY_DEF, BOX, CAPACITY, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
+from .box2d_arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
 from .box2d_impact import may_hit
 from .box2d_island import solve_islands
 from .box2d_verify import verify
 
 from .scene import (  # isort: skip
-    ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
+    ABANDONED, ANGLE, CAPACITY, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
     SMALLEST, SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
 )  # fmt: skip
 

@@ -9,11 +9,10 @@ import Box2D
 import numpy as np
 
 from .scene import (  # isort: skip
-    ABANDONED, ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
+    ABANDONED, ANGLE, CAPACITY, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
     SMALLEST, SOLVED, VX, VY, X, Y, Scene, Settings,
 )  # fmt: skip
 
-CAPACITY = 256  # bodies in a scene, as in the native bridge
 
 
 def make_arena() -> None:

@@ -31,12 +31,12 @@ class Boxes(Module):
     width_deviation: float = number(1.0, low=0)
     height: float = number(1.5, above=0)
     height_deviation: float = number(1.5, low=0)
-    least: float = number(0.1, above=0)  # metres, shortest side
+    least: float = number(0.1, low=0.003)  # metres, shortest side
     toughness: int = number(5, low=1)  # hit points
     owned: bool = number(True)
     dynamic: bool = number(False)  # can be pushed
     offset: float = number(0.0, low=0)  # metres from the user's centre
-    item_radius: float = number(0.25, above=0)  # metres
+    item_radius: float = number(0.25, low=0.002)  # metres
 
     def archetypes(self) -> Iterable[Archetype]:
         box = (Body(), Shape(), Solid(dynamic=self.dynamic), Spawned(), Box(), Guard(), Health(points=self.toughness))

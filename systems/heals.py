@@ -14,7 +14,7 @@ class Heals(Module):
     """Heals lie around from the start and do not come back (paper, section 3.2)."""
 
     count: int = number(15, low=1)
-    radius: float = number(0.25, above=0)  # metres
+    radius: float = number(0.25, low=0.002)  # metres
     amount: int = number(75, low=0)  # hit points
 
     def archetypes(self) -> Iterable[Archetype]:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Body, Phase, Push, Shape, Solid
-from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Scratch, System, Write, Real, kernel, number
+from outlast.components import Body, Fault, Phase, Push, Shape, Solid
+from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Real, Scratch, Singleton, System, Write, kernel, number
 from outlast.ecs.jit import compiled
 
 from . import box2d_native, box2d_portable
@@ -49,6 +49,9 @@ class Contacts(Module):
 
     def systems(self) -> Iterable[System]:
         return [s for s in self.registered if s.name != "collide" or s.compiled == self.native()]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Fault()]
 
     def native(self) -> bool:
         """Whether the native bridge is used; IncompatibleBox2D if it is asked for and cannot be."""
@@ -148,6 +151,7 @@ def collider(solve: Any) -> Any:
     def collide(
         body: Write[Body],
         solid: Write[Solid],
+        fault: Write[Fault],
         shape: Read[Shape],
         push: Read[Push],
         entities: Read[Entity],
@@ -177,7 +181,7 @@ def collider(solve: Any) -> Any:
             for e in solids:
                 solid.near[e] = entities.alive[e]
             count = stage(scene, body, shape, push, solid, entities, solids, substeps)
-            solve(arena, settings, scene, count)
+            fault.physics[0] = solve(arena, settings, scene, count) != SOLVED
         unstage(scene, body, solid, entities, solids)
 
     return collide

@@ -13,9 +13,9 @@ from outlast.ecs import Archetype, Module, Rows, Singleton, Write, number
 class Room(Module):
     """Square region centred on the origin; walls stand astride its edges (reference rules, section 1)."""
 
-    size: float = number(25.0, above=0)  # metres, side
+    size: float = number(25.0, low=1)  # metres, side
     walls: bool = number(True)
-    thickness: float = number(0.01, above=0, high=0.5)  # of a wall, as a share of the side
+    thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the side
 
     def archetypes(self) -> Iterable[Archetype]:
         if not self.walls:

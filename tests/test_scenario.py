@@ -94,7 +94,8 @@ def test_variants_have_what_the_files_leave_to_defaults(name: str) -> None:
     numbers = variant(name).numbers()
     expected = {
         "cameras_fov": 0.4 * np.pi, "cameras_depth": 10, "motors_ahead": 0.25, "motors_left": 0.25,
-        "motors_turn": 0.0125, "inventory_slots": 4, "pickup_reach": 0.5, "give_reach": 2, "drop_radius": 0.5, "melee_cooldown": 0,
+        "motors_turn": 0.0125, "inventory_slots": 4, "pickup_reach": 0.5, "give_reach": 2, "drop_radius": 0.5,
+        "melee_cooldown": 0,
         "physics_rate": 60, "physics_substeps": 2, "physics_velocity_iterations": 10, "physics_position_iterations": 10,
         "physics_density": 1, "physics_friction": 0.2, "physics_restitution": 0, "physics_linear_damping": 0.8,
         "physics_angular_damping": 0.8, "room_thickness": 0.01, "zone_shrink": 100, "ending_limit": 0,
