@@ -3,10 +3,11 @@
 The source of that function is written into a cache folder, where numba keeps the machine code beside it and where
 it can be read. It loops over the worlds; for each it makes the tables and calls the kernels one after the other:
 
-    tick(start, stop, mode, layout, sizes, constants, integers, reals, scratch)
+    tick(start, stop, mode, layout, constants, scratch, integers, reals)
 
-mode: int8 (worlds,), SKIP / STEP / RESET. layout: int64 (columns, 2), address and world stride of each column.
-The other arrays carry what a scenario's numbers decide, so that changing a number compiles nothing anew.
+mode: int8 (worlds,), SKIP / STEP / RESET. layout, constants and scratch say where the columns, the lists of rows and the
+thread's own memory lie, in rows of numbers (see ecs.view); integers and reals are the modules' numbers. All of it is data, so
+changing a scenario's numbers compiles nothing anew.
 A system that stays Python splits the tick into several such functions, called in turn.
 """
 
@@ -32,10 +33,10 @@ from .layout import Layout
 from .module import Module, System
 from .phase import When
 from .random import stream_number
-from .view import python_view, view_function, view_name
+from .view import array_view, table_view
 
 SKIP, STEP, RESET = 0, 1, 2
-HEADER = "def tick(start, stop, mode, layout, sizes, constants, integers, reals, scratch):"
+HEADER = "def tick(start, stop, mode, layout, constants, scratch, integers, reals):"
 
 
 @kernel
@@ -89,10 +90,9 @@ class Writer:
     def _start(self, clock: str) -> list[str]:
         template = self._constant(self.layout.template.view(np.uint64))
         block = self._view(np.dtype("u8"), 1, True)
-        address = f"layout[{len(self.layout.places)}, 0] + w * layout[{len(self.layout.places)}, 1]"
         return [
             "        if fresh:",
-            f"            restore({block}({address}, ({template}.size,)), {template})",
+            f"            restore({block}(layout, {len(self.layout.places)}, w), {template})",
             f"            {clock}.episode[0] += np.uint64(1)",
             f"            {clock}.tick[0] = np.uint64(0)",
             "        else:",
@@ -134,14 +134,14 @@ class Writer:
         return f"integers[{len(self.arguments.integers) - 1}]"
 
     def _view(self, dtype: np.dtype[Any], ndim: int, writable: bool) -> str:
-        name = view_name(dtype, ndim, writable)
-        self.names[name] = view_function(dtype, ndim, writable) if self.compiled else python_view(dtype, writable)
+        name = f"{dtype.str[1:]}_{ndim}_{'w' if writable else 'r'}"
+        self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
     def _constant(self, array: np.ndarray[Any, Any]) -> str:
         k = len(self.arguments.constants)
         self.arguments.constants.append(np.ascontiguousarray(array))
-        self.before.append(f"c{k} = {self._view(array.dtype, 1, False)}(constants[{k}, 0], (constants[{k}, 1],))")
+        self.before.append(f"c{k} = {self._view(array.dtype, 1, False)}(constants, {k}, 0)")
         return f"c{k}"
 
     def _scratch(self, module: Module, name: str) -> str:
@@ -150,27 +150,17 @@ class Writer:
         if not self.compiled:
             return f"scratch[{k}]"
         memory = module.scratch(name, self.layout.dims)  # made to learn its type
-        shape = ", ".join(f"scratch[{k}, {axis + 1}]" for axis in range(memory.ndim))
-        self.before.append(f"s{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch[{k}, 0], ({shape},))")
+        self.before.append(f"s{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch, {k}, 0)")
         return f"s{k}"
 
     def _table(self, component: type[Component], access: str) -> str:
         name = f"{component.__module__.rsplit('.', 1)[-1]}_{component.__name__}_{access}".lower()
         if name not in self.tables:
-            kind = f"{component.__module__.rsplit('.', 1)[-1]}_{component.__name__}"
-            self.names[kind] = component.Table
-            columns = [self._column(k, access == "w") for k in range(len(self.layout.places)) if self._is(k, component)]
-            self.tables[name] = f"{kind}({', '.join(columns)})"
+            places = [k for k, place in enumerate(self.layout.places) if place.component is component]
+            ndims = [len(self.layout.places[k].shape) for k in places]
+            self.names[f"view_{name}"] = table_view(component, places[0], ndims, access == "w", not self.compiled)
+            self.tables[name] = f"view_{name}(layout, w)"
         return name
-
-    def _is(self, k: int, component: type[Component]) -> bool:
-        return self.layout.places[k].component is component
-
-    def _column(self, k: int, writable: bool) -> str:
-        place = self.layout.places[k]
-        dtype = place.component.columns[place.name].dtype
-        shape = ", ".join(f"sizes[{k}, {axis}]" for axis in range(len(place.shape)))
-        return f"{self._view(dtype, len(place.shape), writable)}(layout[{k}, 0] + w * layout[{k}, 1], ({shape},))"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from .errors import DeclarationError, ScheduleError
 from .layout import Layout
 from .module import Module
 from .tick import Segment, is_cached, segments
+from .view import WIDTH, describe
 
 BLOCK = 16  # worlds a thread takes at a time: enough to pay for the call, few enough to end together
 
@@ -26,8 +27,8 @@ class Worlds:
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
     The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take all
-    worlds through one after the other, to time them (see `times`); the results are the same. Raises DeclarationError or ScheduleError when
-    the modules do not fit together.
+    worlds through one after the other, to time them (see `times`); the results are the same.
+    Raises DeclarationError or ScheduleError when the modules do not fit together.
     """
 
     def __init__(self, modules: Sequence[Module], count: int, threads: int = 1, split: bool = False) -> None:
@@ -42,8 +43,7 @@ class Worlds:
         self._segments = segments(self.layout, self.schedule.systems, split)
         self.times = [0.0] * len(self._segments)  # seconds spent in each; with split, in each system of the schedule
         self._inputs = [_Inputs(segment, self.dims) for segment in self._segments]
-        self._columns = self._column_addresses()
-        self._sizes = _table([place.shape for place in self.layout.places])
+        self._columns = self._column_rows()
         self._pool: ThreadPoolExecutor | None = None
         self._owner = os.getpid()
 
@@ -122,7 +122,7 @@ class Worlds:
 
     def _call(self, segment: Segment, inputs: "_Inputs", thread: int, start: int, stop: int, mode: Any) -> None:
         scratch = inputs.scratch(thread)
-        arguments = (mode, self._columns, self._sizes, inputs.constants, inputs.integers, inputs.reals, scratch)
+        arguments = (mode, self._columns, inputs.constants, scratch, inputs.integers, inputs.reals)
         if segment.compiled:
             with _plain_errors():
                 segment.function(start, stop, *arguments)
@@ -142,9 +142,11 @@ class Worlds:
             *(np.zeros((self.count, *component.row_shape(name, self.dims)), column.dtype) for name, column in columns)
         )
 
-    def _column_addresses(self) -> np.ndarray[Any, Any]:
-        columns = [getattr(self[place.component], place.name) for place in self.layout.places]
-        return np.array([(c.ctypes.data, c.strides[0]) for c in [*columns, self.block]], np.int64)
+    def _column_rows(self) -> np.ndarray[Any, Any]:
+        """Where every column lies, and last the blocks of the worlds themselves."""
+        columns = [(getattr(self[place.component], place.name), place.shape) for place in self.layout.places]
+        columns.append((self.block, (self.layout.world_bytes // 8,)))
+        return np.array([describe(column, column.strides[0], shape) for column, shape in columns], np.int64)
 
 
 class _Inputs:
@@ -154,26 +156,23 @@ class _Inputs:
         arguments = segment.arguments
         self.segment, self.dims = segment, dims
         self.kept = arguments.constants
-        self.constants = _table([(array.ctypes.data, array.size) for array in self.kept])
+        self.constants = _rows(self.kept)
         self.integers = np.array([*arguments.integers, 0], np.int64)
         self.reals = np.array([*arguments.reals, 0.0], np.float32)
         self._scratch: dict[int, tuple[list[Any], Any]] = {}
         self._lock = threading.Lock()
 
     def scratch(self, thread: int) -> Any:
-        """Addresses and sizes of the thread's scratch memory; the memory itself for a Python segment."""
+        """Where the thread's scratch memory lies; for a Python segment, the memory itself."""
         with self._lock:
             if thread not in self._scratch:
                 memory = [module.scratch(name, self.dims) for module, name in self.segment.arguments.scratch]
-                table = _table([(m.ctypes.data, *m.shape) for m in memory]) if self.segment.compiled else memory
-                self._scratch[thread] = (memory, table)
+                self._scratch[thread] = (memory, _rows(memory) if self.segment.compiled else memory)
         return self._scratch[thread][1]
 
 
-def _table(rows: Sequence[tuple[int, ...]], fill: int = 0) -> np.ndarray[Any, Any]:
-    """int64 table of rows of unequal length, never empty."""
-    width = max(map(len, rows), default=1)
-    return np.array([*((*row, *[fill] * (width - len(row))) for row in rows), [fill] * width], np.int64)
+def _rows(arrays: Sequence[np.ndarray[Any, Any]]) -> np.ndarray[Any, Any]:
+    return np.array([describe(array, 0, array.shape) for array in arrays], np.int64).reshape(len(arrays), WIDTH)
 
 
 @contextlib.contextmanager

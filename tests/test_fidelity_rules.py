@@ -1,0 +1,306 @@
+"""What was measured on the authors' own implementation ([M] in the reference rules): who lives, who gets what."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from stage import CORNERS, Stage
+
+from outlast.components import HealsUsed
+from outlast.ecs import Entity
+
+OUTSIDE = (11.0, 11.0)  # in the room, but not in the first zone
+
+
+def duel(stage: Stage, far: float = 2.0) -> Stage:
+    """Agent 0 stands at the origin and looks at agent 1, which looks back."""
+    stage.put("agent", 0, 0, 0)
+    stage.put("agent", 1, far, 0, math.pi)
+    return stage
+
+
+def mates(stage: Stage) -> Stage:
+    """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
+    for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
+        stage.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
+    return stage
+
+
+def owned_box(stage: Stage) -> Stage:
+    """Agent 0 has broken box 0, picked it up and set it up again."""
+    stage.put("agent", 0, 0, 0)
+    stage.put("box", 0, 1.3, 0)
+    stage.step({0: "attack"}).step()
+    stage.put("agent", 0, 1.3, 0)
+    stage.step()
+    assert stage.bag(0) == [stage.row("box_item", 0)]
+    stage.put("agent", 0, 0, 0)
+    stage.step({0: "use"})
+    assert stage.here("box", 0)
+    return stage
+
+
+def test_the_zone_kills_one_step_after_health_is_gone() -> None:
+    stage = Stage("ffa_1")
+    stage.put("agent", 0, *OUTSIDE)
+    assert stage.step().health(0) == 99
+    stage.step(times=99)
+    assert (stage.health(0), stage.here("agent", 0), stage.rewards[0]) == (0, True, 1)
+    stage.step()
+    assert (stage.here("agent", 0), stage.rewards[0], stage.death(0)) == (False, 0, ("zone", -1))
+    assert stage.tick == 101
+
+
+def test_a_heal_saves_who_has_no_health_left() -> None:
+    stage = Stage("ffa_1")
+    stage.put("agent", 0, *OUTSIDE)
+    stage.hand(0, "heal", 0)
+    stage.wound(0, 1)
+    assert stage.step().health(0) == 0
+    stage.step({0: "use"})
+    assert (stage.health(0), stage.here("agent", 0)) == (74, True)
+
+
+def test_who_has_no_health_left_can_still_kill() -> None:
+    stage = duel(Stage())
+    stage.wound(0, 0)
+    stage.wound(1, 5)
+    stage.step({0: "attack"})
+    assert not stage.here("agent", 0)
+    assert not stage.here("agent", 1)
+    assert stage.death(1) == ("melee", 0)
+
+
+def test_health_has_no_maximum() -> None:
+    stage = Stage()
+    stage.hand(0, "heal", 0)
+    assert stage.step({0: "use"}).health(0) == 175
+    assert stage.column(HealsUsed).heals_used[0, 0] == 1
+
+
+def test_a_fresh_agent_takes_twenty_strikes() -> None:
+    stage = duel(Stage())
+    stage.step({0: "attack"}, 19)
+    assert (stage.health(1), stage.here("agent", 1)) == (5, True)
+    assert not stage.step({0: "attack"}).here("agent", 1)
+
+
+def test_melee_reaches_a_centre_two_and_a_half_ahead() -> None:
+    for far, health in ((2.49, 95), (2.51, 100)):
+        assert duel(Stage(), far).step({0: "attack"}).health(1) == health
+
+
+def test_who_strikes_together_dies_together() -> None:
+    stage = duel(Stage())
+    for agent in (0, 1):
+        stage.wound(agent, 5)
+    stage.step({0: "attack", 1: "attack"})
+    assert stage.rewards == [-101, -101]
+    assert stage.over
+
+
+@pytest.mark.parametrize("kind", ["heal", "box_item", "box"])
+def test_what_lies_between_takes_the_strike(kind: str) -> None:
+    stage = duel(Stage())
+    stage.put(kind, 0, 1, 0, size=(0.2, 0.2))
+    assert stage.step({0: "attack"}).health(1) == 100
+    stage.put(kind, 0, 0.1, 0, size=(0.5, 0.5))  # but not what the attacker stands in
+    stage.column(Entity).alive[0, stage.row("box_item", 0)] = kind == "box_item"
+    assert duel(stage).step({0: "attack"}).health(1) == 95
+
+
+def test_walls_and_team_mates_take_the_strike() -> None:
+    stage = mates(Stage("teams_4"))
+    stage.put("agent", 1, 0.1, 0.4)
+    stage.step({0: "attack"})
+    assert [stage.health(agent) for agent in range(4)] == [100] * 4
+    stage = Stage(melee_cooldown=40, melee_damage=20)
+    stage.put("agent", 0, 11.5, 0)
+    stage.put("agent", 1, 11.5, 1.2, -math.pi / 2)
+    stage.step({0: "attack", 1: "attack"})
+    stage.put("agent", 0, 11.5, 0, math.pi / 2)
+    stage.step({0: "attack", 1: "attack"}, 40)
+    assert (stage.health(0), stage.health(1)) == (80, 100)  # both rest, agent 0 because it struck the wall
+    stage.step({0: "attack"})
+    assert stage.health(1) == 80
+
+
+def test_one_strike_breaks_a_box_and_its_item_comes_a_step_later() -> None:
+    stage = Stage()
+    stage.put("agent", 0, 0, 0)
+    stage.put("box", 0, 1.5, 0.3)
+    stage.step({0: "attack"})
+    assert (stage.here("box", 0), stage.here("box_item", 0), stage.broken) == (False, False, [1, 0])
+    assert stage.sees(0, "boxes") == stage.sees(0, "box_items") == [0, 0]
+    stage.step()
+    assert (stage.here("box", 0), stage.here("box_item", 0), stage.broken) == (False, True, [0, 0])
+    assert stage.place("box_item", 0) == pytest.approx((1.5, 0.3))
+
+
+def test_boxes_broken_together_leave_items_where_each_stood() -> None:
+    """In the original both lay at the first one's place (rules, section 7, point 1)."""
+    stage = Stage()
+    for agent, x in enumerate((-5.0, 5.0)):
+        stage.put("agent", agent, x, 0)
+        stage.put("box", agent, x + 1.5, 0)
+    stage.step({0: "attack", 1: "attack"}).step()
+    assert [stage.place("box_item", k) for k in (0, 1)] == [(-3.5, 0), (6.5, 0)]
+
+
+def test_only_its_owner_breaks_an_owned_box_for_good() -> None:
+    stage = owned_box(Stage())
+    stage.put("agent", 1, 0.75, 2, -math.pi / 2)
+    assert stage.step({1: "attack"}, 5).here("box", 0)
+    assert not stage.step({0: "attack"}).here("box", 0)
+    stage.step()
+    stage.put("agent", 1, *stage.place("box_item", 0))  # whoever sets it up, it stays agent 0's
+    stage.step()
+    stage.put("agent", 1, 0.75, 4, -math.pi / 2)
+    stage.step({1: "use"})
+    assert stage.here("box", 0)
+    assert stage.step({1: "attack"}, 5).here("box", 0)
+
+
+def test_the_box_of_a_dead_owner_is_indestructible() -> None:
+    stage = owned_box(Stage(ending_rule="all dead"))
+    stage.put("agent", 1, 0.75, 2, -math.pi / 2)
+    stage.wound(0, 0)
+    assert not stage.step().here("agent", 0)
+    assert stage.step({1: "attack"}, 20).here("box", 0)
+
+
+def test_pickup_needs_the_centre_within_half_a_metre() -> None:
+    for far, taken in ((0.49, True), (0.5, True), (0.51, False)):
+        stage = Stage()
+        stage.put("agent", 0, 0, 0)
+        stage.put("heal", 0, far, 0)
+        assert stage.step().here("heal", 0) != taken
+
+
+def test_a_full_bag_leaves_the_item_on_the_ground() -> None:
+    stage = Stage()
+    for k in range(4):
+        stage.hand(0, "heal", k)
+    stage.put("heal", 4, *CORNERS[0])
+    assert stage.step().here("heal", 4)
+    assert len(stage.bag(0)) == 4
+    stage.step({0: "use"})
+    assert not stage.here("heal", 4)
+
+
+def test_an_item_goes_into_one_bag_only() -> None:
+    """In the original, agents pressed together could both get it (rules, section 7, point 3)."""
+    stage = duel(Stage(), 0.995)
+    stage.put("heal", 0, 0.4975, 0)
+    stage.step()
+    assert sorted(map(len, (stage.bag(0), stage.bag(1)))) == [0, 1]
+
+
+def test_what_one_uses_is_not_what_one_gives() -> None:
+    stage = duel(Stage(), 1.5)
+    for k in (0, 1):
+        stage.hand(0, "heal", k)
+    stage.step({0: "use give"})
+    assert (stage.health(0), stage.bag(0), stage.bag(1)) == (175, [], [stage.row("heal", 0)])
+
+
+@pytest.mark.parametrize("far", [1.99, 2.0, 2.01])
+def test_giving_reaches_two_metres(far: float) -> None:
+    stage = duel(Stage(), far)
+    stage.hand(0, "heal", 0)
+    assert len(stage.step({0: "give"}).bag(1)) == (far <= 2)
+
+
+@pytest.mark.parametrize("kind", ["heal", "box_item", "box", "opponent"])
+def test_giving_fails_if_anything_else_is_nearer(kind: str) -> None:
+    stage = mates(Stage("teams_4"))
+    stage.put("agent", 1, -1, 1.9)
+    stage.hand(0, "heal", 1)
+    assert stage.step({0: "give"}).bag(1) == [stage.row("heal", 1)]
+    stage.put("agent", 2, -2.5, 0) if kind == "opponent" else stage.put(kind, 0, -1.9, 0, size=(0.1, 0.1))
+    stage.hand(0, "heal", 2)
+    assert stage.step({0: "give"}).bag(0) == [stage.row("heal", 2)]
+
+
+def test_who_gives_to_a_full_bag_keeps_the_item() -> None:
+    """In the original it was lost (rules, section 7, point 4)."""
+    stage = duel(Stage(), 1.5)
+    for k in range(4):
+        stage.hand(1, "heal", k)
+    stage.hand(0, "heal", 4)
+    assert stage.step({0: "give"}).bag(0) == [stage.row("heal", 4)]
+    assert len(stage.bag(1)) == 4
+
+
+def test_the_dead_drop_everything_half_a_metre_away() -> None:
+    stage = Stage("ffa_1")
+    for k in range(3):
+        stage.hand(0, "heal", k)
+    stage.wound(0, 0)
+    stage.step()
+    assert [math.dist(stage.place("heal", k), CORNERS[0]) for k in range(3)] == pytest.approx([0.5] * 3, abs=1e-5)
+    assert stage.bag(0) == []
+
+
+def test_the_longest_life_without_heals() -> None:
+    """The zone is void from the end of step 1400, hurts from 1401, and the last agent is removed in 1501."""
+    stage = Stage("ffa_1", zone_centres="middle")
+    stage.put("agent", 0, 0, 0)
+    stage.step(times=1400)
+    assert (stage.health(0), stage.zone) == (100, [0] * 6)
+    assert stage.step().health(0) == 99
+    stage.step(times=99)
+    assert (stage.health(0), stage.here("agent", 0), stage.over) == (0, True, False)
+    stage.step()
+    assert (stage.here("agent", 0), stage.over) == (False, True)
+
+
+def test_the_zone_stands_a_hundred_steps_and_shrinks_a_hundred() -> None:
+    stage = Stage("ffa_1")
+    radii = [stage.zone[2]] + [stage.step().zone[2] for _ in range(200)]
+    assert radii[:101] == [12.5] * 101
+    assert [a - b for a, b in pairwise(radii[100:])] == pytest.approx([0.025] * 100, abs=1e-5)
+    assert stage.zone[2] == 10
+
+
+def test_a_kill_pays_the_killer() -> None:
+    stage = duel(Stage())
+    stage.wound(1, 5)
+    assert stage.step({0: "attack"}).rewards == [101, -101]
+
+
+def test_a_kill_pays_the_team_and_its_victims_team_mates_are_charged() -> None:
+    stage = mates(Stage("teams_4"))
+    stage.wound(2, 5)
+    assert stage.step({0: "attack"}).rewards == [101, 101, -99, -99]
+
+
+def test_teams_are_paid_for_the_kills_of_their_dead() -> None:
+    stage = mates(Stage("teams_4"))
+    for agent in (0, 2):
+        stage.wound(agent, 5)
+    assert stage.step({0: "attack", 2: "attack"}).rewards == [1, 1, 1, 1]
+    stage = mates(Stage("teams_4"))
+    for agent in range(4):
+        stage.wound(agent, 5)
+    stage.step({agent: "attack" for agent in range(4)})
+    assert stage.rewards == [-1] * 4  # two kills, two deaths, and nobody is alive
+
+
+def test_a_death_in_the_zone_is_nobodys_kill() -> None:
+    """Also of an agent that a melee left with a single point."""
+    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage.wound(1, 6)
+    stage.step({0: "attack"})
+    assert stage.health(1) == 0
+    assert stage.step().rewards == [1, -101]
+    assert stage.death(1) == ("zone", -1)
+
+
+def test_who_strikes_the_doomed_in_a_later_step_gets_no_credit() -> None:
+    """Unlike the original (rules, section 7, point 6)."""
+    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage.wound(1, 1)
+    assert stage.step().health(1) == 0
+    assert stage.step({0: "attack"}).rewards == [1, -101]
+    assert stage.death(1) == ("zone", -1)
