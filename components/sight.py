@@ -17,7 +17,7 @@ class Sight(Singleton):
 
 @kernel
 def look(sight: Any, entities: Any, i: int, me: int, e: int) -> tuple[int, int]:
-    """(mask, shown) of entity `e` for observer number `i` in row `me`: what the mask says, and whether its row is filled.
+    """(mask, shown) of entity `e` for observer number `i` in row `me`: what the mask says, and if its row is filled.
 
     masked: both only for what the camera sees. revealed: the camera masks, rows of all that exists are filled.
     omniscient: all that exists has both. A dead observer's masks are 0.

@@ -5,7 +5,20 @@ layout (where it all lies), tick (the order as code), worlds (a batch of worlds,
 """
 
 from .access import Add, Cause, Random, Read, Rows, Scratch, Write
-from .component import Action, Array, Clock, Column, Component, Entity, Observation, Real, Signal, Singleton, Statistic, column
+from .component import (
+    Action,
+    Array,
+    Clock,
+    Column,
+    Component,
+    Entity,
+    Observation,
+    Real,
+    Signal,
+    Singleton,
+    Statistic,
+    column,
+)
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
 from .jit import kernel
 from .module import Archetype, Module, System, number
@@ -14,8 +27,38 @@ from .tick import RESET, SKIP, STEP
 from .worlds import Worlds
 
 __all__ = [
-    "RESET", "SKIP", "STEP", "Action", "Add", "Archetype", "Array", "Cause", "Clock", "Column", "Component",
-    "DeclarationError", "EngineError", "Entity", "Module", "NumberError", "Observation", "Phase", "Random", "Read",
-    "Real", "Rows", "ScheduleError", "Scratch", "Signal", "Singleton", "Statistic", "System", "When", "Worlds", "Write",
-    "column", "kernel", "number",
+    "RESET",
+    "SKIP",
+    "STEP",
+    "Action",
+    "Add",
+    "Archetype",
+    "Array",
+    "Cause",
+    "Clock",
+    "Column",
+    "Component",
+    "DeclarationError",
+    "EngineError",
+    "Entity",
+    "Module",
+    "NumberError",
+    "Observation",
+    "Phase",
+    "Random",
+    "Read",
+    "Real",
+    "Rows",
+    "ScheduleError",
+    "Scratch",
+    "Signal",
+    "Singleton",
+    "Statistic",
+    "System",
+    "When",
+    "Worlds",
+    "Write",
+    "column",
+    "kernel",
+    "number",
 ]

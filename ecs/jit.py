@@ -65,6 +65,7 @@ def loader(kind: str) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
             return builder.load(pointer)
+
         return value(types.intp), generate
 
     return load
@@ -80,6 +81,7 @@ def storer(kind: str) -> Any:
             pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
             builder.store(arguments[1], pointer)
             return context.get_dummy_value()
+
         return types.void(types.intp, value), generate
 
     return store

@@ -138,5 +138,7 @@ def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
         merged[part.name] = Archetype(part.name, parts_, before.count + part.count, before.alive and part.alive)
     for archetype in merged.values():
         if archetype.count == 0:
-            raise DeclarationError(f"modules extend the archetype '{archetype.name}', but none declares how many there are")
+            raise DeclarationError(
+                f"modules extend the archetype '{archetype.name}', but none declares how many there are"
+            )
     return merged

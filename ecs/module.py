@@ -28,7 +28,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def number(
-    default: Any, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf, choices: tuple[str, ...] = ()
+    default: Any,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float = -math.inf,
+    choices: tuple[str, ...] = (),
 ) -> Any:
     """A module's number with its range: low <= value <= high and value > above; or one of `choices`."""
     return field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
@@ -82,7 +87,9 @@ class Module:
     def __post_init__(self) -> None:
         for item in fields(self):
             if hasattr(Module, item.name):
-                raise DeclarationError(f"{self.name()} has a number '{item.name}', which hides Module.{item.name}; rename it")
+                raise DeclarationError(
+                    f"{self.name()} has a number '{item.name}', which hides Module.{item.name}; rename it"
+                )
             value = _checked(f"{self.name()}.{item.name}", getattr(self, item.name), item.default, item.metadata)
             object.__setattr__(self, item.name, value)
 
@@ -99,7 +106,12 @@ class Module:
 
     @classmethod
     def system(
-        cls, phase: Phase, *, after: str | tuple[str, ...] = (), before: str | tuple[str, ...] = (), compiled: bool = True
+        cls,
+        phase: Phase,
+        *,
+        after: str | tuple[str, ...] = (),
+        before: str | tuple[str, ...] = (),
+        compiled: bool = True,
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
 
@@ -183,7 +195,9 @@ def _checked(name: str, value: Any, default: Any, rule: Any) -> Any:
     if not real or isinstance(value, bool) or not abs(value) <= limit:
         needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
         raise NumberError(f"{name} = {value!r}: {needed} is needed")
-    low, high, above = (rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf)))
+    low, high, above = (
+        rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf))
+    )
     if not low <= value <= high or not value > above:
         least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
         raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))

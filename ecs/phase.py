@@ -1,9 +1,9 @@
 """Phases: the ordered stations of a tick. A game lists its own as an enumeration of Phase.
 
-    class Phase(ecs.Phase):
-        SPAWN = When.RESET, "everybody stands on a cell of its own"
-        MOVE = When.STEP, "bodies have moved, contacts are resolved"
-        OBSERVE = When.ALWAYS, "observations show the world as it is"
+class Phase(ecs.Phase):
+    SPAWN = When.RESET, "everybody stands on a cell of its own"
+    MOVE = When.STEP, "bodies have moved, contacts are resolved"
+    OBSERVE = When.ALWAYS, "observations show the world as it is"
 """
 
 from enum import Enum

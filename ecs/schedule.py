@@ -58,8 +58,8 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
             for component in parameter.components:
                 if parameter.kind != "rows" and component not in present:
                     raise ScheduleError(
-                        f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of this "
-                        f"scenario brings it; add the module that does, or leave {system.module} out"
+                        f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
+                        f"this scenario brings it; add the module that does, or leave {system.module} out"
                     )
 
 
@@ -95,8 +95,8 @@ def _check_conflicts(systems: Sequence[System], reach: dict[str, set[str]]) -> N
             shared = _conflict(first, second)
             if shared and first.label not in reach[second.label]:
                 raise ScheduleError(
-                    f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both touch "
-                    f'{shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} (or the '
+                    f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both "
+                    f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} (or the '
                     "other way round), put one into another phase, or declare Add where both only add"
                 )
 

@@ -5,9 +5,9 @@ it can be read. It loops over the worlds; for each it makes the tables and calls
 
     tick(start, stop, mode, layout, constants, scratch, integers, reals)
 
-mode: int8 (worlds,), SKIP / STEP / RESET. layout, constants and scratch say where the columns, the lists of rows and the
-thread's own memory lie, in rows of numbers (see ecs.view); integers and reals are the modules' numbers. All of it is data, so
-changing a scenario's numbers compiles nothing anew.
+mode: int8 (worlds,), SKIP / STEP / RESET. layout, constants and scratch say where the columns, the lists of rows and
+the thread's own memory lie, in rows of numbers (see ecs.view); integers and reals are the modules' numbers. All of it
+is data, so changing a scenario's numbers compiles nothing anew.
 A system that stays Python splits the tick into several such functions, called in turn.
 """
 
@@ -174,7 +174,7 @@ class Segment:
 
 
 def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> list[Segment]:
-    """Generate the functions of a tick; with no Python system among them there is exactly one, or one a system (split)."""
+    """Generate the functions of a tick; with no Python system among them there is one; split: one a system."""
     result = []
     groups = [[system] for system in systems] if split else [list(g) for _, g in groupby(systems, lambda s: s.compiled)]
     for number, group in enumerate(groups or [[]]):  # without systems, time still goes on
@@ -197,12 +197,15 @@ def load(source: str, names: dict[str, Any], systems: Iterable[System], jit: boo
             file.write(source)
         os.replace(temporary, path)
     spec = importlib.util.spec_from_file_location(f"outlast_{name}", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     module.__dict__.update(names)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)
-    keep = all(Path(inspect.getfile(system.function)).exists() for system in systems)  # typed in at a prompt: it may change
+    keep = all(
+        Path(inspect.getfile(system.function)).exists() for system in systems
+    )  # typed in at a prompt: it may change
     return kernel(module.tick, cache=keep) if jit else module.tick
 
 

@@ -79,7 +79,7 @@ def _data(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 def _array(context: Any, builder: Any, kind: Any, data: Any, start: Any, w: Any) -> Any:
-    """numba's array structure for the row of numbers that begins `start` words into `data`."""
+    """Numba's array structure for the row of numbers that begins `start` words into `data`."""
 
     def number(k: int) -> Any:
         return builder.load(builder.gep(data, [builder.add(start, ir.Constant(WORD, k))]))
@@ -92,7 +92,9 @@ def _array(context: Any, builder: Any, kind: Any, data: Any, start: Any, w: Any)
         strides.insert(0, builder.mul(strides[0], size))
     count = builder.udiv(builder.mul(strides[0], shape[0]), itemsize)
     address = builder.add(number(0), builder.mul(w, number(1)))
-    pointer = builder.inttoptr(address, model.get_member_fe_type("data") and context.get_data_type(kind.dtype).as_pointer())
+    pointer = builder.inttoptr(
+        address, model.get_member_fe_type("data") and context.get_data_type(kind.dtype).as_pointer()
+    )
     fields = {"nitems": count, "itemsize": itemsize, "data": pointer, "shape": shape, "strides": strides}
     result = ir.Constant(model.get_value_type(), None)  # no owner: nothing is counted
     for name, value in fields.items():

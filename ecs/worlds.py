@@ -1,4 +1,4 @@
-"""Worlds: a batch of worlds of one scenario, their tables, and the runner that takes blocks of them through the tick."""
+"""A batch of worlds of one scenario, their tables, and the runner that takes blocks of them through the tick."""
 
 import contextlib
 import os
@@ -26,8 +26,8 @@ class Worlds:
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take all
-    worlds through one after the other, to time them (see `times`); the results are the same.
+    The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take
+    all worlds through one after the other, to time them (see `times`); the results are the same.
     Raises DeclarationError or ScheduleError when the modules do not fit together.
     """
 
@@ -183,6 +183,7 @@ def _plain_errors() -> Iterator[None]:
     except TypingError as error:
         if "readonly array" in str(error):
             raise ScheduleError(
-                "a system writes a component that its parameter list declares as Read; declare it Write (or Add)\n" + str(error)
+                "a system writes a component that its parameter list declares as Read; declare it Write (or Add)\n"
+                + str(error)
             ) from None
         raise

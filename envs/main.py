@@ -81,7 +81,8 @@ def _rollout(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace, summary: Summary, done: int, seconds: float, agents: int) -> None:
-    print(f"{options.variant}: {options.policy} policy, seed {options.seed}, {options.worlds} worlds x {options.steps} steps")
+    print(f"{options.variant}: {options.policy} policy, seed {options.seed}, ", end="")
+    print(f"{options.worlds} worlds x {options.steps} steps")
     print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
     print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
     print(f"{summary.episodes:,} episodes ended; those still running are not counted\n\n{summary}")

@@ -16,7 +16,8 @@ def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
         yield
         return
     print(
-        f"outlast: compiling the tick of {name} for this machine, once (about 20 s); machine code is kept in {cache_folder()}",
+        f"outlast: compiling the tick of {name} for this machine, once (about 20 s); "
+        f"machine code is kept in {cache_folder()}",
         file=sys.stderr,
         flush=True,
     )

@@ -62,7 +62,9 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
             "left": 1 + _sign(left, 0.3),
             "turn": 1 + _sign(4 * error - 3 * omega, 0.2),
             "attack": met & (_length(enemy - place) < REACH + 0.5),
-            "use": (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0) if "heal_slot" in observations else 0,
+            "use": (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0)
+            if "heal_slot" in observations
+            else 0,
         }
         zeros = np.zeros(health.shape, np.int8)
         return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in keys], axis=-1)

@@ -29,7 +29,9 @@ class Scenario:
         slots = [module.slot() for module in self.modules]
         for slot in slots:
             if slots.count(slot) > 1:
-                raise ScenarioError(f"{self.name}: more than one module for {slot.__name__}; use with_() to replace one")
+                raise ScenarioError(
+                    f"{self.name}: more than one module for {slot.__name__}; use with_() to replace one"
+                )
         if FreeForAll.slot() not in slots:  # without teams, everybody fights for itself
             object.__setattr__(self, "modules", (*self.modules, FreeForAll()))
 

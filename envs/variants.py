@@ -1,15 +1,33 @@
 """The paper's eight variants, as data (reference rules, section 0).
 
-Where the paper's text and the runs behind its figures differ, a mechanic's default follows the text, and BASE below says
-what the runs had.
+Where the paper's text and the runs behind its figures differ, a mechanic's default follows the text, and BASE below
+says what the runs had.
 """
 
 import difflib
 
 from outlast.systems import (
-    Agents, AutoPickup, Boxes, Cameras, Contacts, DeathDrop, Ending, FreeForAll, GiveLast, Heals, Inventory, Melee,
-    Mortality, Motors, Record, Rewards, Room, SafeZone, SpawnGrid, Teams,
-)  # fmt: skip
+    Agents,
+    AutoPickup,
+    Boxes,
+    Cameras,
+    Contacts,
+    DeathDrop,
+    Ending,
+    FreeForAll,
+    GiveLast,
+    Heals,
+    Inventory,
+    Melee,
+    Mortality,
+    Motors,
+    Record,
+    Rewards,
+    Room,
+    SafeZone,
+    SpawnGrid,
+    Teams,
+)
 
 from .scenario import Scenario, ScenarioError
 

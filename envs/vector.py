@@ -52,7 +52,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         if missing := [signal.__name__ for signal in (Reward, End) if signal not in self.worlds]:
             raise ScenarioError(
-                f"{scenario.name}: no module brings {' and '.join(missing)}; an environment needs the modules rewards and ending"
+                f"{scenario.name}: no module brings {' and '.join(missing)}; "
+                "an environment needs the modules rewards and ending"
             )
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
@@ -101,8 +102,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """One tick of every world. A refused call (see ActionError) changes nothing.
 
-        NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at once;
-        info["final_obs"] holds its last observation. DISABLED: reset it yourself. Whenever worlds end,
+        NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at
+        once; info["final_obs"] holds its last observation. DISABLED: reset it yourself. Whenever worlds end,
         info["statistics"] holds their episodes and info["_statistics"] says which.
         """
         self._check_open()
@@ -147,7 +148,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             seeds, worlds = np.full(self.num_worlds, _seed(seed)), self.first_world + np.arange(self.num_worlds)
         else:
             if given.shape != (self.num_worlds,):
-                raise ValueError(f"seed has shape {given.shape}: one integer, or one for each of {self.num_worlds} worlds")
+                raise ValueError(
+                    f"seed has shape {given.shape}: one integer, or one for each of {self.num_worlds} worlds"
+                )
             seeds, worlds = np.array([_seed(s) for s in given], np.uint64), np.zeros(self.num_worlds, np.uint64)
         self.worlds.seed(seeds[mask], worlds[mask], mask)
 
@@ -171,7 +174,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def _check_steppable(self) -> None:
         if not self._started.all():
-            raise NotResetError(f"step() before reset(): {int((~self._started).sum())} worlds have not started; reset them")
+            raise NotResetError(
+                f"step() before reset(): {int((~self._started).sum())} worlds have not started; reset them"
+            )
         if self.autoreset is AutoresetMode.DISABLED and self._over.any():
             raise NotResetError(
                 f"worlds {np.flatnonzero(self._over)[:8].tolist()} have ended and autoreset is disabled; "

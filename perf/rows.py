@@ -1,7 +1,7 @@
 """The rows of the paper's two tables, and what the paper and the original implementation took for each.
 
-Microseconds a step. `paper`: the paper's tables, on its laptop. `simulation` and `step`: the original implementation, its
-simulation object's step alone and its whole env.step with observations and rewards, run unmodified on one core of a
+Microseconds a step. `paper`: the paper's tables, on its laptop. `simulation` and `step`: the original implementation,
+its simulation object's step alone and its whole env.step with observations and rewards, run unmodified on one core of a
 2.5 GHz Xeon (reference timings; minimum of three runs of 3000 steps). None: not measured.
 """
 

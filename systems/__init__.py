@@ -22,6 +22,25 @@ from .spawn import SpawnGrid
 from .zone import SafeZone
 
 __all__ = [
-    "Agents", "AutoPickup", "Boxes", "Cameras", "Contacts", "DeathDrop", "DropLast", "Ending", "FreeForAll", "GiveLast",
-    "Heals", "Inventory", "Melee", "Mortality", "Motors", "Record", "Rewards", "Room", "SafeZone", "SpawnGrid", "Teams",
+    "Agents",
+    "AutoPickup",
+    "Boxes",
+    "Cameras",
+    "Contacts",
+    "DeathDrop",
+    "DropLast",
+    "Ending",
+    "FreeForAll",
+    "GiveLast",
+    "Heals",
+    "Inventory",
+    "Melee",
+    "Mortality",
+    "Motors",
+    "Record",
+    "Rewards",
+    "Room",
+    "SafeZone",
+    "SpawnGrid",
+    "Teams",
 ]

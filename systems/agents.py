@@ -4,10 +4,23 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Body, Guard, Health, OthersView, Phase, Push, SelfView, Shape, Side, Sight, Solid, Spawned
+from outlast.components import (
+    Body,
+    Guard,
+    Health,
+    OthersView,
+    Phase,
+    Push,
+    SelfView,
+    Shape,
+    Side,
+    Sight,
+    Solid,
+    Spawned,
+)
 from outlast.components.health import Death
-from outlast.components.sight import look
-from outlast.ecs import Archetype, Array, Entity, Module, Read, Rows, Singleton, Write, kernel, number
+from outlast.components.sight import MASKED, look
+from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, number
 
 
 @dataclass(frozen=True)
@@ -32,42 +45,36 @@ class Agents(Module):
         return {"agents": self.count, "others": self.count - 1, "features": 8}
 
 
-@kernel
-def describe(row: Array, body: Array, health: Array, side: Array, i: int, e: int, alive: bool) -> None:
-    """Fill a row: id, [team], health, x, y, angle, vx, vy, omega. With teams it is one longer."""
-    row[:] = 0
-    row[0] = i
-    k = 1
-    if row.size == 9:
-        row[1] = side.side[e]
-        k = 2
-    if alive:
-        row[k] = health.points[e]
-        row[k + 1], row[k + 2], row[k + 3] = body.x[e], body.y[e], body.angle[e]
-        row[k + 4], row[k + 5], row[k + 6] = body.vx[e], body.vy[e], body.omega[e]
-
-
 @Agents.system(Phase.OBSERVE)
 def see_self(
-    body: Read[Body], health: Read[Health], side: Read[Side], entities: Read[Entity], agents: Rows[Side], view: Write[SelfView]
-) -> None:
-    """Each agent's own row."""
-    for i in range(agents.size):
-        e = agents[i]
-        describe(view.me[i], body, health, side, i, e, entities.alive[e] != 0)
-
-
-@Agents.system(Phase.OBSERVE)
-def see_others(
     body: Read[Body],
     health: Read[Health],
     side: Read[Side],
     entities: Read[Entity],
-    sight: Read[Sight],
     agents: Rows[Side],
-    view: Write[OthersView],
+    view: Write[SelfView],
 ) -> None:
-    """The other agents' rows, in order of id."""
+    """Each agent's own row: id, [team], health, x, y, angle, vx, vy, omega. With teams it is one longer."""
+    me = view.me
+    k = me.shape[1] - 7  # column of the health: behind the id, and the team if there is one
+    for i in range(agents.size):
+        e = agents[i]
+        me[i, 0] = i
+        if k == 2:
+            me[i, 1] = side.side[e]
+        if entities.alive[e]:
+            me[i, k] = health.points[e]
+            me[i, k + 1], me[i, k + 2], me[i, k + 3] = body.x[e], body.y[e], body.angle[e]
+            me[i, k + 4], me[i, k + 5], me[i, k + 6] = body.vx[e], body.vy[e], body.omega[e]
+        else:
+            me[i, k:] = 0
+
+
+@Agents.system(Phase.OBSERVE, after="agents.see_self")
+def see_others(
+    view: Write[OthersView], own: Read[SelfView], sight: Read[Sight], entities: Read[Entity], agents: Rows[Side]
+) -> None:
+    """The other agents' own rows, in order of id; a dead one's row is what it would see of itself."""
     for i in range(agents.size):
         for j in range(agents.size):
             if i == j:
@@ -75,7 +82,9 @@ def see_others(
             k = j - 1 if j > i else j
             mask, shown = look(sight, entities, i, agents[i], agents[j])
             view.others_mask[i, k] = mask
-            if shown or sight.mode[0] != 0:
-                describe(view.others[i, k], body, health, side, j, agents[j], shown != 0)
+            if shown or sight.mode[0] != MASKED:
+                for f in range(own.me.shape[1]):
+                    view.others[i, k, f] = own.me[j, f]
             else:
-                view.others[i, k, :] = 0
+                for f in range(own.me.shape[1]):
+                    view.others[i, k, f] = 0

@@ -13,11 +13,31 @@ from .box2d_arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, 
 from .box2d_impact import may_hit
 from .box2d_island import solve_islands
 from .box2d_verify import verify
-
-from .scene import (  # isort: skip
-    ABANDONED, ANGLE, CAPACITY, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
-    SMALLEST, SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
-)  # fmt: skip
+from .scene import (
+    ABANDONED,
+    ANGLE,
+    CAPACITY,
+    DYNAMIC,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    INVALID,
+    JTURN,
+    JX,
+    JY,
+    LIMIT,
+    OMEGA,
+    RADIUS,
+    REACH,
+    SMALLEST,
+    SOLVED,
+    VX,
+    VY,
+    IncompatibleBox2D,
+    Scene,
+    Settings,
+    X,
+    Y,
+)
 
 __all__ = ["CAPACITY", "available", "make_arena", "solve", "verify"]
 

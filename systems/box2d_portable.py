@@ -8,11 +8,30 @@ from typing import Any
 import Box2D
 import numpy as np
 
-from .scene import (  # isort: skip
-    ABANDONED, ANGLE, CAPACITY, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, JY, LIMIT, OMEGA, RADIUS, REACH,
-    SMALLEST, SOLVED, VX, VY, X, Y, Scene, Settings,
-)  # fmt: skip
-
+from .scene import (
+    ABANDONED,
+    ANGLE,
+    CAPACITY,
+    DYNAMIC,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    INVALID,
+    JTURN,
+    JX,
+    JY,
+    LIMIT,
+    OMEGA,
+    RADIUS,
+    REACH,
+    SMALLEST,
+    SOLVED,
+    VX,
+    VY,
+    Scene,
+    Settings,
+    X,
+    Y,
+)
 
 
 def make_arena() -> None:

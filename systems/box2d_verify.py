@@ -84,9 +84,14 @@ class Sample:
 
 def _definition(sample: Sample) -> Iterator[_Check]:
     definition = Box2D.b2BodyDef(
-        type=Box2D.b2_dynamicBody, position=(1, 2), angle=3, linearVelocity=(4, 5), angularVelocity=6,
-        linearDamping=7, angularDamping=8,
-    )  # fmt: skip
+        type=Box2D.b2_dynamicBody,
+        position=(1, 2),
+        angle=3,
+        linearVelocity=(4, 5),
+        angularVelocity=6,
+        linearDamping=7,
+        angularDamping=8,
+    )
     yield _integer(definition, "DEF_TYPE", at.MOVING)
     yield from _floats(definition, DEF_POSITION=(1, 2), DEF_ANGLE=(3,), DEF_VELOCITY=(4, 5), DEF_OMEGA=(6,))
     yield from _floats(definition, DEF_LINEAR_DAMPING=(7,), DEF_ANGULAR_DAMPING=(8,))
@@ -211,12 +216,14 @@ def _solver(sample: Sample) -> Iterator[_Check]:
     places = (ctypes.c_float * 12)()
     definition = (ctypes.c_uint8 * 64)()
     values: dict[str, tuple[type, float]] = {
-        "STEP_RATIO": (ctypes.c_float, 0.5), "STEP_WARM": (ctypes.c_uint8, 1),
-        "SOLVER_CONTACTS": (ctypes.c_int64, ctypes.addressof(contacts)), "SOLVER_COUNT": (ctypes.c_int32, 2),
+        "STEP_RATIO": (ctypes.c_float, 0.5),
+        "STEP_WARM": (ctypes.c_uint8, 1),
+        "SOLVER_CONTACTS": (ctypes.c_int64, ctypes.addressof(contacts)),
+        "SOLVER_COUNT": (ctypes.c_int32, 2),
         "SOLVER_POSITIONS": (ctypes.c_int64, ctypes.addressof(places)),
         "SOLVER_VELOCITIES": (ctypes.c_int64, ctypes.addressof(places)),
         "SOLVER_STACK": (ctypes.c_int64, int(sample.world.this) + at.WORLD_STACK),
-    }  # fmt: skip
+    }
     for name, (kind, value) in values.items():
         kind.from_buffer(definition, getattr(at, name)).value = value  # type: ignore[attr-defined]
     solver = (ctypes.c_uint8 * 128)()

@@ -6,9 +6,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import (
-    Bag, Body, Box, BoxesPlaced, BoxItem, BoxItemView, BoxView, Guard, Health, Item, Phase, Shape, Side, Sight, Solid,
+    Bag,
+    Body,
+    Box,
+    BoxesPlaced,
+    BoxItem,
+    BoxItemView,
+    BoxView,
+    Guard,
+    Health,
+    Item,
+    Phase,
+    Shape,
+    Side,
+    Sight,
+    Solid,
     Spawned,
-)  # fmt: skip
+)
 from outlast.components.inventory import last, lay
 from outlast.components.sight import look
 from outlast.ecs import Add, Archetype, Array, Entity, Module, Random, Read, Rows, Singleton, Write, kernel, number
@@ -69,7 +83,9 @@ def shape_boxes(
 
 
 @Boxes.system(Phase.RESPAWN)
-def drop_item(box: Write[Box], entities: Write[Entity], body: Write[Body], boxes: Rows[Box], items: Rows[BoxItem]) -> None:
+def drop_item(
+    box: Write[Box], entities: Write[Entity], body: Write[Body], boxes: Rows[Box], items: Rows[BoxItem]
+) -> None:
     """A box that broke in the tick before lies on the ground as an item."""
     for k in range(boxes.size):
         e = boxes[k]

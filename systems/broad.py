@@ -23,9 +23,16 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
     """Lower bound of the distance between the surfaces of two bodies; `e` counts as the circle around it."""
     if shape.radius[o] == ZERO:
         return gap_circle_box(
-            body.x[e], body.y[e], shape.bound[e], body.x[o], body.y[o], body.cosine[o], body.sine[o],
-            shape.half_width[o], shape.half_height[o],
-        )  # fmt: skip
+            body.x[e],
+            body.y[e],
+            shape.bound[e],
+            body.x[o],
+            body.y[o],
+            body.cosine[o],
+            body.sine[o],
+            shape.half_width[o],
+            shape.half_height[o],
+        )
     x, y = body.x[e] - body.x[o], body.y[e] - body.y[o]
     return np.float32(np.sqrt(x * x + y * y)) - shape.bound[e] - shape.radius[o]
 

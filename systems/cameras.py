@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
-from outlast.ecs import Array, Entity, Module, Read, Rows, Scratch, Write, Real, kernel, number
+from outlast.ecs import Array, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
 
 from .crowd import MARK, X, Y, beside_ray, gather, make_crowd, marked, member
 from .geometry import MISS, enters, in_kite, in_sector
@@ -77,9 +77,7 @@ def see(
 
 
 @kernel
-def in_cone(
-    crowd: Array, count: int, facing: Array, depth: Real, half_cos: Real, half_sin: Real, cone: int
-) -> int:
+def in_cone(crowd: Array, count: int, facing: Array, depth: Real, half_cos: Real, half_sin: Real, cone: int) -> int:
     """List whose centres lie in the vision cone of an agent `facing` (x, y, cosine, sine)."""
     x, y, cosine, sine = facing
     if cone == SECTOR:

@@ -25,7 +25,9 @@ class Ending(Module):
 
 
 @Ending.system(Phase.REWARD)
-def count(score: Write[Score], death: Read[Death], side: Read[Side], entities: Read[Entity], agents: Rows[Side]) -> None:
+def count(
+    score: Write[Score], death: Read[Death], side: Read[Side], entities: Read[Entity], agents: Rows[Side]
+) -> None:
     """Members alive, and deaths and kills of this tick, by side. Killing one's own is no kill."""
     score.alive[:] = 0
     score.deaths[:] = 0

@@ -20,9 +20,7 @@ EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a 
 
 
 @kernel
-def _turn_back(
-    x: Real, y: Real, cosine: Real, sine: Real
-) -> tuple[Real, Real]:
+def _turn_back(x: Real, y: Real, cosine: Real, sine: Real) -> tuple[Real, Real]:
     """Vector (x, y) in the frame of a body turned by the angle (b2MulT)."""
     return cosine * x + sine * y, cosine * y - sine * x
 
@@ -187,6 +185,15 @@ def gap_circle_box(
 def enters(body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int) -> Real:
     """Fraction at which the ray enters entity `e`, or MISS: `ray_body` on the tables Body and Shape."""
     return ray_body(
-        ox, oy, dx, dy, body.x[e], body.y[e], body.cosine[e], body.sine[e],
-        shape.radius[e], shape.half_width[e], shape.half_height[e],
-    )  # fmt: skip
+        ox,
+        oy,
+        dx,
+        dy,
+        body.x[e],
+        body.y[e],
+        body.cosine[e],
+        body.sine[e],
+        shape.radius[e],
+        shape.half_width[e],
+        shape.half_height[e],
+    )

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Bag, Body, Heal, HealsUsed, HealView, Health, Item, Phase, Shape, Side, Sight, Spawned
+from outlast.components import Bag, Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Side, Sight, Spawned
 from outlast.components.inventory import last
 from outlast.components.sight import look
 from outlast.ecs import Add, Archetype, Entity, Module, Read, Rows, Singleton, Write, number
@@ -58,7 +58,12 @@ def see_heals(
 
 @Heals.system(Phase.OBSERVE, after="heals.see_heals")
 def see_slot(
-    view: Write[HealView], bag: Read[Bag], heal: Read[Heal], entities: Read[Entity], agents: Rows[Bag], heals: Rows[Heal]
+    view: Write[HealView],
+    bag: Read[Bag],
+    heal: Read[Heal],
+    entities: Read[Entity],
+    agents: Rows[Bag],
+    heals: Rows[Heal],
 ) -> None:
     """The last slot of the bag, if it holds a heal."""
     for i in range(agents.size):

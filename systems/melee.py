@@ -16,8 +16,10 @@ from .geometry import MISS, enters
 
 @dataclass(frozen=True)
 class Melee(Module):
-    """Attack (paper, section 3.1). blocked: the strike ends at the first body of any kind on the segment, as in the
-    paper's runs; otherwise it goes on to the nearest one that it can hurt (reference rules, section 6, point 2).
+    """Attack (paper, section 3.1).
+
+    blocked: the strike ends at the first body of any kind on the segment, as in the paper's runs; otherwise it goes on
+    to the nearest one that it can hurt (reference rules, section 6, point 2).
     """
 
     cause: ClassVar[str] = "melee"

@@ -13,7 +13,21 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Fault, Phase, Push, Shape, Solid
-from outlast.ecs import Array, Entity, Module, NumberError, Read, Rows, Real, Scratch, Singleton, System, Write, kernel, number
+from outlast.ecs import (
+    Array,
+    Entity,
+    Module,
+    NumberError,
+    Read,
+    Real,
+    Rows,
+    Scratch,
+    Singleton,
+    System,
+    Write,
+    kernel,
+    number,
+)
 from outlast.ecs.jit import compiled
 
 from . import box2d_native, box2d_portable
@@ -59,7 +73,8 @@ class Contacts(Module):
             box2d_native.verify()
             if not compiled():
                 raise IncompatibleBox2D(
-                    'physics.bridge = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; take "auto" or "portable"'
+                    'physics.bridge = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; '
+                    'take "auto" or "portable"'
                 )
         return self.bridge == "native" or (self.bridge == "auto" and box2d_native.available())
 
@@ -174,9 +189,17 @@ def collider(solve: Any) -> Any:
         if count == 0:
             return
         settings = Settings(
-            ONE / rate, substeps, velocity_iterations, position_iterations, np.float32(density), np.float32(friction),
-            np.float32(restitution), np.float32(linear_damping), np.float32(angular_damping), int(continuous),
-        )  # fmt: skip
+            ONE / rate,
+            substeps,
+            velocity_iterations,
+            position_iterations,
+            np.float32(density),
+            np.float32(friction),
+            np.float32(restitution),
+            np.float32(linear_damping),
+            np.float32(angular_damping),
+            int(continuous),
+        )
         if solve(arena, settings, scene, count) != SOLVED:
             for e in solids:
                 solid.near[e] = entities.alive[e]
@@ -218,9 +241,7 @@ def fly(
 
 
 @kernel
-def integrate(
-    body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, substeps: int
-) -> None:
+def integrate(body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, substeps: int) -> None:
     """One substep of b2Island::Solve for a body that touches nothing."""
     vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / substeps)) * slow
     vy = (body.vy[e] + push.inverse_mass[e] * (push.y[e] / substeps)) * slow

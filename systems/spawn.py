@@ -27,7 +27,9 @@ class SpawnGrid(Module):
         return {"cells": self.cells**2}
 
     def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
-        bodies = {a.name: a.count for m in modules for a in m.archetypes() if any(isinstance(p, Spawned) for p in a.parts)}
+        bodies = {
+            a.name: a.count for m in modules for a in m.archetypes() if any(isinstance(p, Spawned) for p in a.parts)
+        }
         if sum(bodies.values()) > self.cells**2:
             what = ", ".join(f"{count} {name}" for name, count in bodies.items())
             raise NumberError(
@@ -47,7 +49,7 @@ def place(
     key: Random,
 ) -> None:
     """Each body takes a random free cell, facing +x. Agents have the first rows, so items never move them."""
-    side = int(round(cells.cells.size**0.5))
+    side = int(cells.cells.size**0.5 + 0.5)
     for c in range(cells.cells.size):
         cells.cells[c] = c
     for k in range(rows.size):

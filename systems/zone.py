@@ -9,8 +9,20 @@ import numpy as np
 from outlast.components import Body, Floor, Guard, Health, Phase, Side, Zone, ZoneView
 from outlast.components.health import hurt
 from outlast.ecs import (
-    Array, Cause, Clock, Entity, Module, NumberError, Random, Read, Rows, Singleton, Write, kernel, number,
-)  # fmt: skip
+    Array,
+    Cause,
+    Clock,
+    Entity,
+    Module,
+    NumberError,
+    Random,
+    Read,
+    Rows,
+    Singleton,
+    Write,
+    kernel,
+    number,
+)
 from outlast.ecs.random import uniform2
 
 HALF = np.float32(0.5)
@@ -44,7 +56,9 @@ class SafeZone(Module):
         for module in modules:
             size = getattr(module, "size", None)
             if module.name() == "room" and size is not None and max(self.radii) > size / 2:
-                raise NumberError(f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)")
+                raise NumberError(
+                    f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
+                )
 
 
 @SafeZone.system(Phase.DRAW)

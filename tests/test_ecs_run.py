@@ -8,10 +8,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast.ecs import Worlds
+from outlast.ecs import Random, Worlds, Write
+from outlast.ecs.random import uniform
 from tests import toy
 from tests.conftest import COMPILED, digest, scaled
-from tests.toy import RESET, SKIP, STEP, Clock, Energy, Food, Line, Pace, Pay, Place, Walkers, Weather, Wind, make, run
+from tests.toy import (
+    RESET,
+    SKIP,
+    STEP,
+    Clock,
+    Energy,
+    Food,
+    Line,
+    Pace,
+    Pay,
+    Phase,
+    Place,
+    Toy,
+    Walkers,
+    Weather,
+    Wind,
+    make,
+    run,
+)
 
 MANY = scaled(200, least=40)  # more than a thread takes at a time
 
@@ -69,7 +88,7 @@ def test_a_reset_world_is_as_good_as_new() -> None:
     """Whatever happened before: only the clock tells that it is not the first episode."""
     used, new = walked(make(seed=9), 20), make(seed=1)
     used.seed(1, np.arange(4))
-    used[Place].x[:] = np.nan  # and whatever was written into it
+    used.block[:, 32:] = 0xAA  # and whatever was written into it, behind the clock
     run(used, RESET)
     used[Pace].pace[:] = 0
     assert digest(used) == digest(new)
@@ -92,7 +111,23 @@ def test_seed_world_episode_and_tick_each_change_every_draw() -> None:
     assert np.array_equal(walkers(make(count=2)), first)
 
 
+def throw(wind: Write[Wind], key: Random) -> None:
+    wind.push[0] = uniform(key, 0)
+
+
 def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
+    """The first draw of two systems in one tick, and draws of entities of one kind and of two kinds."""
+
+    class Dice(Toy):
+        def singletons(self) -> list[Wind]:
+            return [Wind()]
+
+    class Coin(Dice):
+        pass
+
+    Dice.system(Phase.BEGIN)(throw)
+    Coin.system(Phase.BEGIN)(throw)
+    assert not np.isin(make(Dice(), count=50)[Wind].push, make(Coin(), count=50)[Wind].push).any()
     x = make(count=50)[Place].x
     assert len(np.unique(x)) > 248  # of 250 draws of 24 bits
     assert abs(np.corrcoef(x.T) - np.eye(5)).max() < 0.6

@@ -38,7 +38,7 @@ def test_the_zone_keeps_to_its_calendar(kind: str) -> None:
 def test_rewards_are_the_papers_formula(kind: str) -> None:
     rewards = [[twin_faces.reward(tick.want, i) for i in range(len(tick.reward))] for tick in play(kind)]
     assert [tick.reward for tick in play(kind)] == rewards
-    assert len({reward for row in rewards for reward in row}) > 4
+    assert len({reward for row in rewards for reward in row}) >= 4
 
 
 @kinds
