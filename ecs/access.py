@@ -6,7 +6,8 @@ annotation      the kernel receives, for one world
 Read[C]         the table of component C, read-only: a kernel that writes it does not compile
 Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to (additions of integers commute, so order is free)
-Rows[A, B]      int32 rows of the entities whose archetype has all of A, B
+Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
+                is dormant: it is not scheduled (so an item mechanic names Rows[Item] even if it needs no list)
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         this thread's memory, from the module's scratch()
 Cause           the number of the module's own cause of harm

@@ -96,8 +96,8 @@ def _check_conflicts(systems: Sequence[System], reach: dict[str, set[str]]) -> N
             if shared and first.label not in reach[second.label]:
                 raise ScheduleError(
                     f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both "
-                    f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} (or the '
-                    "other way round), put one into another phase, or declare Add where both only add"
+                    f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} '
+                    "(or the other way round), put one into another phase, or declare Add where both only add"
                 )
 
 

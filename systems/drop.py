@@ -33,6 +33,7 @@ def scatter(
     entities: Write[Entity],
     death: Read[Death],
     agents: Rows[Bag],
+    items: Rows[Item],
     radius: float,
     scatter: int,
     key: Random,

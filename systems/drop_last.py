@@ -29,6 +29,7 @@ def drop_last(
     entities: Write[Entity],
     drop: Read[Drop],
     agents: Rows[Bag],
+    items: Rows[Item],
     offset: float,
 ) -> None:
     """Lay the last item down, straight ahead."""

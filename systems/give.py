@@ -72,7 +72,7 @@ def choose(
 
 
 @GiveLast.system(Phase.GIVE, after="give.choose")
-def hand_over(bag: Write[Bag], item: Write[Item], gift: Read[Gift], agents: Rows[Gift]) -> None:
+def hand_over(bag: Write[Bag], item: Write[Item], gift: Read[Gift], agents: Rows[Gift], items: Rows[Item]) -> None:
     """In order of agents."""
     for me in agents:
         taker = gift.taker[me]

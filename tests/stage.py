@@ -1,6 +1,7 @@
 """A stage: one world of a variant, emptied, where tests put agents and things and tell agents what to do."""
 
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,9 @@ class Stage:
     def row(self, kind: str, index: int) -> int:
         return int(self.env.worlds.span(kind).start + index)
 
-    def put(self, kind: str, index: int, x: float, y: float, angle: float = 0.0, size: tuple[float, float] = (1, 1)) -> None:
+    def put(
+        self, kind: str, index: int, x: float, y: float, angle: float = 0.0, size: tuple[float, float] = (1, 1)
+    ) -> None:
         """Set it down there, at rest; `size` is that of a box."""
         row, body, shape = self.row(kind, index), self.column(Body), self.column(Shape)
         body.x[0, row], body.y[0, row], body.angle[0, row] = x, y, angle
@@ -115,3 +118,17 @@ class Stage:
     @property
     def broken(self) -> list[int]:
         return self.column(Box).broken[0, self.env.worlds.span("box")].tolist()
+
+
+def duel(stage: Stage, far: float = 2.0) -> Stage:
+    """Agent 0 stands at the origin and looks at agent 1, which looks back."""
+    stage.put("agent", 0, 0, 0)
+    stage.put("agent", 1, far, 0, math.pi)
+    return stage
+
+
+def mates(stage: Stage) -> Stage:
+    """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
+    for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
+        stage.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
+    return stage

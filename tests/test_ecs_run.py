@@ -127,7 +127,8 @@ def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
 
     Dice.system(Phase.BEGIN)(throw)
     Coin.system(Phase.BEGIN)(throw)
-    assert not np.isin(make(Dice(), count=50)[Wind].push, make(Coin(), count=50)[Wind].push).any()
+    thrown, tossed = (make(Walkers(), game, count=50)[Wind].push for game in (Dice(), Coin()))
+    assert not np.isin(thrown, tossed).any()
     x = make(count=50)[Place].x
     assert len(np.unique(x)) > 248  # of 250 draws of 24 bits
     assert abs(np.corrcoef(x.T) - np.eye(5)).max() < 0.6

@@ -1,29 +1,15 @@
-"""What was measured on the authors' own implementation ([M] in the reference rules): who lives, who gets what."""
+"""What was measured on the authors' own implementation ([M] in the reference rules): fights, boxes, zone and pay."""
 
 import math
 from itertools import pairwise
 
 import pytest
-from stage import CORNERS, Stage
+from stage import Stage, duel, mates
 
 from outlast.components import HealsUsed
 from outlast.ecs import Entity
 
 OUTSIDE = (11.0, 11.0)  # in the room, but not in the first zone
-
-
-def duel(stage: Stage, far: float = 2.0) -> Stage:
-    """Agent 0 stands at the origin and looks at agent 1, which looks back."""
-    stage.put("agent", 0, 0, 0)
-    stage.put("agent", 1, far, 0, math.pi)
-    return stage
-
-
-def mates(stage: Stage) -> Stage:
-    """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
-    for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
-        stage.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
-    return stage
 
 
 def owned_box(stage: Stage) -> Stage:
@@ -169,79 +155,6 @@ def test_the_box_of_a_dead_owner_is_indestructible() -> None:
     assert stage.step({1: "attack"}, 20).here("box", 0)
 
 
-def test_pickup_needs_the_centre_within_half_a_metre() -> None:
-    for far, taken in ((0.49, True), (0.5, True), (0.51, False)):
-        stage = Stage()
-        stage.put("agent", 0, 0, 0)
-        stage.put("heal", 0, far, 0)
-        assert stage.step().here("heal", 0) != taken
-
-
-def test_a_full_bag_leaves_the_item_on_the_ground() -> None:
-    stage = Stage()
-    for k in range(4):
-        stage.hand(0, "heal", k)
-    stage.put("heal", 4, *CORNERS[0])
-    assert stage.step().here("heal", 4)
-    assert len(stage.bag(0)) == 4
-    stage.step({0: "use"})
-    assert not stage.here("heal", 4)
-
-
-def test_an_item_goes_into_one_bag_only() -> None:
-    """In the original, agents pressed together could both get it (rules, section 7, point 3)."""
-    stage = duel(Stage(), 0.995)
-    stage.put("heal", 0, 0.4975, 0)
-    stage.step()
-    assert sorted(map(len, (stage.bag(0), stage.bag(1)))) == [0, 1]
-
-
-def test_what_one_uses_is_not_what_one_gives() -> None:
-    stage = duel(Stage(), 1.5)
-    for k in (0, 1):
-        stage.hand(0, "heal", k)
-    stage.step({0: "use give"})
-    assert (stage.health(0), stage.bag(0), stage.bag(1)) == (175, [], [stage.row("heal", 0)])
-
-
-@pytest.mark.parametrize("far", [1.99, 2.0, 2.01])
-def test_giving_reaches_two_metres(far: float) -> None:
-    stage = duel(Stage(), far)
-    stage.hand(0, "heal", 0)
-    assert len(stage.step({0: "give"}).bag(1)) == (far <= 2)
-
-
-@pytest.mark.parametrize("kind", ["heal", "box_item", "box", "opponent"])
-def test_giving_fails_if_anything_else_is_nearer(kind: str) -> None:
-    stage = mates(Stage("teams_4"))
-    stage.put("agent", 1, -1, 1.9)
-    stage.hand(0, "heal", 1)
-    assert stage.step({0: "give"}).bag(1) == [stage.row("heal", 1)]
-    stage.put("agent", 2, -2.5, 0) if kind == "opponent" else stage.put(kind, 0, -1.9, 0, size=(0.1, 0.1))
-    stage.hand(0, "heal", 2)
-    assert stage.step({0: "give"}).bag(0) == [stage.row("heal", 2)]
-
-
-def test_who_gives_to_a_full_bag_keeps_the_item() -> None:
-    """In the original it was lost (rules, section 7, point 4)."""
-    stage = duel(Stage(), 1.5)
-    for k in range(4):
-        stage.hand(1, "heal", k)
-    stage.hand(0, "heal", 4)
-    assert stage.step({0: "give"}).bag(0) == [stage.row("heal", 4)]
-    assert len(stage.bag(1)) == 4
-
-
-def test_the_dead_drop_everything_half_a_metre_away() -> None:
-    stage = Stage("ffa_1")
-    for k in range(3):
-        stage.hand(0, "heal", k)
-    stage.wound(0, 0)
-    stage.step()
-    assert [math.dist(stage.place("heal", k), CORNERS[0]) for k in range(3)] == pytest.approx([0.5] * 3, abs=1e-5)
-    assert stage.bag(0) == []
-
-
 def test_the_longest_life_without_heals() -> None:
     """The zone is void from the end of step 1400, hurts from 1401, and the last agent is removed in 1501."""
     stage = Stage("ffa_1", zone_centres="middle")
@@ -283,7 +196,7 @@ def test_teams_are_paid_for_the_kills_of_their_dead() -> None:
     stage = mates(Stage("teams_4"))
     for agent in range(4):
         stage.wound(agent, 5)
-    stage.step({agent: "attack" for agent in range(4)})
+    stage.step(dict.fromkeys(range(4), "attack"))
     assert stage.rewards == [-1] * 4  # two kills, two deaths, and nobody is alive
 
 

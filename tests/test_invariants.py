@@ -5,12 +5,25 @@ import pytest
 from conftest import COMPILED, draw_actions, scaled
 
 import outlast
-from outlast.components import Bag, Body, Box, BoxesPlaced, Death, Episode, Floor, HealsUsed, Health, Item, Reward, Zone
-from outlast.components import Side
+from outlast.components import (
+    Bag,
+    Body,
+    Box,
+    BoxesPlaced,
+    Death,
+    Episode,
+    Floor,
+    HealsUsed,
+    Health,
+    Item,
+    Reward,
+    Side,
+    Zone,
+)
 from outlast.ecs import Clock, Entity
 from outlast.envs.vector import SurvivalVectorEnv
 
-STEPS = scaled(4000, least=40)  # world-steps of a scenario in the quick run: six scenarios
+STEPS = scaled(4000, least=100)  # world-steps of a scenario in the quick run: six scenarios
 MILLION = 1_000_000
 
 CROWD = {"n_agents": 10, "n_boxes": 20, "boxes_dynamic": True, "n_heals": 20, "melee_damage": 20, "rewards_kill": 10.0}

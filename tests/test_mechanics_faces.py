@@ -17,7 +17,7 @@ def test_everybody_is_told_what_its_camera_sees_and_nothing_else(kind: str) -> N
             told = twin_faces.observe(tick.want, i)
             assert set(told) == set(tick.observation)
             for key, value in told.items():
-                np.testing.assert_allclose(tick.observation[key][i], value, atol=TOLERANCE, err_msg=f"{key} of agent {i}")
+                np.testing.assert_allclose(tick.observation[key][i], value, atol=TOLERANCE, err_msg=f"{key} of {i}")
 
 
 @kinds

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,9 @@ from twin_world import TOLERANCE, read
 
 import outlast
 from outlast.components import Bag, Body, Drop, Item, Shape
-from outlast.ecs import Entity
+from outlast.ecs import Component, Entity, Module
 from outlast.envs.vector import SurvivalVectorEnv
-from outlast.systems import drop_last
+from outlast.systems import DropLast, drop_last
 
 COUNT = scaled(2000, least=20)
 
@@ -97,9 +98,25 @@ def test_motors_push_and_damping_slows_in_open_space(give: str) -> None:
             for agent in world.of("agent"):
                 push = dict(zip(("ahead", "left", "turn"), actions[w, agent.index, :3].tolist(), strict=True))
                 push = {name: value - 1 for name, value in push.items()}
-                got = [float(column[w, agent.row]) for column in (body.x, body.y, body.angle, body.vx, body.vy, body.omega)]
-                assert got == pytest.approx(twin_faces.free_motion(agent, push, world.numbers), abs=TOLERANCE)
+                assert [float(column[w, agent.row]) for column in (*body[:3], *body[5:])] == pytest.approx(
+                    twin_faces.free_motion(agent, push, world.numbers), abs=TOLERANCE
+                )
     env.close()
+
+
+def call(kernel: Any, module: Module, env: SurvivalVectorEnv, w: int, extra: dict[type[Component], Any]) -> None:
+    """Call one system of a module on one world by itself, with what its parameters ask for."""
+    arguments = []
+    for parameter in next(s for s in module.systems() if s.name == kernel.__name__).parameters:
+        if parameter.kind == "rows":
+            arguments.append(env.worlds.layout.rows(*parameter.components))
+        elif parameter.kind == "number":
+            arguments.append(np.float32(module.value(parameter.name)))
+        else:
+            (component,) = parameter.components
+            own = extra.get(component)
+            arguments.append(own or component.Table(*(column[w] for column in env.worlds[component])))
+    kernel(*arguments)
 
 
 def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) -> None:
@@ -116,8 +133,7 @@ def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) ->
             tables[Bag].items[w, agent, :held], tables[Bag].count[w, agent] = items, held
             tables[Item].holder[w, list(items)], tables[Entity].alive[w, list(items)] = agent, 0
         before, wish = read(fresh, w), rng.integers(0, 2, fresh.num_agents).astype(np.int8)
-        one = [c.Table(*(column[w] for column in tables[c])) for c in (Bag, Item, Body, Entity)]
-        drop_last.drop_last(*one, Drop.Table(wish), tables.layout.rows(Bag), np.float32(1.5))
+        call(drop_last.drop_last, DropLast(offset=1.5), fresh, w, {Drop: Drop.Table(wish)})
         after = read(fresh, w)
         for agent in before.of("agent"):
             dropped = agent.here and wish[agent.index] and agent.bag
@@ -130,5 +146,6 @@ def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) ->
 
 @pytest.mark.skipif(not COMPILED, reason="a property of compiled kernels")
 def test_other_numbers_compile_nothing_anew() -> None:
-    few, many = (outlast.make_vec(outlast.variant("teams_4").replace(**n), 1, seed=0) for n in ({}, RUNS | {"n_heals": 3}))
+    paper = outlast.variant("teams_4")
+    few, many = (outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS, n_heals=3)))
     assert [s.source for s in few.worlds._segments] == [s.source for s in many.worlds._segments]

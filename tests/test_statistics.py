@@ -44,9 +44,10 @@ def play(variant: str) -> Samples:
             statistics.setdefault(key, np.zeros(values.shape))[ended] = values[ended]
         running &= ~terminated
     env.close()
-    named = {"steps": "length", "first death": "first_death", "heals used": "heals_used", "boxes placed": "boxes_placed"}
+    counts = ("first_death", "heals_used", "boxes_placed")
     return {
-        **{name: statistics[key] for name, key in named.items() if key in statistics},
+        "steps": statistics["length"],
+        **{key.replace("_", " "): statistics[key] for key in counts if key in statistics},
         **{f"{key} visible": total / watched for key, total in seen.items()},
         "kills": statistics["kills"].sum(1),
         "return 0": statistics["return"][:, 0],

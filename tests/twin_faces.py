@@ -13,8 +13,8 @@ STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
 def see(world: World) -> list[set[int]]:
     """By agent: the rows that its camera sees. The dead see nothing."""
     here = [thing for thing in world.things if thing.here]
-    agents = world.of("agent")
-    return [{thing.row for thing in here if thing is not me and sees(world, me, thing)} if me.here else set() for me in agents]
+    eyes = [me if me.here else None for me in world.of("agent")]
+    return [{thing.row for thing in here if thing is not me and sees(world, me, thing)} if me else set() for me in eyes]
 
 
 def sees(world: World, me: Thing, thing: Thing) -> bool:

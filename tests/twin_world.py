@@ -6,7 +6,20 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from outlast.components import (
-    Bag, Body, Box, BoxesPlaced, Death, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
+    Bag,
+    Body,
+    Box,
+    BoxesPlaced,
+    Death,
+    Episode,
+    Guard,
+    HealsUsed,
+    Health,
+    Item,
+    Shape,
+    Side,
+    Weapon,
+    Zone,
 )  # fmt: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.vector import SurvivalVectorEnv
@@ -41,10 +54,10 @@ class Thing:
     radius: float
     half_width: float
     half_height: float
-    health: int | None  # None: has none
-    cause: int
-    source: int
-    losses: list[Loss]
+    health: int | None = None  # None: has none
+    cause: int = -1
+    source: int = -1
+    losses: list[Loss] = field(default_factory=list)
     side: int = -1
     owner: int = -1
     broken: bool = False
@@ -97,19 +110,22 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
     things = []
     for kind, span in tables.layout.spans.items():
         for index, row in enumerate(span):
-            mortal = kind in ("agent", "box")
-            blow = (health["cause"][row], health["source"][row])
-            points = health["points"][row] if mortal else None
-            things.append(
-                Thing(
-                    row, kind, index, alive[row] == 1,
-                    *(body[c][row] for c in ("x", "y", "angle", "vx", "vy", "omega")),
-                    *(shape[c][row] for c in ("radius", "half_width", "half_height")),
-                    points, *blow, _past(points, health["doomed"][row], *blow) if mortal else [],
-                    side["side"][row] if kind == "agent" else -1, guard["heeds"][row], broken[row] == 1, weapon["wait"][row],
-                    bag["items"][row][: bag["count"][row]], item["holder"][row],
-                )  # fmt: skip
+            thing = Thing(
+                row,
+                kind,
+                index,
+                alive[row] == 1,
+                *(body[name][row] for name in ("x", "y", "angle", "vx", "vy", "omega")),
+                *(shape[name][row] for name in ("radius", "half_width", "half_height")),
             )
+            if kind in ("agent", "box"):
+                thing.health, thing.cause, thing.source = (health[name][row] for name in ("points", "cause", "source"))
+                thing.losses = _past(thing, health["doomed"][row])
+            if kind == "agent":
+                thing.side, thing.wait = side["side"][row], weapon["wait"][row]
+                thing.bag = bag["items"][row][: bag["count"][row]]
+            thing.owner, thing.broken, thing.holder = guard["heeds"][row], broken[row] == 1, item["holder"][row]
+            things.append(thing)
     zone = _rows(tables[Zone], w)
     return World(
         things,
@@ -138,11 +154,11 @@ def _rows(table: Any, w: int) -> dict[str, list[Any]]:
     return {name: getattr(table, name)[w].tolist() for name in table._fields}
 
 
-def _past(points: int, doomed: int, cause: int, source: int) -> list[Loss]:
-    """What must have happened: the blow that brought it to 0 or below, or the last one before."""
-    if points <= 0:
-        return [Loss(doomed, cause, source, 1, points)]
-    return [Loss(-1, cause, source, points + 1, points)] if cause >= 0 else []
+def _past(thing: Thing, doomed: int) -> list[Loss]:
+    """What must have happened to it: the blow that brought it to 0 or below, or the last one before."""
+    if thing.health <= 0:
+        return [Loss(doomed, thing.cause, thing.source, 1, thing.health)]
+    return [Loss(-1, thing.cause, thing.source, thing.health + 1, thing.health)] if thing.cause >= 0 else []
 
 
 def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:
@@ -154,5 +170,5 @@ def _statistics(env: SurvivalVectorEnv, w: int) -> dict[str, Any]:
     found = _rows(env.worlds[Episode], w) | _rows(env.worlds[HealsUsed], w)
     if BoxesPlaced in env.worlds:
         found |= _rows(env.worlds[BoxesPlaced], w)
-    return {key: value[0] if key in ("length", "first_death", "heals_used", "boxes_placed") else value
-            for key, value in found.items()}  # fmt: skip
+    single = ("length", "first_death", "heals_used", "boxes_placed")
+    return {key: value[0] if key in single else value for key, value in found.items()}

@@ -15,7 +15,7 @@ Answer = TypeVar("Answer")
 Actions = Sequence[dict[str, int]]
 
 
-class Unsure(Exception):  # noqa: N818
+class Unsure(Exception):
     """Too close to call in float32."""
 
 
@@ -52,6 +52,7 @@ def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, h
 
 def first_on_ray(origin: tuple[float, float], ray: tuple[float, float], things: Sequence[Thing]) -> Thing | None:
     """Whom the ray meets first; of several at the very same place, the first in order."""
+
     def ask(hair: float) -> int:
         entries = [entry(origin, ray, thing, hair) for thing in things]
         return entries.index(min(entries)) if min(entries, default=MISS) < MISS else -1
@@ -116,6 +117,7 @@ def give(world: World, actions: Actions) -> None:
 
 def choose_taker(world: World, giver: Thing) -> Thing | None:
     """The nearest suitable agent; or the nearest body of any kind, if that is one."""
+
     def suits(thing: Thing) -> bool:
         return thing.kind == "agent" and (not world.teams or thing.side == giver.side)
 
@@ -139,7 +141,8 @@ def melee(world: World, actions: Actions) -> None:
         if agent.wait > 0:
             agent.wait -= 1
         elif actions[agent.index]["attack"]:
-            target = first_on_ray((agent.x, agent.y), ahead(agent, world.numbers["melee_reach"]), in_the_way(world, agent))
+            strike = ahead(agent, world.numbers["melee_reach"])
+            target = first_on_ray((agent.x, agent.y), strike, in_the_way(world, agent))
             if target:
                 agent.wait = world.numbers["melee_cooldown"]
                 blows.append((agent, target))
@@ -207,7 +210,8 @@ def zone_at(world: World, tick: int) -> list[float]:
         return [*circles[-1], 0.0, 0.0, 0.0]
     late = tick % (stand + shrink) - stand
     share = late / shrink if late > 0 else 0.0
-    return [*((1 - share) * a + share * b for a, b in zip(*circles[phase : phase + 2], strict=True)), *circles[phase + 1]]
+    old, new = circles[phase : phase + 2]
+    return [*((1 - share) * a + share * b for a, b in zip(old, new, strict=True)), *new]
 
 
 def burn(world: World) -> None:
