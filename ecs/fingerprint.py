@@ -25,7 +25,9 @@ def fingerprint(systems: Iterable[System]) -> str:
     digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
     for key in sorted(key for key in os.environ if key.startswith("NUMBA_")):
         digest.update(f"{key}={os.environ[key]}".encode())
-    for path in sorted(path for folder in ("ecs", "components", "systems") for path in (package / folder).glob("*.py")):
+    for path in sorted(
+        path for folder in ("ecs", "components", "systems") for path in (package / folder).rglob("*.py")
+    ):
         digest.update(path.name.encode() + path.read_bytes())
     seen: set[FunctionType] = set()
     for system in systems:

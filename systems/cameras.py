@@ -10,8 +10,8 @@ from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Array, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
 
-from .crowd import MARK, X, Y, beside_ray, gather, make_crowd, marked, member
-from .geometry import MISS, enters, in_kite, in_sector
+from .inner.crowd import MARK, X, Y, beside_ray, gather, make_crowd, marked, member
+from .inner.geometry import MISS, enters, in_kite, in_sector
 
 SECTOR = 0  # index into the choices of Cameras.cone
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original

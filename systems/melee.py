@@ -10,8 +10,8 @@ from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, 
 from outlast.components.health import hurt, immune
 from outlast.ecs import Archetype, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
 
-from .crowd import beside_ray, gather, make_crowd, member
-from .geometry import MISS, enters
+from .inner.crowd import beside_ray, gather, make_crowd, member
+from .inner.geometry import MISS, enters
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,11 @@ from outlast.ecs import (
 )
 from outlast.ecs.jit import compiled
 
-from . import box2d_native, box2d_portable
-from .broad import clearance, gap, travel
-from .crowd import gather, make_crowd, member, within
-from .scene import COLUMNS, SOLVED, IncompatibleBox2D, Settings
+from .box2d import native, portable
+from .box2d.scene import COLUMNS, SOLVED, IncompatibleBox2D, Settings
+from .box2d.staging import stage, unstage
+from .inner.broad import gap, travel
+from .inner.crowd import gather, make_crowd, member, within
 
 MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
 LONGEST = np.float32(2.0)  # metres a substep: b2_maxTranslation
@@ -70,20 +71,20 @@ class Contacts(Module):
     def native(self) -> bool:
         """Whether the native bridge is used; IncompatibleBox2D if it is asked for and cannot be."""
         if self.bridge == "native":
-            box2d_native.verify()
+            native.verify()
             if not compiled():
                 raise IncompatibleBox2D(
                     'physics.bridge = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; '
                     'take "auto" or "portable"'
                 )
-        return self.bridge == "native" or (self.bridge == "auto" and box2d_native.available())
+        return self.bridge == "native" or (self.bridge == "auto" and native.available())
 
     def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
         solid = (a for m in modules for a in m.archetypes() if any(isinstance(part, Solid) for part in a.parts))
-        if (bodies := sum(archetype.count for archetype in solid)) > box2d_native.CAPACITY:
+        if (bodies := sum(archetype.count for archetype in solid)) > native.CAPACITY:
             raise NumberError(
                 f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics can do with at most "
-                f"{box2d_native.CAPACITY}; take fewer agents or boxes"
+                f"{native.CAPACITY}; take fewer agents or boxes"
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
@@ -91,7 +92,7 @@ class Contacts(Module):
             return np.zeros((dims["rows"], COLUMNS), np.float32)
         if name == "crowd":
             return make_crowd(dims)
-        return (box2d_native if self.native() else box2d_portable).make_arena()
+        return (native if self.native() else portable).make_arena()
 
 
 @Contacts.system(Phase.MOVE)
@@ -122,42 +123,6 @@ def approach(
             o = member(crowd, k)
             if o != e and gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
                 solid.near[e], solid.near[o] = 1, 1
-
-
-@kernel
-def stage(
-    scene: Array, body: Array, shape: Array, push: Array, solid: Array, entities: Array, solids: Array, substeps: int
-) -> int:
-    """Write the marked bodies into `scene` in order of rows; returns how many."""
-    count = 0
-    for e in solids:
-        if not entities.alive[e] or not solid.near[e]:
-            continue
-        row = scene[count]
-        row[0], row[1], row[2] = body.x[e], body.y[e], body.angle[e]
-        row[3], row[4], row[5] = body.vx[e], body.vy[e], body.omega[e]
-        row[6], row[7], row[8] = shape.radius[e], shape.half_width[e], shape.half_height[e]
-        row[9] = solid.dynamic[e]
-        row[10] = ZERO
-        if solid.dynamic[e]:
-            row[10] = clearance(body, shape, solid, entities, solids, e)
-        row[11], row[12], row[13] = push.x[e] / substeps, push.y[e] / substeps, push.turn[e] / substeps
-        count += 1
-    return count
-
-
-@kernel
-def unstage(scene: Array, body: Array, solid: Array, entities: Array, solids: Array) -> None:
-    """Read the marked dynamic bodies back from `scene`."""
-    k = 0
-    for e in solids:
-        if not entities.alive[e] or not solid.near[e]:
-            continue
-        if solid.dynamic[e]:
-            row = scene[k]
-            body.x[e], body.y[e], body.angle[e] = row[0], row[1], row[2]
-            body.vx[e], body.vy[e], body.omega[e] = row[3], row[4], row[5]
-        k += 1
 
 
 def collider(solve: Any) -> Any:
@@ -210,8 +175,8 @@ def collider(solve: Any) -> Any:
     return collide
 
 
-for _bridge in (box2d_native, box2d_portable):
-    _native = _bridge is box2d_native
+for _bridge in (native, portable):
+    _native = _bridge is native
     Contacts.system(Phase.MOVE, after="physics.approach", compiled=_native)(collider(_bridge.solve))
 
 

@@ -108,9 +108,7 @@ def counts(report: Path) -> Counter[str]:
     if report.exists():
         for case in ElementTree.parse(report).iter("testcase"):
             ends = {child.tag for child in case}
-            tests[
-                "failed" if ends & {"failure", "error"} else "skipped" if "skipped" in ends else "passed"
-            ] += 1
+            tests["failed" if ends & {"failure", "error"} else "skipped" if "skipped" in ends else "passed"] += 1
     return tests
 
 
@@ -149,9 +147,7 @@ def summary(results: list[Result]) -> int:
 
 def main() -> int:
     ours, theirs = divided(sys.argv[1:])
-    parser = ArgumentParser(
-        "python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
     quick = parser.parse_args(ours).quick
     if other := other_tree():

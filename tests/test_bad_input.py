@@ -324,7 +324,7 @@ def test_numbers_are_taken_in_every_reasonable_type() -> None:
 
 @pytest.mark.skipif(COMPILED, reason="compiled, there is a native bridge")
 def test_the_native_bridge_is_refused_where_kernels_are_not_compiled() -> None:
-    from outlast.systems.scene import IncompatibleBox2D
+    from outlast.systems.box2d.scene import IncompatibleBox2D
 
     with pytest.raises(IncompatibleBox2D, match="NUMBA_DISABLE_JIT"):
         teams(physics_bridge="native")()

@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 
 from outlast.ecs.jit import compiled
-from outlast.systems import box2d_layout, box2d_native, box2d_portable, box2d_verify
+from outlast.systems.box2d import layout as box2d_layout
+from outlast.systems.box2d import native as box2d_native
+from outlast.systems.box2d import portable as box2d_portable
+from outlast.systems.box2d import verify as box2d_verify
 
-from outlast.systems.scene import (  # isort: skip
+from outlast.systems.box2d.scene import (  # isort: skip
     ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INVALID, JTURN, JX, OMEGA, RADIUS, REACH,
     SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
 )  # fmt: skip
@@ -276,8 +279,8 @@ import sys
 import numpy as np
 
 from outlast.ecs.jit import kernel
-from outlast.systems import box2d_native
-from outlast.systems.scene import Settings
+from outlast.systems.box2d import native as box2d_native
+from outlast.systems.box2d.scene import Settings
 
 
 def twice(arena, settings, scene, count):

@@ -15,7 +15,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.systems import geometry
+from outlast.systems.inner import geometry
 
 COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
 TOLERANCE = 1e-5
@@ -344,9 +344,7 @@ def test_ray_box_equals_twin(
 
 @QUICK
 @given(pair, pair, turned, st.floats(1, 12), st.floats(0.1, 3))
-def test_cameras_equal_twins(
-    p: naive.Point, o: naive.Point, heading: float, depth: float, half_fov: float
-) -> None:
+def test_cameras_equal_twins(p: naive.Point, o: naive.Point, heading: float, depth: float, half_fov: float) -> None:
     numbers = (*p, *o, math.cos(heading), math.sin(heading), depth, math.cos(half_fov), math.sin(half_fov))
     corners = naive.kite_corners(o, heading, depth, half_fov)
     if naive.edge_distance(p, corners) > TOLERANCE:

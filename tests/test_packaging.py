@@ -30,9 +30,7 @@ OPTIONAL = {
 
 # Written in two parts: this file is looked through too.
 PLACES = re.compile(r"(?<![\w.])/(?:wor" + r"k|roo" + r"t)/")
-REGISTRIES = re.compile(
-    "|".join(["pypi" + r"\.org", "python" + r"hosted\.", "npm" + r"js\.org", "deb" + r"ian\.org"])
-)
+REGISTRIES = re.compile("|".join(["pypi" + r"\.org", "python" + r"hosted\.", "npm" + r"js\.org", "deb" + r"ian\.org"]))
 
 
 def tracked() -> list[Path]:
@@ -63,9 +61,7 @@ def sources() -> dict[str, Path]:
 def modules() -> list[str]:
     """Every module of the package, by its dotted name; the ones that run when imported are left out."""
     names = (name.removesuffix(".py") for name in sources() if name.endswith(".py"))
-    return sorted(
-        name.removesuffix("/__init__").replace("/", ".") for name in names if not name.endswith("__main__")
-    )
+    return sorted(name.removesuffix("/__init__").replace("/", ".") for name in names if not name.endswith("__main__"))
 
 
 def trees() -> Iterator[tuple[str, ast.Module]]:
@@ -127,9 +123,7 @@ def test_every_source_file_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
 
 
 def test_the_wheel_carries_its_licence_and_version(wheel: zipfile.ZipFile) -> None:
-    version = re.search(
-        r'__version__ = "(.+)"', (FOLDERS["outlast"] / "__init__.py").read_text(encoding="utf-8")
-    )
+    version = re.search(r'__version__ = "(.+)"', (FOLDERS["outlast"] / "__init__.py").read_text(encoding="utf-8"))
     assert version
     info = f"outlast-{version[1]}.dist-info"
     assert f"{info}/licenses/LICENSE" in wheel.namelist()
@@ -152,19 +146,14 @@ def test_importing_everything_leaves_no_second_copy() -> None:
         "print(json.dumps(sorted(sys.modules)))\n"
     )
     arguments = [json.dumps(modules()), json.dumps(sorted(OPTIONAL))]
-    done = subprocess.run(
-        [sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not TOP_LEVEL & set(json.loads(done.stdout.splitlines()[-1]))
 
 
 def test_our_folders_are_imported_as_parts_of_outlast() -> None:
     strays = {
-        path: module
-        for path, tree in trees()
-        for module, _, _ in imported(tree)
-        if module.split(".")[0] in TOP_LEVEL
+        path: module for path, tree in trees() for module, _, _ in imported(tree) if module.split(".")[0] in TOP_LEVEL
     }
     assert not strays
 
@@ -188,9 +177,7 @@ def test_a_compiling_decorator_is_found(source: str) -> None:
 
 
 def test_other_uses_of_numba_are_not_taken_for_one() -> None:
-    assert not compilers(
-        ast.parse("from numba import types\nfrom .jit import kernel\nfrom . import jit\njit.kernel")
-    )
+    assert not compilers(ast.parse("from numba import types\nfrom .jit import kernel\nfrom . import jit\njit.kernel"))
 
 
 def test_files_are_short_enough_to_read() -> None:
@@ -205,8 +192,6 @@ def test_no_file_names_a_place_of_its_making() -> None:
         if b"\0" not in content:
             text = content.decode("utf-8")
             strays += [
-                f"{path.relative_to(ROOT)}: {hit[0]}"
-                for rule in (PLACES, REGISTRIES)
-                for hit in rule.finditer(text)
+                f"{path.relative_to(ROOT)}: {hit[0]}" for rule in (PLACES, REGISTRIES) for hit in rule.finditer(text)
             ]
     assert not strays

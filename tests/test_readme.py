@@ -32,11 +32,12 @@ def test_the_order_of_an_example_without_after_is_refused_as_told():
     block = next(block for block in BLOCKS if "class Swamp" in block).replace(', after="motors.drive"', "")
     done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
     assert "ambiguous" in done.stderr
-    assert "motors.drive" in done.stderr and "swamp.wade" in done.stderr
+    assert "motors.drive" in done.stderr
+    assert "swamp.wade" in done.stderr
 
 
 def test_too_many_agents_are_refused_as_told():
     import outlast
 
-    with pytest.raises(ValueError, match="93 bodies .* 64 cells"):
+    with pytest.raises(ValueError, match=r"93 bodies .* 64 cells"):
         outlast.make_vec(outlast.variant("ffa_3").replace(n_agents=70), 1)

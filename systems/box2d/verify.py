@@ -1,6 +1,6 @@
 """Is the installed Box2D the one whose insides the native bridge knows? Asked before its memory is touched.
 
-Objects made by pybox2d's public interface are read at the offsets of `box2d_layout`, and Box2D's constructors
+Objects made by pybox2d's public interface are read at the offsets of `layout`, and Box2D's constructors
 run in a guarded buffer; whatever differs is named. Only the numbers of b2TimeStep and b2ContactSolverDef, which
 no public object shows, rest mostly on the version, and on the tests that compare the bridges.
 """
@@ -14,7 +14,7 @@ from typing import Any
 import Box2D
 import numpy as np
 
-from . import box2d_layout as at
+from . import layout as at
 from .scene import IncompatibleBox2D
 
 VERSION = "2.3.10"

@@ -8,8 +8,8 @@ import numpy as np
 
 from outlast.ecs.jit import kernel
 
-from . import box2d_layout as at
-from .box2d_arena import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
+from . import layout as at
+from .arena import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
 from .scene import Settings
 
 _MAX_TURN = np.float32(0.5 * 3.14159265359)  # b2_maxRotation

@@ -4,7 +4,7 @@ import numpy as np
 
 from outlast.ecs.jit import kernel
 
-from . import box2d_layout as at
+from . import layout as at
 
 
 @kernel

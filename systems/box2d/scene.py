@@ -1,6 +1,6 @@
 """A scene: the few bodies of one world that are near something, handed to Box2D for one tick.
 
-Both bridges (`box2d_native`, `box2d_portable`) take the same scene and give the same bits. A scene is a float32
+Both bridges (`native`, `portable`) take the same scene and give the same bits. A scene is a float32
 array (capacity, 14), one row a body in the order in which Box2D gets them; the columns are named here.
 """
 

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from outlast.ecs.jit import compiled, kernel
 
-from . import box2d_layout as at
-from .box2d_arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
-from .box2d_impact import may_hit
-from .box2d_island import solve_islands
-from .box2d_verify import verify
+from . import layout as at
+from .arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
+from .impact import may_hit
+from .island import solve_islands
 from .scene import (
     ABANDONED,
     ANGLE,
@@ -38,6 +37,7 @@ from .scene import (
     X,
     Y,
 )
+from .verify import verify
 
 __all__ = ["CAPACITY", "available", "make_arena", "solve", "verify"]
 

@@ -1,6 +1,6 @@
 """Where things lie inside the objects of Box2D 2.3 (LP64), and its functions by symbol.
 
-Read out of pybox2d 2.3.10's library; `box2d_verify` checks every number before it is used.
+Read out of pybox2d 2.3.10's library; `verify` checks every number before it is used.
 """
 
 import contextlib
@@ -11,7 +11,7 @@ import Box2D
 from outlast.ecs.jit import external, has_symbol, load_library, loader, storer
 
 FILE: Final[str] = Box2D._Box2D.__file__
-with contextlib.suppress(OSError):  # then its symbols are missing, which `box2d_verify` reports
+with contextlib.suppress(OSError):  # then its symbols are missing, which `verify` reports
     load_library(FILE)  # here, so that a kernel from the disk cache finds them too
 
 load_f4, load_i4, load_i8, load_u2 = loader("float32"), loader("int32"), loader("intp"), loader("uint16")

@@ -8,7 +8,7 @@ import Box2D
 import numpy as np
 from numpy.typing import NDArray
 
-from . import box2d_layout as at
+from . import layout as at
 from .scene import CAPACITY
 
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
