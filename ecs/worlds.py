@@ -4,7 +4,7 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
@@ -16,6 +16,7 @@ from .component import Clock, Component
 from .errors import DeclarationError, ScheduleError
 from .layout import Layout
 from .module import Module
+from .phase import Phase
 from .tick import Segment, is_cached, segments
 from .view import WIDTH, describe
 
@@ -27,15 +28,23 @@ class Worlds:
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
     The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take
-    all worlds through one after the other, to time them (see `times`); the results are the same.
+    all worlds through one after the other, to time them (see `times`); the results are the same. without: phases to
+    leave out, for whoever wants no observations, say.
     Raises DeclarationError or ScheduleError when the modules do not fit together.
     """
 
-    def __init__(self, modules: Sequence[Module], count: int, threads: int = 1, split: bool = False) -> None:
+    def __init__(
+        self,
+        modules: Sequence[Module],
+        count: int,
+        threads: int = 1,
+        split: bool = False,
+        without: Collection[Phase] = (),
+    ) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
         systems = [system for module in self.layout.modules for system in module.systems()]
-        systems = [system for system in systems if self._applies(system)]
+        systems = [system for system in systems if self._applies(system) and system.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components)
         self.block = np.zeros((count, self.layout.world_bytes), np.uint8)
         self.block[:] = self.layout.template

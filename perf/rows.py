@@ -26,6 +26,11 @@ class Row:
         """What ours is compared with: env.step where it was measured, else the simulation's step alone."""
         return self.step if self.step is not None else self.simulation or float("nan")
 
+    @property
+    def simulation_only(self) -> bool:
+        """Whether the row stands for the simulation without observations: then ours is timed without them, too."""
+        return self.step is None
+
 
 def _features(agents: int, heals: int = 0, boxes: int = 0, cameras: bool = True) -> Scenario:
     """A row of the first table: the variants' configuration, free for all, with only the counts changed."""
