@@ -13,7 +13,8 @@ Signal     one/world   what the learner is told beside it: rewards, ends
 Statistic  one/world   what is counted over an episode and reported at its end
 ========== =========== ==========================================================================
 
-An instance, `Health(points=20)`, is no live object but a birth value: the fills of a new row.
+An instance, `Health(points=20)`, is no live object but a birth value: the fills of a new row. Rows of archetypes
+without the component are there too, all zero, so that one row number means one entity in every table.
 """
 
 from collections import namedtuple

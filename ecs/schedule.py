@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from .component import Component
 from .errors import ScheduleError
@@ -33,11 +34,17 @@ class Schedule:
 def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Schedule:
     """Put systems in order. The order in which they are given never matters.
 
-    Raises ScheduleError when a system needs a component that nothing brings, when `after`/`before` names an
-    unknown system or runs in a circle, and when two systems of a phase touch a component in conflicting ways
-    without saying who goes first.
+    Raises ScheduleError when two systems have one label, when a system needs a component that nothing brings, when
+    `after`/`before` names an unknown system or runs in a circle, and when two systems of a phase touch a component in
+    conflicting ways without saying who goes first.
     """
     systems = sorted(systems, key=lambda system: system.label)
+    for one, two in pairwise(systems):
+        if one.label == two.label:
+            raise ScheduleError(
+                f"two systems are called {one.label} ({one.function.__module__} and {two.function.__module__}): their "
+                "name decides their order and their random numbers; rename one of the functions or its file"
+            )
     _check_present(systems, set(present))
     phases: dict[Phase, list[System]] = {}
     for system in systems:

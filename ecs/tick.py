@@ -66,6 +66,7 @@ class Writer:
         self.names: dict[str, Any] = {"np": np, "restore": restore}
         self.arguments = Arguments()
         self.tables: dict[str, str] = {}
+        self.constants: set[str] = set()
         self.before: list[str] = []  # lines ahead of the loop over worlds
 
     def source(self) -> str:
@@ -88,7 +89,7 @@ class Writer:
         return "\n".join(lines) + "\n"
 
     def _start(self, clock: str) -> list[str]:
-        template = self._constant(self.layout.template.view(np.uint64))
+        template = self._constant("template", self.layout.template.view(np.uint64))
         block = self._view(np.dtype("u8"), 1, True)
         return [
             "        if fresh:",
@@ -112,7 +113,8 @@ class Writer:
             case "write" | "add":
                 return self._table(parameter.components[0], "w")
             case "rows":
-                return self._constant(self.layout.rows(*parameter.components))
+                name = "_".join(["rows", *map(self._name, parameter.components)])
+                return self._constant(name, self.layout.rows(*parameter.components))
             case "random":
                 return f"(seed, world, episode, tick, np.uint64({stream_number(system.label)}))"
             case "scratch":
@@ -120,7 +122,8 @@ class Writer:
             case "cause":
                 return self._integer(self.layout.causes.index(module.cause))
             case "numbers":
-                return self._constant(np.array(module.value(parameter.name), np.float32))
+                name = f"{module.name()}_{parameter.name}"
+                return self._constant(name, np.array(module.value(parameter.name), np.float32))
         return self._number(module.value(parameter.name))
 
     def _number(self, value: Any) -> str:
@@ -138,11 +141,14 @@ class Writer:
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
-    def _constant(self, array: np.ndarray[Any, Any]) -> str:
-        k = len(self.arguments.constants)
-        self.arguments.constants.append(np.ascontiguousarray(array))
-        self.before.append(f"c{k} = {self._view(array.dtype, 1, False)}(constants, {k}, 0)")
-        return f"c{k}"
+    def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
+        """A read-only array that is the same for all worlds; asked for twice, it is made once."""
+        if name not in self.constants:
+            k = len(self.arguments.constants)
+            self.constants.add(name)
+            self.arguments.constants.append(np.ascontiguousarray(array))
+            self.before.append(f"{name} = {self._view(array.dtype, 1, False)}(constants, {k}, 0)")
+        return name
 
     def _scratch(self, module: Module, name: str) -> str:
         k = len(self.arguments.scratch)
@@ -150,11 +156,16 @@ class Writer:
         if not self.compiled:
             return f"scratch[{k}]"
         memory = module.scratch(name, self.layout.dims)  # made to learn its type
-        self.before.append(f"s{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch, {k}, 0)")
-        return f"s{k}"
+        self.before.append(f"scratch_{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch, {k}, 0)")
+        return f"scratch_{k}"
+
+    def _name(self, component: type[Component]) -> str:
+        """A name for the source: the class's own, with a number if another component has it too."""
+        alike = [c for c in self.layout.components if c.__name__ == component.__name__]
+        return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
     def _table(self, component: type[Component], access: str) -> str:
-        name = f"{component.__module__.rsplit('.', 1)[-1]}_{component.__name__}_{access}".lower()
+        name = f"{self._name(component)}_{access}"
         if name not in self.tables:
             places = [k for k, place in enumerate(self.layout.places) if place.component is component]
             ndims = [len(self.layout.places[k].shape) for k in places]

@@ -54,7 +54,7 @@ def write(path: Path, batches: list[int], times: dict[tuple[str, int], float]) -
     """The same as CSV."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
-        table = csv.writer(file)
+        table = csv.writer(file, lineterminator="\n")
         table.writerow(["row", "paper_us", "original_us", *(f"worlds_{n}_us" for n in batches)])
         for row in ROWS:
             ours = (f"{times[row.name, n]:.3f}" for n in batches)

@@ -160,3 +160,28 @@ def test_what_touches_nothing_in_common_needs_no_order() -> None:
     """The toy game itself: both eat and freeze add to Energy, and only one reads Wind."""
     assert labels(toy.Food(), Weather()) == ["food.eat", "weather.freeze"]
     assert {Meals, Wind} <= set(Worlds(toy.GAME, 1).components)
+
+
+def test_two_systems_of_one_label_are_refused() -> None:
+    """As two users' files of one name would have; their order and random numbers go by label."""
+    with pytest.raises(ScheduleError, match=r"two systems are called ape\.act .*rename"):
+        labels(module("ape.act", reads), module("ape.act", adds))
+
+
+def test_components_of_one_name_are_told_apart() -> None:
+    """Two files may both have an Energy."""
+    twin = type("Energy", (Component,), {"spent": column("i4", fill=7)})
+
+    def spend(energy: Write[Energy], other: Write[twin], stones: Rows[Energy, twin]) -> None:  # type: ignore[valid-type]
+        for e in stones:
+            energy.left[e] -= 1
+            other.spent[e] += 10
+
+    class Stones(Toy):
+        def archetypes(self) -> list[Any]:
+            return [toy.Archetype("stone", (Energy(left=3), twin()), 2)]
+
+    worlds = make(Stones(), module("ape.act", spend))
+    run(worlds, toy.STEP, toy.STEP)
+    assert worlds[Energy].left[0].tolist() == [1, 1]
+    assert worlds[twin].spent[0].tolist() == [27, 27]
