@@ -19,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
+WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -94,7 +95,7 @@ def suite(stage: Stage, arguments: list[str]) -> Result:
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
-        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", *stage.arguments, *arguments]
+        command = [sys.executable, "-m", "pytest", "-q", *WORKERS, f"--junitxml={report}", *stage.arguments, *arguments]
         code = subprocess.run(command, cwd=ROOT, env=stage.environment).returncode
         tests = counts(report)
     if code not in (0, NO_TESTS) and not tests["failed"]:
