@@ -31,7 +31,7 @@ from outlast.ecs import (
 from outlast.ecs.jit import compiled
 
 from .box2d import native, portable
-from .box2d.scene import COLUMNS, SOLVED, IncompatibleBox2D, Settings
+from .box2d.scene import COLUMNS, LIMIT, SOLVED, IncompatibleBox2D, Settings
 from .box2d.staging import stage, unstage
 from .inner.broad import gap, travel
 from .inner.crowd import gather, make_crowd, member, within
@@ -183,6 +183,7 @@ for _bridge in (native, portable):
 @Contacts.system(Phase.MOVE, after="physics.collide")
 def fly(
     body: Write[Body],
+    fault: Write[Fault],
     push: Read[Push],
     solid: Read[Solid],
     entities: Read[Entity],
@@ -203,6 +204,8 @@ def fly(
             for _ in range(substeps):
                 integrate(body, push, e, dt, slow, calm, substeps)
         body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
+        if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
+            fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
 
 
 @kernel

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from outlast import VARIANTS, Scenario, make_vec, variant
-from outlast.components import Episode, Reward
+from outlast.components import Body, Episode, Reward
 from outlast.ecs import Clock
-from outlast.envs.errors import NotResetError
+from outlast.envs.errors import FaultError, NotResetError
 from outlast.envs.vector import SurvivalVectorEnv
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 
@@ -368,3 +368,20 @@ def test_the_same_bits_for_two_thousand_ticks(name: str) -> None:
                 assert digest(env.worlds) == digest(batch.worlds, slice(env.first_world, env.first_world + 1))
             width = some[0].num_worlds
             assert digest(some[0].worlds) == digest(batch.worlds, slice(0, width))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 2e6])
+def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: float) -> None:
+    """A mechanic that writes NaN is found in the tick it does so, and named by its world; the others are not harmed."""
+    env, twin = make_vec("ffa_1", 3, seed=4), make_vec("ffa_1", 3, seed=4)
+    for each in (env, twin):
+        each.reset()
+        each.step(np.ones((3, 2, 6), int))
+    env.worlds[Body].vx[1, 0] = value
+    with pytest.raises(FaultError, match=r"world 1: .*Reset"):
+        env.step(np.ones((3, 2, 6), int))
+    twin.step(np.ones((3, 2, 6), int))
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(np.ones((3, 2, 6), int))
+    twin.step(np.ones((3, 2, 6), int))
+    assert digest(env.worlds, [0, 2]) == digest(twin.worlds, [0, 2])
