@@ -20,7 +20,8 @@ from .phase import Phase
 from .tick import Segment, is_cached, segments
 from .view import WIDTH, describe
 
-BLOCK = 16  # worlds a thread takes at a time: enough to pay for the call, few enough to end together
+LEAST = 16  # worlds a thread takes at a time, at least: enough to pay for the call
+SHARES = 16  # blocks for each thread: enough for all of them to end together
 
 
 class Worlds:
@@ -97,7 +98,7 @@ class Worlds:
         """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world."""
         for k, (segment, inputs) in enumerate(zip(self._segments, self._inputs, strict=True)):
             start = time.perf_counter()
-            if self.threads == 1 or not segment.compiled or self.count <= BLOCK:
+            if self.threads == 1 or not segment.compiled or self.count <= LEAST:
                 self._call(segment, inputs, 0, 0, self.count, mode)
             else:
                 self._spread(segment, inputs, mode)
@@ -111,11 +112,12 @@ class Worlds:
 
     def _spread(self, segment: Segment, inputs: "_Inputs", mode: np.ndarray[Any, Any]) -> None:
         """Threads take the next block of worlds until none is left; the caller's thread is one of them."""
-        starts = iter(range(0, self.count, BLOCK))  # next() of a range iterator is one step under the GIL
+        block = max(LEAST, self.count // (self.threads * SHARES))
+        starts = iter(range(0, self.count, block))  # next() of a range iterator is one step under the GIL
 
         def work(thread: int) -> None:
             for start in starts:
-                self._call(segment, inputs, thread, start, min(start + BLOCK, self.count), mode)
+                self._call(segment, inputs, thread, start, min(start + block, self.count), mode)
 
         if self._pool is None or self._owner != os.getpid():  # after a fork, threads do not exist any more
             self._pool, self._owner = ThreadPoolExecutor(self.threads - 1, "outlast"), os.getpid()
