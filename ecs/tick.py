@@ -36,6 +36,7 @@ from .random import stream_number
 from .view import array_view, table_view
 
 SKIP, STEP, RESET = 0, 1, 2
+LOADED: dict[Any, Any] = {}  # functions by file and kernels
 HEADER = "def tick(start, stop, mode, layout, constants, scratch, integers, reals):"
 
 
@@ -169,8 +170,10 @@ class Writer:
         if name not in self.tables:
             places = [k for k, place in enumerate(self.layout.places) if place.component is component]
             ndims = [len(self.layout.places[k].shape) for k in places]
-            self.names[f"view_{name}"] = table_view(component, places[0], ndims, access == "w", not self.compiled)
-            self.tables[name] = f"view_{name}(layout, w)"
+            self.names[f"view_{name}"] = table_view(component, ndims, access == "w", not self.compiled)
+            columns = zip(component.columns.items(), ndims, strict=True)
+            types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
+            self.tables[name] = f"view_{name}(layout, {places[0]}, w)  # {types}"
         return name
 
 
@@ -196,8 +199,11 @@ def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> 
     return result
 
 
-def load(source: str, names: dict[str, Any], systems: Iterable[System], jit: bool) -> Any:
-    """Write `source` into the cache folder, import it with `names` in scope, and mark it for compilation."""
+def load(source: str, names: dict[str, Any], systems: Sequence[System], jit: bool) -> Any:
+    """Write `source` into the cache folder, import it with `names` in scope, and mark it for compilation.
+
+    Worlds of one structure share one function in a process: it is loaded once, however many environments come and go.
+    """
     folder = cache_folder() / fingerprint(systems)
     name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
     path = folder / f"{name}.py"
@@ -207,16 +213,22 @@ def load(source: str, names: dict[str, Any], systems: Iterable[System], jit: boo
         with os.fdopen(handle, "w") as file:
             file.write(source)
         os.replace(temporary, path)
-    spec = importlib.util.spec_from_file_location(f"outlast_{name}", path)
+    key = (path, jit, *(system.kernel for system in systems))
+    if key not in LOADED:
+        LOADED[key] = _imported(path, names, systems, jit)
+    return LOADED[key]
+
+
+def _imported(path: Path, names: dict[str, Any], systems: Iterable[System], jit: bool) -> Any:
+    """The function `tick` of the file `path`."""
+    spec = importlib.util.spec_from_file_location(f"outlast_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     module.__dict__.update(names)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)
-    keep = all(
-        Path(inspect.getfile(system.function)).exists() for system in systems
-    )  # typed in at a prompt: it may change
+    keep = all(Path(inspect.getfile(system.function)).exists() for system in systems)  # not what was typed at a prompt
     return kernel(module.tick, cache=keep) if jit else module.tick
 
 

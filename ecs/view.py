@@ -45,26 +45,27 @@ def array_view(dtype: np.dtype[Any], ndim: int, writable: bool, python: bool) ->
     return view
 
 
-def table_view(component: type[Component], first: int, ndims: list[int], writable: bool, python: bool) -> Any:
-    """A function (rows, w) -> table of `component` for world w; its columns are the rows from `first` on."""
+def table_view(component: type[Component], ndims: list[int], writable: bool, python: bool) -> Any:
+    """A function (rows, first, w) -> table of `component` for world w; its columns are the rows from `first` on."""
     dtypes = [column.dtype for column in component.columns.values()]
     columns = list(zip(dtypes, ndims, strict=True))
     if python or not compiled():
-        return lambda rows, w: component.Table(
+        return lambda rows, first, w: component.Table(
             *(_python_array(rows[first + c], w, dtype, ndim, writable) for c, (dtype, ndim) in enumerate(columns))
         )
     kinds = [_array_type(dtype, ndim, writable) for dtype, ndim in columns]
     table = types.NamedTuple(kinds, component.Table)
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def view(typing: Any, rows: Any, w: Any) -> Any:
+    def view(typing: Any, rows: Any, first: Any, w: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             data = _data(context, builder, rows, arguments[0])
-            starts = [ir.Constant(WORD, (first + c) * WIDTH) for c in range(len(kinds))]
-            arrays = [_array(context, builder, k, data, s, arguments[1]) for k, s in zip(kinds, starts, strict=True)]
+            start = builder.mul(arguments[1], ir.Constant(WORD, WIDTH))
+            starts = [builder.add(start, ir.Constant(WORD, c * WIDTH)) for c in range(len(kinds))]
+            arrays = [_array(context, builder, k, data, s, arguments[2]) for k, s in zip(kinds, starts, strict=True)]
             return context.make_tuple(builder, table, arrays)
 
-        return table(rows, types.intp), generate
+        return table(rows, types.intp, types.intp), generate
 
     return view
 
