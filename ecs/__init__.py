@@ -1,7 +1,7 @@
 """The engine: components, systems, schedule, runner. It knows no game.
 
 Read in this order: component (nouns), access and module (verbs and their numbers), phase and schedule (the order),
-layout (where it all lies), tick (the order as code), worlds (a batch of worlds, and the threads).
+layout (where it all lies), tick and cache (the order as code), worlds (a batch of worlds, and the threads).
 """
 
 from .access import Add, Cause, Random, Read, Rows, Scratch, Write

@@ -12,12 +12,13 @@ import numpy as np
 from numba.core.errors import TypingError
 
 from . import schedule
+from .cache import is_cached
 from .component import Clock, Component
 from .errors import DeclarationError, ScheduleError
 from .layout import Layout
 from .module import Module
 from .phase import Phase
-from .tick import Segment, is_cached, segments
+from .tick import Segment, segments
 from .view import WIDTH, describe
 
 LEAST = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -80,7 +81,7 @@ class Worlds:
     @property
     def compiled(self) -> bool:
         """Whether machine code for this tick is ready or lies on disk."""
-        return all(is_cached(segment) for segment in self._segments)
+        return all(is_cached(segment.function) for segment in self._segments)
 
     def span(self, archetype: str) -> slice:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
