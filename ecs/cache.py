@@ -6,7 +6,7 @@ import inspect
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +35,11 @@ def load(source: str, names: dict[str, Any], systems: Sequence[System], jit: boo
         os.replace(temporary, path)
     key = (path, jit, *(system.kernel for system in systems))
     if key not in LOADED:
-        LOADED[key] = _imported(path, names, systems, jit)
+        LOADED[key] = _imported(path, names, jit)
     return LOADED[key]
 
 
-def _imported(path: Path, names: dict[str, Any], systems: Iterable[System], jit: bool) -> Any:
+def _imported(path: Path, names: dict[str, Any], jit: bool) -> Any:
     """The function `tick` of the file `path`."""
     spec = importlib.util.spec_from_file_location(f"outlast_{path.stem}", path)
     assert spec is not None
@@ -48,8 +48,7 @@ def _imported(path: Path, names: dict[str, Any], systems: Iterable[System], jit:
     module.__dict__.update(names)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)
-    keep = all(Path(inspect.getfile(system.function)).exists() for system in systems)  # not what was typed at a prompt
-    return kernel(module.tick, cache=keep) if jit else module.tick
+    return kernel(module.tick, cache=True) if jit else module.tick
 
 
 def is_cached(tick: Any) -> bool:

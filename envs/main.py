@@ -63,7 +63,11 @@ def _rollout(options: argparse.Namespace) -> int:
     start = time.perf_counter()
     bar = tqdm(total=options.worlds * options.steps, unit="world-step", unit_scale=True, disable=options.quiet)
 
-    def progress(done: int) -> None:
+    done = 0  # steps of each world; a bar that is not shown does not count
+
+    def progress(steps: int) -> None:
+        nonlocal done
+        done = steps
         if bar.update(options.worlds):  # it redrew itself
             rate = done * options.worlds * env.num_agents / (time.perf_counter() - start)
             bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
@@ -73,10 +77,10 @@ def _rollout(options: argparse.Namespace) -> int:
         summary = rollout(env, policy, options.steps, progress)
     except KeyboardInterrupt as stop:
         summary, status = stop.args[0], 130
-    done, seconds = bar.n, time.perf_counter() - start
+    seconds = time.perf_counter() - start
     bar.close()
     env.close()
-    _report(options, summary, done if not options.quiet else options.worlds * options.steps, seconds, env.num_agents)
+    _report(options, summary, done * options.worlds, seconds, env.num_agents)
     return status
 
 

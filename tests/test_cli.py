@@ -66,7 +66,8 @@ def test_numbers_below_one_are_refused(capsys):
     assert "at least 1" in capsys.readouterr().err
 
 
-def test_ctrl_c_prints_what_there_is(capsys, monkeypatch):
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
     def interrupted(env, seed):
         steps = iter(range(110))
         idle = cli.POLICIES["noop"](env, seed)
@@ -79,7 +80,8 @@ def test_ctrl_c_prints_what_there_is(capsys, monkeypatch):
         return act
 
     monkeypatch.setitem(cli.POLICIES, "random", interrupted)
-    status, out, _ = run(capsys, "rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100")
+    arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100", *quiet)
+    status, out, _ = run(capsys, *arguments)
     assert status == 130
     assert "220 world-steps" in out
 
