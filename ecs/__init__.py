@@ -21,6 +21,7 @@ from .component import (
 )
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
 from .jit import kernel
+from .layout import Layout
 from .module import Archetype, Module, System, number
 from .phase import Phase, When
 from .tick import RESET, SKIP, STEP
@@ -41,6 +42,7 @@ __all__ = [
     "DeclarationError",
     "EngineError",
     "Entity",
+    "Layout",
     "Module",
     "NumberError",
     "Observation",

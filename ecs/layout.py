@@ -50,9 +50,9 @@ class Layout:
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
-        for module in self.modules:
-            module.check(self.spans, self.dims, self.modules)
         self.singletons = {type(s): s for module in self.modules for s in module.singletons()}
+        for module in self.modules:
+            module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         self.components: tuple[type[Component], ...] = (Clock, Entity, *others)

@@ -12,9 +12,9 @@ On and off means in the scenario's list of modules, or not.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
 from .jit import kernel
 from .phase import Phase
+
+if TYPE_CHECKING:
+    from .layout import Layout
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -150,7 +153,7 @@ class Module:
         """Memory for the Scratch parameter `name`: an array (any object for a Python system), made once a thread."""
         raise DeclarationError(f"{self.name()} has the Scratch parameter '{name}' but no scratch()")
 
-    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence["Module"]) -> None:
+    def check(self, layout: "Layout") -> None:
         """Refuse (NumberError) numbers that are impossible together with what the other modules bring."""
 
     def replace(self, **numbers: Any) -> Self:

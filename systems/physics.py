@@ -6,7 +6,7 @@ the others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from outlast.components import Body, Fault, Phase, Push, Shape, Solid
 from outlast.ecs import (
     Array,
     Entity,
+    Layout,
     Module,
     NumberError,
     Read,
@@ -79,9 +80,8 @@ class Contacts(Module):
                 )
         return self.bridge == "native" or (self.bridge == "auto" and native.available())
 
-    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
-        solid = (a for m in modules for a in m.archetypes() if any(isinstance(part, Solid) for part in a.parts))
-        if (bodies := sum(archetype.count for archetype in solid)) > native.CAPACITY:
+    def check(self, layout: Layout) -> None:
+        if (bodies := len(layout.rows(Solid))) > native.CAPACITY:
             raise NumberError(
                 f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics can do with at most "
                 f"{native.CAPACITY}; take fewer agents or boxes"

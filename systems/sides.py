@@ -1,12 +1,12 @@
 """Sides: every agent for itself, or teams."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from outlast.components import Guard, Phase, Side, Sides
-from outlast.ecs import Module, NumberError, Rows, Singleton, Write, number
+from outlast.ecs import Layout, Module, NumberError, Rows, Singleton, Write, number
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Teams(Module):
     def dims(self) -> dict[str, int | str]:
         return {"sides": self.count, "features": 1}
 
-    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
-        if self.count > dims["agents"]:
-            raise NumberError(f"sides.count = {self.count} teams, but there are only {dims['agents']} agents")
+    def check(self, layout: Layout) -> None:
+        if self.count > layout.dims["agents"]:
+            raise NumberError(f"sides.count = {self.count} teams, but there are only {layout.dims['agents']} agents")
 
 
 @Teams.system(Phase.DRAW)

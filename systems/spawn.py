@@ -1,10 +1,10 @@
 """The spawn grid: the floor is cut into cells, and every body that spawns at reset gets one of its own."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast.components import Body, Floor, Phase, Spawned
-from outlast.ecs import Array, Entity, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
+from outlast.ecs import Array, Entity, Layout, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
 from outlast.ecs.random import integer
 
 
@@ -26,14 +26,13 @@ class SpawnGrid(Module):
     def dims(self) -> dict[str, int | str]:
         return {"cells": self.cells**2}
 
-    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
-        bodies = {
-            a.name: a.count for m in modules for a in m.archetypes() if any(isinstance(p, Spawned) for p in a.parts)
-        }
-        if sum(bodies.values()) > self.cells**2:
-            what = ", ".join(f"{count} {name}" for name, count in bodies.items())
+    def check(self, layout: Layout) -> None:
+        bodies = len(layout.rows(Spawned))
+        if bodies > self.cells**2:
+            kinds = [a for a in layout.archetypes.values() if any(isinstance(part, Spawned) for part in a.parts)]
+            what = ", ".join(f"{kind.count} {kind.name}" for kind in kinds)
             raise NumberError(
-                f"{sum(bodies.values())} bodies ({what}) do not fit into spawn.cells = {self.cells} x {self.cells} = "
+                f"{bodies} bodies ({what}) do not fit into spawn.cells = {self.cells} x {self.cells} = "
                 f"{self.cells**2} cells; take fewer bodies or more cells"
             )
 

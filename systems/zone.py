@@ -1,6 +1,7 @@
 """The safe zone: a circle that stands, then shrinks and moves, and hurts whoever is outside."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,6 +14,7 @@ from outlast.ecs import (
     Cause,
     Clock,
     Entity,
+    Layout,
     Module,
     NumberError,
     Random,
@@ -50,15 +52,14 @@ class SafeZone(Module):
     def dims(self) -> dict[str, int | str]:
         return {"zones": len(self.radii) + 1}
 
-    def check(self, spans: dict[str, range], dims: dict[str, int], modules: Sequence[Module]) -> None:
+    def check(self, layout: Layout) -> None:
         if not self.radii:
             raise NumberError("zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
-        for module in modules:
-            size = getattr(module, "size", None)
-            if module.name() == "room" and size is not None and max(self.radii) > size / 2:
-                raise NumberError(
-                    f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
-                )
+        size = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
+        if max(self.radii) > size / 2:
+            raise NumberError(
+                f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
+            )
 
 
 @SafeZone.system(Phase.DRAW)
