@@ -10,7 +10,7 @@ from .melee import Attack, Weapon
 from .motor import Drive
 from .phase import Phase
 from .score import End, Episode, Reward, Score
-from .sight import Sight
+from .sight import Sight, Told
 from .zone import Zone, ZoneView
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "Sight",
     "Solid",
     "Spawned",
+    "Told",
     "Use",
     "Weapon",
     "Zone",

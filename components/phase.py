@@ -21,6 +21,7 @@ class Phase(ecs.Phase):
     DIE = When.STEP, "agents without health are gone and their items lie around"
     PICKUP = When.STEP, "items in reach are in bags"
     ZONE = When.STEP, "who was outside of the safe zone is hurt, and the zone has moved on"
+    LOOK = When.ALWAYS, "it is settled whom each observation tells of"
     OBSERVE = When.ALWAYS, "observations show the world as it is"
     REWARD = When.ALWAYS, "rewards are paid"
     END = When.ALWAYS, "terminated and truncated are known"

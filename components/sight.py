@@ -1,29 +1,34 @@
-"""What each agent sees."""
+"""What each agent sees, and what its observation tells of."""
 
 from typing import Any
 
 from outlast.ecs import Array, Singleton, column, kernel
+from outlast.ecs.lanes import LANES, SHIFT
 
 MASKED, REVEALED, OMNISCIENT = 0, 1, 2
 MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Who sees whom, by observer and row. Written by cameras; without cameras everybody sees everything."""
+    """Who sees whom: sets of rows (see ecs.lanes) by observer. Written by cameras; without, all see everything."""
 
-    seen: Array = column("u1", "agents", "rows")
+    seen: Array = column("i4", "agents", "groups")
     mode: Array = column("i4", fill=OMNISCIENT)  # index into MODES
 
 
-@kernel
-def look(sight: Any, entities: Any, i: int, me: int, e: int) -> tuple[int, int]:
-    """(mask, shown) of entity `e` for observer number `i` in row `me`: what the mask says, and if its row is filled.
+class Told(Singleton, packed=False):
+    """Of whom the observations tell: sets of rows by observer. Written by agents.look.
 
-    masked: both only for what the camera sees. revealed: the camera masks, rows of all that exists are filled.
-    omniscient: all that exists has both. A dead observer's masks are 0.
+    Lies beside the observations, which outlive an episode: only entries that tell of somebody, or did so in the tick
+    before, are written anew. All others are zero and stay so.
     """
-    here, awake, mode = entities.alive[e], entities.alive[me], sight.mode[0]
-    if mode == OMNISCIENT:
-        return here & awake, here
-    mask = sight.seen[i, e] & here & awake
-    return mask, (mask if mode == MASKED else here)
+
+    masks: Array = column("i4", "agents", "groups")  # their mask is 1
+    filled: Array = column("i4", "agents", "groups")  # their entry is filled, which in masked mode is the same
+    stale: Array = column("i4", "agents", "groups")  # their entry must be written: it is filled, or was
+
+
+@kernel
+def told(sets: Any, i: int, e: int) -> int:
+    """Whether row `e` is in the set of observer number `i`, as 0 or 1."""
+    return int((sets[i, e >> SHIFT] >> (e & LANES - 1)) & 1)

@@ -4,7 +4,7 @@ Read in this order: component (nouns), access and module (verbs and their number
 layout (where it all lies), tick and cache (the order as code), worlds (a batch of worlds, and the threads).
 """
 
-from .access import Add, Cause, Random, Read, Rows, Scratch, Write
+from .access import Add, Bits, Cause, Random, Rank, Read, Rows, Scratch, Write
 from .component import (
     Action,
     Array,
@@ -35,6 +35,7 @@ __all__ = [
     "Add",
     "Archetype",
     "Array",
+    "Bits",
     "Cause",
     "Clock",
     "Column",
@@ -48,6 +49,7 @@ __all__ = [
     "Observation",
     "Phase",
     "Random",
+    "Rank",
     "Read",
     "Real",
     "Rows",

@@ -8,6 +8,8 @@ Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to (additions of integers commute, so order is free)
 Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
                 is dormant: it is not scheduled (so an item mechanic names Rows[Item] even if it needs no list)
+Bits[A, B]      the same as sets of sixteen rows each: int32 words, bit j of word g is row 16 g + j (see ecs.lanes)
+Rank[A, B]      the same as int32 by row: the row's index in Rows[A, B], -1 if it is not there
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         this thread's memory, from the module's scratch()
 Cause           the number of the module's own cause of harm
@@ -47,9 +49,20 @@ class Rows(Generic[*Parts]):
         raise NotImplementedError("Rows is an annotation; kernels get an int32 array")
 
 
+class Bits(Rows[*Parts]):
+    """Sets of rows of all entities that have every one of the named components (an int32 array in the kernel)."""
+
+
+class Rank(Rows[*Parts]):
+    """By row, the index in Rows of the same components (an int32 array in the kernel)."""
+
+
+SELECTIONS: dict[Any, str] = {Rows: "rows", Bits: "bits", Rank: "rank"}
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system: `kind` is read/write/add/rows/random/scratch/cause/number/numbers."""
+    """One parameter of a system: `kind` is read/write/add/rows/bits/rank/random/scratch/cause/number/numbers."""
 
     name: str
     kind: str
@@ -66,13 +79,14 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     if get_origin(hint) is Annotated:
         inner, kind = get_args(hint)[:2]
         return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
-    if get_origin(hint) is Rows:
-        return Parameter(name, "rows", get_args(hint))
+    if get_origin(hint) in SELECTIONS:
+        return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))
     if hint in (int, float, bool):
         return Parameter(name, "number")
     if get_origin(hint) is tuple:
         return Parameter(name, "numbers")
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
-        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Random, Scratch, Cause, int, float, bool, tuple"
+        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bits[A, ...], Rank[A, ...], Random, Scratch, Cause, int, "
+        "float, bool, tuple"
     )

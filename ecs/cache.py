@@ -13,7 +13,7 @@ from typing import Any
 import platformdirs
 
 from .fingerprint import fingerprint
-from .jit import kernel
+from .jit import entry
 from .module import System
 
 LOADED: dict[Any, Any] = {}  # functions by file and kernels
@@ -48,7 +48,7 @@ def _imported(path: Path, names: dict[str, Any], jit: bool) -> Any:
     module.__dict__.update(names)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)
-    return kernel(module.tick, cache=True) if jit else module.tick
+    return entry(module.tick, cache=True) if jit else module.tick
 
 
 def is_cached(tick: Any) -> bool:

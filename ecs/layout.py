@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .component import Clock, Component, Entity, Singleton
+from .component import Action, Clock, Component, Entity, Singleton
 from .errors import DeclarationError
+from .lanes import LANES
 from .module import Archetype, Module
 from .random import stream_number
 
@@ -44,7 +45,7 @@ class Layout:
         for name, archetype in self.archetypes.items():
             self.spans[name] = range(start, start + archetype.count)
             start += archetype.count
-        self.dims = {"rows": start}
+        self.dims = {"rows": start, "groups": -(-start // LANES)}
         self.causes = sorted({module.cause for module in self.modules if module.cause})
         self.dims["causes"] = len(self.causes)
         named = [item for module in self.modules for item in module.dims().items()]
@@ -68,6 +69,27 @@ class Layout:
             for row in self.spans[name]
         ]
         return np.array(rows, np.int32)
+
+    def bits(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """int32 (groups,): bit j of word g is set if row 16 g + j is one of `rows(*components)`."""
+        words = np.zeros(self.dims["groups"], np.int32)
+        rows = self.rows(*components)
+        np.bitwise_or.at(words, rows // LANES, 1 << rows % LANES)
+        return words
+
+    def rank(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+        """int32 (rows,): each row's index in `rows(*components)`, -1 for the others."""
+        index = np.full(self.dims["rows"], -1, np.int32)
+        rows = self.rows(*components)
+        index[rows] = np.arange(len(rows))
+        return index
+
+    @property
+    def actions(self) -> list[tuple[type[Component], str]]:
+        """Columns of actions as (component, name), in the order that their components declare."""
+        kinds = [component for component in self.components if issubclass(component, Action)]
+        kinds.sort(key=lambda component: (component.order, component.__qualname__))
+        return [(component, name) for component in kinds for name in component.columns]
 
     def _place(self) -> tuple[list[Place], int]:
         places, offset = [], 0

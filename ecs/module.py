@@ -122,14 +122,14 @@ class Module:
         """
 
         def register(function: Function) -> Function:
-            inner = kernel(function, inner=True) if compiled else function
+            inner = kernel(function) if compiled else function
             declared = parameters(function)
             system = System(
                 cls.name(), function.__name__, phase, function, inner, declared, _names(after), _names(before), compiled
             )
             cls.registered.append(system)
             Module.known.add(system.label)
-            return kernel(function) if compiled else function
+            return inner
 
         return register
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from .access import SELECTIONS
 from .component import Component
 from .errors import ScheduleError
 from .module import Module, System
@@ -63,7 +64,7 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
     for system in systems:
         for parameter in system.parameters:
             for component in parameter.components:
-                if parameter.kind != "rows" and component not in present:
+                if parameter.kind not in SELECTIONS.values() and component not in present:
                     raise ScheduleError(
                         f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
                         f"this scenario brings it; add the module that does, or leave {system.module} out"
@@ -111,7 +112,7 @@ def _check_conflicts(systems: Sequence[System], reach: dict[str, set[str]]) -> N
 def _conflict(first: System, second: System) -> type[Component] | None:
     for one in first.parameters:
         for two in second.parameters:
-            if one.kind == "rows" or two.kind == "rows":
+            if {one.kind, two.kind} & set(SELECTIONS.values()):
                 continue
             kinds = (one.kind, two.kind)
             for component in one.components:

@@ -1,18 +1,18 @@
 """The tick as code: a schedule becomes ONE function that takes a block of worlds through all of it.
 
 The source of that function is written into a cache folder, where numba keeps the machine code beside it and where
-it can be read. It loops over the worlds; for each it makes the tables and calls the kernels one after the other:
+it can be read. It takes a few worlds at a time through all systems, so that their state stays in the processor's cache.
+Every system gets a loop over these worlds, which makes the tables and calls its kernel:
 
-    tick(start, stop, mode, layout, constants, scratch, integers, reals)
+    tick(frame, start, stop)
 
-mode: int8 (worlds,), SKIP / STEP / RESET. layout, constants and scratch say where the columns, the lists of rows and
-the thread's own memory lie, in rows of numbers (see ecs.view); integers and reals are the modules' numbers. All of it
-is data, so changing a scenario's numbers compiles nothing anew.
-A system that stays Python splits the tick into several such functions, called in turn.
+The frame (see ecs.frame) says what each world is to do (SKIP / STEP / RESET), where the columns, the lists of rows and
+the thread's own memory lie, and holds the modules' numbers. All of it is data, so changing a scenario's numbers
+compiles nothing anew. A system that stays Python splits the tick into several such functions, called in turn.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
@@ -20,151 +20,142 @@ import numpy as np
 
 from .cache import load
 from .component import Clock, Component
+from .frame import BLOCK, MODE, Plan
 from .jit import compiled, kernel
 from .layout import Layout
 from .module import Module, System
 from .phase import When
 from .random import stream_number
-from .view import array_view, table_view
+from .view import array_view, number_view, table_view
 
 SKIP, STEP, RESET = 0, 1, 2
-HEADER = "def tick(start, stop, mode, layout, constants, scratch, integers, reals):"
+IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
+TOGETHER = 16  # worlds that are taken through all systems together
 
 
 @kernel
-def restore(world: Any, template: Any) -> None:
-    """Set a world's block (uint64 words) back to the template; the clock in front of it stays."""
-    for k in range(4, template.size):
-        world[k] = template[k]
-
-
-@dataclass
-class Arguments:
-    """What a generated tick is given beside the worlds: collected while its source is written."""
-
-    constants: list[np.ndarray[Any, Any]] = field(default_factory=list)
-    integers: list[int] = field(default_factory=list)
-    reals: list[float] = field(default_factory=list)
-    scratch: list[tuple[Module, str]] = field(default_factory=list)
+def begin(world: Any, template: Any, mode: int) -> None:
+    """Time goes on, or an episode starts. world: the block as uint64 words, the four of the clock ahead."""
+    if mode == RESET:
+        world[2] += np.uint64(1)  # Clock.episode
+        world[3] = np.uint64(0)  # Clock.tick
+        for k in range(4, template.size):
+            world[k] = template[k]
+    else:
+        world[3] += np.uint64(1)
 
 
 class Writer:
-    """Writes the source of one segment of the tick and collects the names and arguments it needs."""
+    """Writes the source of one segment of the tick, and plans its frame."""
 
     def __init__(self, layout: Layout, systems: Sequence[System], first: bool) -> None:
         self.layout, self.systems, self.first = layout, systems, first
         self.compiled = compiled() and all(system.compiled for system in systems)
         self.modules = {system.label: module for module in layout.modules for system in module.systems()}
-        self.names: dict[str, Any] = {"np": np, "restore": restore}
-        self.arguments = Arguments()
-        self.tables: dict[str, str] = {}
-        self.constants: set[str] = set()
-        self.before: list[str] = []  # lines ahead of the loop over worlds
+        self.names: dict[str, Any] = {"np": np}
+        self.plan = Plan()
+        self.tables: dict[type[Component], int] = {}  # where each begins in the frame
+        self.selections: dict[str, int] = {}  # and each set of rows
+        self.outside: list[str] = []  # of the loop being written: what comes ahead of it
+        self.inside: list[str] = []  # and what is done first for each world
 
     def source(self) -> str:
         """The whole function."""
-        calls = [
-            (when, [self._call(s) for s in group]) for when, group in groupby(self.systems, lambda s: s.phase.when)
-        ]
-        clock = self._table(Clock, "w")
-        start = self._start(clock) if self.first else []
-        lines = [HEADER, *("    " + line for line in self.before), "    for w in range(start, stop):"]
-        lines += ["        if mode[w] == 0:", "            continue", "        fresh = mode[w] == 2"]
-        lines += [f"        {name} = {make}" for name, make in self.tables.items()]
-        lines += start
-        lines += [f"        seed, world, episode, tick = {', '.join(f'{clock}.{c}[0]' for c in Clock.columns)}"]
-        for when, group in calls:
-            if when is not When.ALWAYS:
-                lines.append(f"        if {'fresh' if when is When.RESET else 'not fresh'}:")
-            indent = " " * (8 if when is When.ALWAYS else 12)
-            lines += [indent + call for call in group]
+        loops = [self._begin()] if self.first else []
+        loops += [self._loop_of(system) for system in self.systems]
+        lines = ["def tick(frame, start, stop):", f"    for first in range(start, stop, {TOGETHER}):"]
+        lines += [f"        last = min(first + {TOGETHER}, stop)"]
+        lines += ["        " + line for loop in loops for line in loop]
         return "\n".join(lines) + "\n"
 
-    def _start(self, clock: str) -> list[str]:
-        template = self._constant("template", self.layout.template.view(np.uint64))
-        block = self._view(np.dtype("u8"), 1, True)
-        return [
-            "        if fresh:",
-            f"            restore({block}(layout, {len(self.layout.places)}, w), {template})",
-            f"            {clock}.episode[0] += np.uint64(1)",
-            f"            {clock}.tick[0] = np.uint64(0)",
-            "        else:",
-            f"            {clock}.tick[0] += np.uint64(1)",
-        ]
+    def _begin(self) -> list[str]:
+        self.names["kernel_begin"] = begin
+        template = self._array("template", self.plan.constant(self.layout.template.view(np.uint64)), np.dtype("u8"))
+        world = f"{self._view(np.dtype('u8'), 1, True)}(frame, {BLOCK}, w)"
+        return self._loop(When.ALWAYS, f"kernel_begin({world}, {template}, mode[w])")
 
-    def _call(self, system: System) -> str:
-        name = system.label.replace(".", "_")
+    def _loop_of(self, system: System) -> list[str]:
+        name = "kernel_" + system.label.replace(".", "_")  # the prefix keeps it apart from the names of numbers
         self.names[name] = system.kernel
-        return f"{name}({', '.join(self._argument(system, p) for p in system.parameters)})"
+        arguments = [self._argument(system, parameter) for parameter in system.parameters]
+        return self._loop(system.phase.when, f"{name}({', '.join(arguments)})")
+
+    def _loop(self, when: When, call: str) -> list[str]:
+        """Lines that make `call` for each world that is not idle; the lists outside and inside are used up."""
+        self._array("mode", MODE, np.dtype("i1"))
+        lines = [*dict.fromkeys(self.outside), "for w in range(first, last):"]
+        lines += [f"    if {IDLE[when]}:", "        continue"]
+        lines += ["    " + line for line in dict.fromkeys([*self.inside, call])]
+        self.outside, self.inside = [], []
+        return lines
 
     def _argument(self, system: System, parameter: Any) -> str:
         module = self.modules[system.label]
+        name = f"{module.name()}_{parameter.name}"
         match parameter.kind:
             case "read":
                 return self._table(parameter.components[0], "r")
             case "write" | "add":
                 return self._table(parameter.components[0], "w")
-            case "rows":
-                name = "_".join(["rows", *map(self._name, parameter.components)])
-                return self._constant(name, self.layout.rows(*parameter.components))
+            case "rows" | "bits" | "rank":
+                return self._selection(parameter.kind, parameter.components)
             case "random":
-                return f"(seed, world, episode, tick, np.uint64({stream_number(system.label)}))"
+                clock = self._table(Clock, "r")
+                key = [f"{clock}.{column}[0]" for column in Clock.columns]
+                return f"({', '.join(key)}, np.uint64({stream_number(system.label)}))"
             case "scratch":
-                return self._scratch(module, parameter.name)
+                return self._scratch(module, parameter.name, name)
             case "cause":
-                return self._integer(self.layout.causes.index(module.cause))
+                return self._number(self.layout.causes.index(module.cause), name)
             case "numbers":
-                name = f"{module.name()}_{parameter.name}"
-                return self._constant(name, np.array(module.value(parameter.name), np.float32))
-        return self._number(module.value(parameter.name))
+                values = np.array(module.value(parameter.name), np.float32)
+                return self._array(name, self.plan.constant(values), values.dtype)
+        return self._number(module.value(parameter.name), name)
 
-    def _number(self, value: Any) -> str:
-        if isinstance(value, float):
-            self.arguments.reals.append(value)
-            return f"reals[{len(self.arguments.reals) - 1}]"
-        return self._integer(int(value)) + (" != 0" if isinstance(value, bool) else "")
-
-    def _integer(self, value: int) -> str:
-        self.arguments.integers.append(value)
-        return f"integers[{len(self.arguments.integers) - 1}]"
+    def _number(self, value: Any, name: str) -> str:
+        kind = "float32" if isinstance(value, float) else "int64"
+        self.names[kind] = number_view(kind, python=not self.compiled)
+        place = self.plan.number(value if isinstance(value, float) else int(value))
+        self.outside.append(f"{name} = {kind}(frame, {place})" + (" != 0" if isinstance(value, bool) else ""))
+        return name
 
     def _view(self, dtype: np.dtype[Any], ndim: int, writable: bool) -> str:
         name = f"{dtype.str[1:]}_{ndim}_{'w' if writable else 'r'}"
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
-    def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
-        """A read-only array that is the same for all worlds; asked for twice, it is made once."""
-        if name not in self.constants:
-            k = len(self.arguments.constants)
-            self.constants.add(name)
-            self.arguments.constants.append(np.ascontiguousarray(array))
-            self.before.append(f"{name} = {self._view(array.dtype, 1, False)}(constants, {k}, 0)")
+    def _array(self, name: str, place: int, dtype: np.dtype[Any], ndim: int = 1, writable: bool = False) -> str:
+        """An array that is the same for all worlds."""
+        self.outside.append(f"{name} = {self._view(dtype, ndim, writable)}(frame, {place}, 0)")
         return name
 
-    def _scratch(self, module: Module, name: str) -> str:
-        k = len(self.arguments.scratch)
-        self.arguments.scratch.append((module, name))
-        if not self.compiled:
-            return f"scratch[{k}]"
-        memory = module.scratch(name, self.layout.dims)  # made to learn its type
-        self.before.append(f"scratch_{k} = {self._view(memory.dtype, memory.ndim, True)}(scratch, {k}, 0)")
-        return f"scratch_{k}"
+    def _selection(self, kind: str, components: tuple[type[Component], ...]) -> str:
+        name = "_".join([kind, *map(self._named, components)])
+        if name not in self.selections:
+            self.selections[name] = self.plan.constant(getattr(self.layout, kind)(*components))
+        return self._array(name, self.selections[name], np.dtype("i4"))
 
-    def _name(self, component: type[Component]) -> str:
+    def _scratch(self, module: Module, asked: str, name: str) -> str:
+        place = self.plan.scratch(module, asked)
+        if not self.compiled:
+            return f"frame.objects[{place}]"
+        memory = module.scratch(asked, self.layout.dims)  # made to learn its type
+        return self._array(name, place, memory.dtype, memory.ndim, writable=True)
+
+    def _named(self, component: type[Component]) -> str:
         """A name for the source: the class's own, with a number if another component has it too."""
         alike = [c for c in self.layout.components if c.__name__ == component.__name__]
         return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
     def _table(self, component: type[Component], access: str) -> str:
-        name = f"{self._name(component)}_{access}"
-        if name not in self.tables:
-            places = [k for k, place in enumerate(self.layout.places) if place.component is component]
-            ndims = [len(self.layout.places[k].shape) for k in places]
-            self.names[f"view_{name}"] = table_view(component, ndims, access == "w", not self.compiled)
-            columns = zip(component.columns.items(), ndims, strict=True)
-            types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
-            self.tables[name] = f"view_{name}(layout, {places[0]}, w)  # {types}"
+        name = f"{self._named(component)}_{access}"
+        if component not in self.tables:
+            self.tables[component] = min([self.plan.column(component, column) for column in component.columns])
+        ndims = [len(component.row_shape(column, self.layout.dims)) for column in component.columns]
+        self.names[f"view_{name}"] = table_view(component, ndims, access == "w", python=not self.compiled)
+        columns = zip(component.columns.items(), ndims, strict=True)
+        types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
+        self.inside.append(f"{name} = view_{name}(frame, {self.tables[component]}, w)  # {types}")
         return name
 
 
@@ -173,7 +164,7 @@ class Segment:
     """A piece of the tick between two systems that stay Python: the function and its own arguments."""
 
     function: Any
-    arguments: Arguments
+    plan: Plan
     compiled: bool
     source: str
 
@@ -186,5 +177,5 @@ def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> 
         writer = Writer(layout, group, first=number == 0)
         source = writer.source()
         function = load(source, writer.names, systems, writer.compiled)
-        result.append(Segment(function, writer.arguments, writer.compiled, source))
+        result.append(Segment(function, writer.plan, writer.compiled, source))
     return result

@@ -1,6 +1,7 @@
 """A batch of worlds of one scenario, their tables, and the runner that takes blocks of them through the tick."""
 
 import contextlib
+import gc
 import os
 import threading
 import time
@@ -12,14 +13,15 @@ import numpy as np
 from numba.core.errors import TypingError
 
 from . import schedule
+from .access import SELECTIONS
 from .cache import is_cached
-from .component import Clock, Component
+from .component import Action, Clock, Component
 from .errors import DeclarationError, ScheduleError
-from .layout import Layout
+from .frame import Frame
+from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
-from .tick import Segment, segments
-from .view import WIDTH, describe
+from .tick import segments
 
 LEAST = 16  # worlds a thread takes at a time, at least: enough to pay for the call
 SHARES = 16  # blocks for each thread: enough for all of them to end together
@@ -29,7 +31,8 @@ class Worlds:
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself and stay the same objects for life. split: compile every system by itself and take
+    The arrays are the state itself and stay the same objects for life. actions: all action columns in one array,
+    (actions, count, ...), in the order of `layout.actions`. split: compile every system by itself and take
     all worlds through one after the other, to time them (see `times`); the results are the same. without: phases to
     leave out, for whoever wants no observations, say.
     Raises DeclarationError or ScheduleError when the modules do not fit together.
@@ -48,13 +51,15 @@ class Worlds:
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components)
-        self.block = np.zeros((count, self.layout.world_bytes), np.uint8)
+        self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.template
+        self.mode = np.zeros(count, np.int8)
+        self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         self._segments = segments(self.layout, self.schedule.systems, split)
         self.times = [0.0] * len(self._segments)  # seconds spent in each; with split, in each system of the schedule
-        self._inputs = [_Inputs(segment, self.dims) for segment in self._segments]
-        self._columns = self._column_rows()
+        self._frames: dict[tuple[int, int], Frame] = {}
+        self._lock = threading.Lock()
         self._pool: ThreadPoolExecutor | None = None
         self._owner = os.getpid()
 
@@ -97,12 +102,13 @@ class Worlds:
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
         """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world."""
-        for k, (segment, inputs) in enumerate(zip(self._segments, self._inputs, strict=True)):
+        self.mode[:] = mode
+        for k, segment in enumerate(self._segments):
             start = time.perf_counter()
             if self.threads == 1 or not segment.compiled or self.count <= LEAST:
-                self._call(segment, inputs, 0, 0, self.count, mode)
+                self._call(k, 0, 0, self.count)
             else:
-                self._spread(segment, inputs, mode)
+                self._spread(k)
             self.times[k] += time.perf_counter() - start
 
     def close(self) -> None:
@@ -111,14 +117,14 @@ class Worlds:
             self._pool.shutdown()
         self._pool = None
 
-    def _spread(self, segment: Segment, inputs: "_Inputs", mode: np.ndarray[Any, Any]) -> None:
+    def _spread(self, segment: int) -> None:
         """Threads take the next block of worlds until none is left; the caller's thread is one of them."""
         block = max(LEAST, self.count // (self.threads * SHARES))
         starts = iter(range(0, self.count, block))  # next() of a range iterator is one step under the GIL
 
         def work(thread: int) -> None:
             for start in starts:
-                self._call(segment, inputs, thread, start, min(start + block, self.count), mode)
+                self._call(segment, thread, start, min(start + block, self.count))
 
         if self._pool is None or self._owner != os.getpid():  # after a fork, threads do not exist any more
             self._pool, self._owner = ThreadPoolExecutor(self.threads - 1, "outlast"), os.getpid()
@@ -132,59 +138,69 @@ class Worlds:
         for other in others:
             other.result()
 
-    def _call(self, segment: Segment, inputs: "_Inputs", thread: int, start: int, stop: int, mode: Any) -> None:
-        scratch = inputs.scratch(thread)
-        arguments = (mode, self._columns, inputs.constants, scratch, inputs.integers, inputs.reals)
-        if segment.compiled:
-            with _plain_errors():
-                segment.function(start, stop, *arguments)
+    def _call(self, k: int, thread: int, start: int, stop: int) -> None:
+        segment, frame = self._segments[k], self._frame(k, thread)
+        if segment.compiled and segment.function.overloads:
+            segment.function(frame.address, start, stop)
+        elif segment.compiled:
+            with _plain_errors(), _few_collections():
+                segment.function(frame.address, start, stop)
         else:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                segment.function(start, stop, *arguments)
+                segment.function(frame, start, stop)
 
     def _applies(self, system: Any) -> bool:
         """A system one of whose row sets is empty has nothing to do: it is dormant and not scheduled."""
-        return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind == "rows")
+        return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
 
     def _allocate(self, component: type[Component]) -> Any:
         if component.packed:
             return self.layout.columns(self.block, component)
         columns = component.columns.items()
+        if issubclass(component, Action):
+            first = self.layout.actions.index((component, next(iter(component.columns))))
+            return component.Table(*self.actions[first : first + len(columns)])
         return component.Table(
             *(np.zeros((self.count, *component.row_shape(name, self.dims)), column.dtype) for name, column in columns)
         )
 
-    def _column_rows(self) -> np.ndarray[Any, Any]:
-        """Where every column lies, and last the blocks of the worlds themselves."""
-        columns = [(getattr(self[place.component], place.name), place.shape) for place in self.layout.places]
-        columns.append((self.block, (self.layout.world_bytes // 8,)))
-        return np.array([describe(column, column.strides[0], shape) for column, shape in columns], np.int64)
+    def _allocate_actions(self) -> np.ndarray[Any, Any]:
+        """All action columns in one array, so that a face sets them in one go: (actions, worlds, ...)."""
+        kinds = {
+            (component.columns[name].dtype, component.row_shape(name, self.dims))
+            for component, name in self.layout.actions
+        }
+        if len(kinds) > 1:
+            found = ", ".join(f"{dtype} {shape}" for dtype, shape in sorted(kinds, key=str))
+            raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
+        dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
+        return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
 
-
-class _Inputs:
-    """The arguments of one segment as arrays; scratch memory is made once for each thread."""
-
-    def __init__(self, segment: Segment, dims: dict[str, int]) -> None:
-        arguments = segment.arguments
-        self.segment, self.dims = segment, dims
-        self.kept = arguments.constants
-        self.constants = _rows(self.kept)
-        self.integers = np.array([*arguments.integers, 0], np.int64)
-        self.reals = np.array([*arguments.reals, 0.0], np.float32)
-        self._scratch: dict[int, tuple[list[Any], Any]] = {}
-        self._lock = threading.Lock()
-
-    def scratch(self, thread: int) -> Any:
-        """Where the thread's scratch memory lies; for a Python segment, the memory itself."""
+    def _frame(self, segment: int, thread: int) -> Frame:
+        """The frame of a thread, made when it is first needed."""
         with self._lock:
-            if thread not in self._scratch:
-                memory = [module.scratch(name, self.dims) for module, name in self.segment.arguments.scratch]
-                self._scratch[thread] = (memory, _rows(memory) if self.segment.compiled else memory)
-        return self._scratch[thread][1]
+            if (segment, thread) not in self._frames:
+                plan, compiled = self._segments[segment].plan, self._segments[segment].compiled
+                self._frames[segment, thread] = Frame(plan, self, compiled)
+        return self._frames[segment, thread]
 
 
-def _rows(arrays: Sequence[np.ndarray[Any, Any]]) -> np.ndarray[Any, Any]:
-    return np.array([describe(array, 0, array.shape) for array in arrays], np.int64).reshape(len(arrays), WIDTH)
+def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
+    """Blocks that begin on a cache line, and after the last one a line that ecs.lanes may read."""
+    memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
+    start = -memory.ctypes.data % ALIGN
+    return memory[start : start + count * world_bytes].reshape(count, world_bytes)
+
+
+@contextlib.contextmanager
+def _few_collections() -> Iterator[None]:
+    """The compiler makes millions of objects that stay; looking for garbage among them takes time."""
+    before = gc.get_threshold()
+    gc.set_threshold(100_000, 50, 50)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Com
         for name, column in component.columns.items()
     ]
     if base is Action:
-        return sorted(found, key=lambda entry: (entry[1].order, entry[1].__qualname__))
+        return sorted(found, key=lambda entry: worlds.layout.actions.index((entry[1], entry[2])))
     return sorted(found, key=lambda entry: entry[0])
 
 

@@ -27,8 +27,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     (worlds, agents). Terminated, truncated: bool (worlds,), as an episode ends for all agents of a world at once.
 
     Randomness is a function of (seed, world, episode): world i of a batch is the world i of any other batch, so
-    `first_world=i` gives it alone. Buffers are reused by the next call unless copy=True. check_actions=False leaves out
-    the range check (out-of-range actions then mean nothing in particular, but harm nothing).
+    `first_world=i` gives it alone. Observations are read-only and overwritten by the next call, unless copy=True.
+    check_actions=False leaves out the range check (out-of-range actions then mean nothing in particular, but harm
+    nothing).
     """
 
     def __init__(
@@ -61,9 +62,11 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.single_action_space = action_space(self.worlds)
         actions = published(self.worlds, Action)
         self.action_columns = [(key, int(column.low)) for key, _, _, column in actions]
-        self._actions = [(getattr(self.worlds[c], name), int(column.low)) for _, c, name, column in actions]
-        self._sizes = self.action_sizes = action_space(self.worlds).nvec[0]
-        self._observations = {k: getattr(self.worlds[c], n) for k, c, n, _ in published(self.worlds, Observation)}
+        self._lows = np.array([low for _, low in self.action_columns]).reshape(-1, 1, 1)
+        self.action_sizes = self.single_action_space.nvec[0]
+        self._observations = {
+            k: _locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
+        }
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
@@ -109,8 +112,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._check_open()
         self._check_steppable()
         self._take(actions)
-        again = self._over if self.autoreset is AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-        self._mode[:] = np.where(again, RESET, STEP)
+        self._mode[:] = STEP
+        if self.autoreset is AutoresetMode.NEXT_STEP:
+            self._mode += self._over  # RESET is the number after STEP
         self.worlds.run(self._mode)
         self._check_faults()
         end = self.worlds[End]
@@ -193,20 +197,21 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def _take(self, actions: Any) -> None:
         actions = _array(actions)
-        shape = (self.num_worlds, self.num_agents, len(self._sizes))
+        shape = (self.num_worlds, self.num_agents, len(self.action_sizes))
         if actions.shape != shape:
             raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
-        if not np.issubdtype(actions.dtype, np.integer):
+        if actions.dtype.kind not in "iu":
             raise ActionError(f"actions are {actions.dtype}: integers are needed")
         if self.check_actions:
-            bad = (actions < 0) | (actions >= self._sizes)
+            unsigned = np.dtype(f"u{actions.itemsize}")  # in which negative numbers are large ones
+            bad = actions.view(unsigned) >= self.action_sizes.astype(unsigned)
             if bad.any():
                 w, i, k = (int(index[0]) for index in np.nonzero(bad))
                 raise ActionError(
-                    f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: 0 to {self._sizes[k] - 1} is allowed"
+                    f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: "
+                    f"0 to {self.action_sizes[k] - 1} is allowed"
                 )
-        for k, (column, low) in enumerate(self._actions):
-            np.add(actions[:, :, k], np.int64(low), out=column, casting="unsafe")
+        np.add(actions.transpose(2, 0, 1), self._lows, out=self.worlds.actions, casting="unsafe")
 
 
 def _check_count(name: str, value: Any, least: int) -> None:
@@ -226,6 +231,13 @@ def _autoreset(value: Any) -> AutoresetMode:
     except ValueError:
         known = ", ".join(f"AutoresetMode.{mode.name} ({mode.value!r})" for mode in AutoresetMode)
         raise ValueError(f"autoreset = {value!r}: allowed are {known}") from None
+
+
+def _locked(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _array(value: Any) -> np.ndarray[Any, Any]:

@@ -3,6 +3,9 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from outlast.components import (
     Body,
@@ -17,10 +20,14 @@ from outlast.components import (
     Sight,
     Solid,
     Spawned,
+    Told,
 )
 from outlast.components.health import Death
-from outlast.components.sight import MASKED, look
-from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.components.sight import MASKED, OMNISCIENT, told
+from outlast.ecs import Archetype, Bits, Entity, Module, Rank, Read, Rows, Scratch, Singleton, Write, number
+from outlast.ecs.lanes import LANES, bits, flags
+
+from .inner.sweep import row, span
 
 
 @dataclass(frozen=True)
@@ -39,10 +46,40 @@ class Agents(Module):
         return [Archetype("agent", (*parts, Health(points=self.health)), self.count)]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [SelfView(), OthersView(), Sight()]
+        return [SelfView(), OthersView(), Sight(), Told()]
 
     def dims(self) -> dict[str, int | str]:
         return {"agents": self.count, "others": self.count - 1, "features": 8}
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return np.zeros(dims["groups"], np.int32)
+
+
+@Agents.system(Phase.LOOK)
+def look(
+    tell: Write[Told],
+    sight: Read[Sight],
+    entities: Read[Entity],
+    agents: Rows[Side],
+    peers: Bits[Side],
+    here: Scratch,
+) -> None:
+    """What the masks say, and which entries are filled.
+
+    masked: both only for what the camera sees. revealed: the camera masks, entries of all that exists are filled.
+    omniscient: all that exists has both. A dead observer's masks are 0. Only masked mode hides other agents' entries.
+    """
+    mode = sight.mode[0]
+    for g in range(peers.size):
+        here[g] = bits(flags(entities.alive, LANES * g))
+    for i in range(agents.size):
+        awake = -np.int32(entities.alive[agents[i]])  # all bits, or none
+        for g in range(peers.size):
+            mask = awake & here[g] if mode == OMNISCIENT else awake & here[g] & sight.seen[i, g]
+            filled = mask if mode == MASKED else here[g] | peers[g]
+            tell.stale[i, g] = tell.filled[i, g] | filled
+            tell.filled[i, g] = filled
+            tell.masks[i, g] = mask
 
 
 @Agents.system(Phase.OBSERVE)
@@ -72,19 +109,26 @@ def see_self(
 
 @Agents.system(Phase.OBSERVE, after="agents.see_self")
 def see_others(
-    view: Write[OthersView], own: Read[SelfView], sight: Read[Sight], entities: Read[Entity], agents: Rows[Side]
+    view: Write[OthersView],
+    own: Read[SelfView],
+    tell: Read[Told],
+    agents: Rows[Side],
+    peers: Bits[Side],
+    index: Rank[Side],
 ) -> None:
     """The other agents' own rows, in order of id; a dead one's row is what it would see of itself."""
+    first, last = span(peers)
     for i in range(agents.size):
-        for j in range(agents.size):
-            if i == j:
-                continue
-            k = j - 1 if j > i else j
-            mask, shown = look(sight, entities, i, agents[i], agents[j])
-            view.others_mask[i, k] = mask
-            if shown or sight.mode[0] != MASKED:
+        for g in range(first, last):
+            left = tell.stale[i, g] & peers[g]
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                j = index[e]
+                if i == j:
+                    continue
+                k = j - 1 if j > i else j
+                view.others_mask[i, k] = told(tell.masks, i, e)
+                filled = told(tell.filled, i, e)
                 for f in range(own.me.shape[1]):
-                    view.others[i, k, f] = own.me[j, f]
-            else:
-                for f in range(own.me.shape[1]):
-                    view.others[i, k, f] = 0
+                    view.others[i, k, f] = own.me[j, f] if filled else 0

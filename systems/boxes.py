@@ -19,14 +19,31 @@ from outlast.components import (
     Phase,
     Shape,
     Side,
-    Sight,
     Solid,
     Spawned,
+    Told,
 )
 from outlast.components.inventory import last, lay
-from outlast.components.sight import look
-from outlast.ecs import Add, Archetype, Array, Entity, Module, Random, Read, Rows, Singleton, Write, kernel, number
+from outlast.components.sight import told
+from outlast.ecs import (
+    Add,
+    Archetype,
+    Array,
+    Bits,
+    Entity,
+    Module,
+    Random,
+    Rank,
+    Read,
+    Rows,
+    Singleton,
+    Write,
+    kernel,
+    number,
+)
 from outlast.ecs.random import normal
+
+from .inner.sweep import row, span
 
 HALF = np.float32(0.5)
 
@@ -147,46 +164,56 @@ def outline(row: Array, shape: Array, e: int) -> None:
 @Boxes.system(Phase.OBSERVE)
 def see_boxes(
     view: Write[BoxView],
-    sight: Read[Sight],
-    entities: Read[Entity],
+    tell: Read[Told],
     body: Read[Body],
     shape: Read[Shape],
     agents: Rows[Side],
-    boxes: Rows[Box],
+    boxes: Bits[Box],
+    index: Rank[Box],
 ) -> None:
     """Boxes that stand."""
+    first, last = span(boxes)
     for i in range(agents.size):
-        for k in range(boxes.size):
-            e = boxes[k]
-            mask, shown = look(sight, entities, i, agents[i], e)
-            view.boxes_mask[i, k] = mask
-            view.boxes[i, k, :] = 0
-            if shown:
-                outline(view.boxes[i, k, :8], shape, e)
-                view.boxes[i, k, 8], view.boxes[i, k, 9], view.boxes[i, k, 10] = body.x[e], body.y[e], body.angle[e]
+        for g in range(first, last):
+            left = tell.stale[i, g] & boxes[g]
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                k = index[e]
+                view.boxes_mask[i, k] = told(tell.masks, i, e)
+                if told(tell.filled, i, e):
+                    outline(view.boxes[i, k, :8], shape, e)
+                    view.boxes[i, k, 8], view.boxes[i, k, 9], view.boxes[i, k, 10] = body.x[e], body.y[e], body.angle[e]
+                else:
+                    view.boxes[i, k, :] = 0
 
 
 @Boxes.system(Phase.OBSERVE)
 def see_items(
     view: Write[BoxItemView],
-    sight: Read[Sight],
-    entities: Read[Entity],
+    tell: Read[Told],
     body: Read[Body],
     shape: Read[Shape],
     agents: Rows[Side],
     boxes: Rows[Box],
-    items: Rows[BoxItem],
+    items: Bits[BoxItem],
+    index: Rank[BoxItem],
 ) -> None:
     """Broken boxes on the ground."""
+    first, last = span(items)
     for i in range(agents.size):
-        for k in range(items.size):
-            e = items[k]
-            mask, shown = look(sight, entities, i, agents[i], e)
-            view.box_items_mask[i, k] = mask
-            view.box_items[i, k, :] = 0
-            if shown:
-                outline(view.box_items[i, k, :8], shape, boxes[k])
-                view.box_items[i, k, 8], view.box_items[i, k, 9] = body.x[e], body.y[e]
+        for g in range(first, last):
+            left = tell.stale[i, g] & items[g]
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                k = index[e]
+                view.box_items_mask[i, k] = told(tell.masks, i, e)
+                if told(tell.filled, i, e):
+                    outline(view.box_items[i, k, :8], shape, boxes[k])
+                    view.box_items[i, k, 8], view.box_items[i, k, 9] = body.x[e], body.y[e]
+                else:
+                    view.box_items[i, k, :] = 0
 
 
 @Boxes.system(Phase.OBSERVE, after="boxes.see_items")

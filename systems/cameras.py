@@ -8,12 +8,26 @@ import numpy as np
 
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
-from outlast.ecs import Array, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
+from outlast.ecs import Array, Bits, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
+from outlast.ecs.lanes import LANES, bits, lanes
 
-from .inner.crowd import MARK, X, Y, beside_ray, gather, make_crowd, marked, member
-from .inner.geometry import MISS, enters, in_kite, in_sector
+from .inner.geometry import MISS, enters, in_kite, in_sector, turn_back
+from .inner.sweep import (
+    GROUP,
+    SET,
+    across,
+    enclose,
+    make_extent,
+    make_groups,
+    populated,
+    row,
+    within,
+    without,
+)
 
 SECTOR = 0  # index into the choices of Cameras.cone
+HALF, QUARTER, ONE = np.float32(0.5), np.float32(0.25), np.float32(1)
+FEW = 8  # groups that are looked at one by one faster than they are sifted
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
 
 
@@ -32,7 +46,7 @@ class Cameras(Module):
     mode: str = number("masked", choices=MODES)
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_crowd(dims)
+        return make_extent(dims) if name == "extent" else make_groups(dims)
 
 
 @Cameras.system(Phase.DRAW)
@@ -48,10 +62,11 @@ def see(
     shape: Read[Shape],
     entities: Read[Entity],
     agents: Rows[Side],
-    bodies: Rows[Shape],
-    solids: Rows[Shape, Solid],
-    crowd: Scratch,
-    blockers: Scratch,
+    bodies: Bits[Shape],
+    solids: Bits[Shape, Solid],
+    extent: Scratch,
+    everybody: Scratch,
+    groups: Scratch,
     fov: float,
     depth: float,
     cone: int,
@@ -61,46 +76,83 @@ def see(
     if sight.mode[0] == OMNISCIENT:
         return
     half_cos, half_sin = np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
-    count = gather(crowd, body, shape, entities, bodies)
-    blocking = gather(blockers, body, shape, entities, bodies if items_occlude else solids)
+    crowd, living = enclose(extent, body, shape), populated(everybody, entities, bodies)
+    hiding = bodies if items_occlude else solids
     for i in range(agents.size):
         me = agents[i]
-        sight.seen[i, :] = 0
-        if not entities.alive[me]:
-            continue
-        facing = body.x[me], body.y[me], body.cosine[me], body.sine[me]
-        left = in_cone(crowd, count, facing, depth, half_cos, half_sin, cone)
-        for k in range(left):
-            e = member(crowd, k)
-            if e != me and line_of_sight(body, shape, blockers, blocking, me, e):
-                sight.seen[i, e] = 1
+        count = sift(groups, everybody, living, crowd, body, me, depth, half_cos) if entities.alive[me] else 0
+        for g in range(bodies.size):
+            sight.seen[i, g] = 0
+        for k in range(count):
+            g, here = groups[GROUP, k], groups[SET, k]
+            inside, around = in_view(crowd, body, me, g, depth, half_cos, half_sin, cone)
+            sight.seen[i, g] = inside & here
+            groups[SET, k] = around & here & hiding[g]
+        for k in range(count):
+            g = groups[GROUP, k]
+            left = sight.seen[i, g]
+            while left:
+                e = row(g, left)
+                if not line_of_sight(groups, count, crowd, body, shape, me, e):
+                    sight.seen[i, g] ^= left & -left
+                left &= left - 1
 
 
 @kernel
-def in_cone(crowd: Array, count: int, facing: Array, depth: Real, half_cos: Real, half_sin: Real, cone: int) -> int:
-    """List whose centres lie in the vision cone of an agent `facing` (x, y, cosine, sine)."""
-    x, y, cosine, sine = facing
+def sift(
+    groups: Array, everybody: Array, living: int, crowd: Array, body: Array, me: int, depth: Real, half_cos: Real
+) -> int:
+    """List the groups of `everybody` with somebody near the vision cone of `me`, and who that is; returns how many.
+
+    Near is what reaches into a square around the cone. In a small world nearly every group has somebody there.
+    """
+    x, y = body.x[me] + HALF * depth * body.cosine[me], body.y[me] + HALF * depth * body.sine[me]
+    far = depth * np.float32(np.sqrt(max(QUARTER, ONE + QUARTER - half_cos)))  # of all in the cone from (x, y)
+    count = 0
+    for k in range(living):
+        g = everybody[GROUP, k]
+        here = without(everybody[SET, k], g, me)
+        if living > FEW:
+            here &= within(crowd, g, x, y, far)
+        groups[SET, count], groups[GROUP, count] = here, g
+        count += here != 0
+    return count
+
+
+@kernel
+def in_view(
+    crowd: Array, body: Array, me: int, g: int, depth: Real, half_cos: Real, half_sin: Real, cone: int
+) -> tuple[int, int]:
+    """Sets of rows: whose centres lie in the vision cone of `me`, and who may hide them from it."""
+    xs, ys, wide, tall = crowd
+    x, y = lanes(xs, LANES * g), lanes(ys, LANES * g)
+    eye_x, eye_y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     if cone == SECTOR:
-        for k in range(count):
-            inside = in_sector(crowd[X, k], crowd[Y, k], x, y, cosine, sine, depth, half_cos, half_sin)
-            crowd[MARK, k] = 1 if inside else 0
+        inside = in_sector(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
     else:
-        for k in range(count):
-            inside = in_kite(crowd[X, k], crowd[Y, k], x, y, cosine, sine, depth, half_cos, half_sin)
-            crowd[MARK, k] = 1 if inside else 0
-    return marked(crowd, count)
+        inside = in_kite(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
+    radius = lanes(wide, LANES * g) + lanes(tall, LANES * g)  # more than that of the circle around
+    far, aside = turn_back(x - eye_x, y - eye_y, cosine, sine)
+    around = (half_cos * abs(aside) - half_sin * far <= radius) & (far <= radius + depth)
+    return bits(inside), bits(around)
 
 
 @kernel
-def line_of_sight(body: Array, shape: Array, blockers: Array, blocking: int, me: int, e: int) -> bool:
-    """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself."""
+def line_of_sight(groups: Array, count: int, crowd: Array, body: Array, shape: Array, me: int, e: int) -> bool:
+    """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
+
+    groups: where to look for others, and which of them may be in the way.
+    """
     x, y = body.x[me], body.y[me]
     dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
     reach = enters(body, shape, x, y, dx, dy, e)
     if reach == MISS:
         return False
-    for k in range(beside_ray(blockers, blocking, x, y, dx, dy)):
-        o = member(blockers, k)
-        if o != e and o != me and enters(body, shape, x, y, dx, dy, o) < reach:
-            return False
+    for k in range(count):
+        g = groups[GROUP, k]
+        left = without(groups[SET, k] & across(crowd, g, x, y, dx, dy), g, e)
+        while left:
+            if enters(body, shape, x, y, dx, dy, row(g, left)) < reach:
+                return False
+            left &= left - 1
     return True

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, Phase, Shape, Side, Sides
 from outlast.components.inventory import pop, push
-from outlast.ecs import Archetype, Array, Entity, Module, Read, Rows, Singleton, Write, kernel, number
+from outlast.ecs import Archetype, Array, Bits, Entity, Module, Read, Rows, Scratch, Singleton, Write, kernel, number
+
+from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, row, within, without
 
 ANY = 1  # index into the choices of GiveLast.nearest
 
@@ -30,6 +33,9 @@ class GiveLast(Module):
     def singletons(self) -> Iterable[Singleton]:
         return [Give()]
 
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return make_extent(dims) if name == "extent" else make_groups(dims)
+
 
 @kernel
 def may_take(side: Array, sides: Array, agents: Array, me: int, e: int) -> bool:
@@ -44,29 +50,38 @@ def choose(
     give: Read[Give],
     bag: Read[Bag],
     body: Read[Body],
+    shape: Read[Shape],
     side: Read[Side],
     sides: Read[Sides],
     entities: Read[Entity],
     agents: Rows[Gift],
-    bodies: Rows[Shape],
+    bodies: Bits[Shape],
+    extent: Scratch,
+    groups: Scratch,
     reach: float,
     nearest: int,
 ) -> None:
     """All takers are chosen before anything changes hands."""
+    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1
         if not entities.alive[me] or not give.give[i] or bag.count[me] == 0:
             continue
         closest = np.float32(np.inf)
-        for e in bodies:
-            if e == me or not entities.alive[e] or (nearest != ANY and not may_take(side, sides, agents, me, e)):
-                continue
-            x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
-            square = x * x + y * y
-            if square <= reach * reach and square < closest:
-                closest = square
-                gift.taker[me] = e
+        for k in range(count):
+            g = groups[GROUP, k]
+            left = without(groups[SET, k] & within(crowd, g, body.x[me], body.y[me], reach), g, me)
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                if nearest != ANY and not may_take(side, sides, agents, me, e):
+                    continue
+                x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
+                square = x * x + y * y
+                if square <= reach * reach and square < closest:
+                    closest = square
+                    gift.taker[me] = e
         if gift.taker[me] >= 0 and not may_take(side, sides, agents, me, gift.taker[me]):
             gift.taker[me] = np.int32(-1)
 

@@ -3,10 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Bag, Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Side, Sight, Spawned
+from outlast.components import Bag, Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Side, Spawned, Told
 from outlast.components.inventory import last
-from outlast.components.sight import look
-from outlast.ecs import Add, Archetype, Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.components.sight import told
+from outlast.ecs import Add, Archetype, Bits, Entity, Module, Rank, Read, Rows, Singleton, Write, number
+
+from .inner.sweep import row, span
 
 
 @dataclass(frozen=True)
@@ -39,21 +41,20 @@ def cure(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read
 
 @Heals.system(Phase.OBSERVE)
 def see_heals(
-    view: Write[HealView],
-    sight: Read[Sight],
-    entities: Read[Entity],
-    body: Read[Body],
-    agents: Rows[Side],
-    heals: Rows[Heal],
+    view: Write[HealView], tell: Read[Told], body: Read[Body], agents: Rows[Side], heals: Bits[Heal], index: Rank[Heal]
 ) -> None:
     """Position of each heal on the ground."""
+    first, last = span(heals)
     for i in range(agents.size):
-        for k in range(heals.size):
-            e = heals[k]
-            mask, shown = look(sight, entities, i, agents[i], e)
-            view.heals_mask[i, k] = mask
-            view.heals[i, k, 0] = body.x[e] if shown else 0
-            view.heals[i, k, 1] = body.y[e] if shown else 0
+        for g in range(first, last):
+            left = tell.stale[i, g] & heals[g]
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                k, filled = index[e], told(tell.filled, i, e)
+                view.heals_mask[i, k] = told(tell.masks, i, e)
+                view.heals[i, k, 0] = body.x[e] if filled else 0
+                view.heals[i, k, 1] = body.y[e] if filled else 0
 
 
 @Heals.system(Phase.OBSERVE, after="heals.see_heals")

@@ -8,10 +8,10 @@ import numpy as np
 
 from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, Weapon
 from outlast.components.health import hurt, immune
-from outlast.ecs import Archetype, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
+from outlast.ecs import Archetype, Bits, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
 
-from .inner.crowd import beside_ray, gather, make_crowd, member
 from .inner.geometry import MISS, enters
+from .inner.sweep import GROUP, SET, across, enclose, make_extent, make_groups, populated, row, without
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Melee(Module):
         return [Attack()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_crowd(dims)
+        return make_extent(dims) if name == "extent" else make_groups(dims)
 
 
 @Melee.system(Phase.MELEE)
@@ -50,14 +50,15 @@ def aim(
     side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Weapon],
-    bodies: Rows[Shape],
-    crowd: Scratch,
+    bodies: Bits[Shape],
+    extent: Scratch,
+    groups: Scratch,
     reach: float,
     cooldown: int,
     blocked: bool,
 ) -> None:
     """All rays are cast before any damage is dealt, so two agents can kill each other."""
-    count = gather(crowd, body, shape, entities, bodies)
+    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
@@ -70,14 +71,18 @@ def aim(
             continue
         x, y, dx, dy = body.x[me], body.y[me], reach * body.cosine[me], reach * body.sine[me]
         nearest = MISS
-        for k in range(beside_ray(crowd, count, x, y, dx, dy)):
-            e = member(crowd, k)
-            if e == me or not (blocked or (health.mortal[e] and not immune(guard, e, side.side[me]))):
-                continue
-            at = enters(body, shape, x, y, dx, dy, e)
-            if at < nearest:
-                nearest = at
-                weapon.target[me] = e
+        for k in range(count):
+            g = groups[GROUP, k]
+            left = without(groups[SET, k] & across(crowd, g, x, y, dx, dy), g, me)
+            while left:
+                e = row(g, left)
+                left &= left - 1
+                if not (blocked or (health.mortal[e] and not immune(guard, e, side.side[me]))):
+                    continue
+                at = enters(body, shape, x, y, dx, dy, e)
+                if at < nearest:
+                    nearest = at
+                    weapon.target[me] = e
         if weapon.target[me] >= 0:
             weapon.wait[me] = np.int32(cooldown)
 

@@ -15,13 +15,13 @@ import numpy as np
 from outlast.components import Body, Fault, Phase, Push, Shape, Solid
 from outlast.ecs import (
     Array,
+    Bits,
     Entity,
     Layout,
     Module,
     NumberError,
     Read,
     Real,
-    Rows,
     Scratch,
     Singleton,
     System,
@@ -30,15 +30,15 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.jit import compiled
+from outlast.ecs.lanes import LANES, bits, flags, lanes
 
 from .box2d import native, portable
-from .box2d.scene import COLUMNS, LIMIT, SOLVED, IncompatibleBox2D, Settings
+from .box2d.scene import COLUMNS, LIMIT, LONGEST, SOLVED, IncompatibleBox2D, Settings
 from .box2d.staging import stage, unstage
 from .inner.broad import gap, travel
-from .inner.crowd import gather, make_crowd, member, within
+from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, present, row, within, without
 
 MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
-LONGEST = np.float32(2.0)  # metres a substep: b2_maxTranslation
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO = np.float32(1), np.float32(0)
 
@@ -88,10 +88,12 @@ class Contacts(Module):
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        if name == "extent":
+            return make_extent(dims)
+        if name == "groups":
+            return make_groups(dims)
         if name == "scene":
             return np.zeros((dims["rows"], COLUMNS), np.float32)
-        if name == "crowd":
-            return make_crowd(dims)
         return (native if self.native() else portable).make_arena()
 
 
@@ -102,26 +104,43 @@ def approach(
     shape: Read[Shape],
     push: Read[Push],
     entities: Read[Entity],
-    solids: Rows[Solid],
-    crowd: Scratch,
+    solids: Bits[Solid],
+    extent: Scratch,
+    groups: Scratch,
     rate: float,
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    widest = ZERO
-    for e in solids:
-        solid.near[e] = 0
-        solid.reach[e] = ZERO
-        if entities.alive[e] and solid.dynamic[e]:
+    crowd, count = enclose(extent, body, shape), populated(groups, entities, solids)
+    for e in range(solid.near.size):
+        solid.near[e], solid.reach[e] = 0, ZERO
+    for k in range(count):
+        g = groups[GROUP, k]
+        left = groups[SET, k] & bits(flags(solid.dynamic, LANES * g))
+        while left:
+            e = row(g, left)
+            left &= left - 1
             solid.reach[e] = travel(body, push, e, substeps / rate) + MARGIN
-            widest = max(widest, solid.reach[e])
-    count = gather(crowd, body, shape, entities, solids)
-    for e in solids:
-        if not entities.alive[e] or not solid.dynamic[e]:
-            continue
-        for k in range(within(crowd, count, body.x[e], body.y[e], shape.bound[e] + solid.reach[e] + widest)):
-            o = member(crowd, k)
-            if o != e and gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
+    for k in range(count):
+        g = groups[GROUP, k]
+        left = groups[SET, k] & bits(flags(solid.dynamic, LANES * g))
+        while left:
+            e = row(g, left)
+            left &= left - 1
+            meet(solid, crowd, body, shape, groups, count, e)
+
+
+@kernel
+def meet(solid: Array, crowd: Array, body: Array, shape: Array, groups: Array, count: int, e: int) -> None:
+    """Mark body `e` and whoever it may touch."""
+    for k in range(count):
+        g = groups[GROUP, k]
+        reach = lanes(solid.reach, LANES * g) + (solid.reach[e] + shape.bound[e])
+        left = without(groups[SET, k] & within(crowd, g, body.x[e], body.y[e], reach), g, e)
+        while left:
+            o = row(g, left)
+            left &= left - 1
+            if gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
                 solid.near[e], solid.near[o] = 1, 1
 
 
@@ -135,7 +154,8 @@ def collider(solve: Any) -> Any:
         shape: Read[Shape],
         push: Read[Push],
         entities: Read[Entity],
-        solids: Rows[Solid],
+        solids: Bits[Solid],
+        extent: Scratch,
         arena: Scratch,
         scene: Scratch,
         rate: float,
@@ -150,7 +170,7 @@ def collider(solve: Any) -> Any:
         continuous: bool,
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
-        count = stage(scene, body, shape, push, solid, entities, solids, substeps)
+        count = stage(scene, extent, body, shape, push, solid, entities, solids, substeps)
         if count == 0:
             return
         settings = Settings(
@@ -166,9 +186,9 @@ def collider(solve: Any) -> Any:
             int(continuous),
         )
         if solve(arena, settings, scene, count) != SOLVED:
-            for e in solids:
+            for e in range(solid.near.size):
                 solid.near[e] = entities.alive[e]
-            count = stage(scene, body, shape, push, solid, entities, solids, substeps)
+            count = stage(scene, extent, body, shape, push, solid, entities, solids, substeps)
             fault.physics[0] = solve(arena, settings, scene, count) != SOLVED
         unstage(scene, body, solid, entities, solids)
 
@@ -187,7 +207,7 @@ def fly(
     push: Read[Push],
     solid: Read[Solid],
     entities: Read[Entity],
-    solids: Rows[Solid],
+    solids: Bits[Solid],
     rate: float,
     substeps: int,
     linear_damping: float,
@@ -197,15 +217,17 @@ def fly(
     dt = ONE / rate
     slow = min(max(ONE - dt * linear_damping, ZERO), ONE)
     calm = min(max(ONE - dt * angular_damping, ZERO), ONE)
-    for e in solids:
-        if not entities.alive[e] or not solid.dynamic[e]:
-            continue
-        if not solid.near[e]:
-            for _ in range(substeps):
-                integrate(body, push, e, dt, slow, calm, substeps)
-        body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
-        if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
-            fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
+    for g in range(solids.size):
+        left = present(entities, solids, g) & bits(flags(solid.dynamic, LANES * g))
+        while left:
+            e = row(g, left)
+            left &= left - 1
+            if not solid.near[e]:
+                for _ in range(substeps):
+                    integrate(body, push, e, dt, slow, calm, substeps)
+            body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
+            if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
+                fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
 
 
 @kernel

@@ -1,10 +1,16 @@
 """Auto pickup: agents take what lies within their reach."""
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from outlast.components import Bag, Body, Item, Phase, Shape
 from outlast.components.inventory import push
-from outlast.ecs import Entity, Module, Read, Rows, Write, number
+from outlast.ecs import Bits, Entity, Module, Read, Rows, Scratch, Write, number
+from outlast.ecs.lanes import LANES, bits, lanes
+
+from .inner.sweep import GROUP, SET, make_groups, populated, row, without
 
 
 @dataclass(frozen=True)
@@ -18,6 +24,9 @@ class AutoPickup(Module):
     reach: float = number(0.5, above=0)  # metres from the agent's centre
     touch: bool = number(True)
 
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return make_groups(dims)
+
 
 @AutoPickup.system(Phase.PICKUP)
 def pick_up(
@@ -27,18 +36,24 @@ def pick_up(
     body: Read[Body],
     shape: Read[Shape],
     agents: Rows[Bag],
-    items: Rows[Item],
+    items: Bits[Item],
+    groups: Scratch,
     reach: float,
     touch: bool,
 ) -> None:
     """In order of agents, then of items; what does not fit stays where it is."""
+    count = populated(groups, entities, items)
     for e in agents:
         if not entities.alive[e]:
             continue
-        for thing in items:
-            if not entities.alive[thing]:
-                continue
-            x, y = body.x[thing] - body.x[e], body.y[thing] - body.y[e]
-            far = reach + shape.radius[thing] if touch else reach
-            if x * x + y * y <= far * far and push(bag, item, e, thing):
-                entities.alive[thing] = 0
+        for k in range(count):
+            g = groups[GROUP, k]
+            x, y = lanes(body.x, LANES * g) - body.x[e], lanes(body.y, LANES * g) - body.y[e]
+            far = lanes(shape.radius, LANES * g) * np.float32(touch) + reach
+            left = groups[SET, k] & bits(x * x + y * y <= far * far)
+            while left:
+                thing = row(g, left)
+                left &= left - 1
+                if push(bag, item, e, thing):
+                    entities.alive[thing] = 0
+                    groups[SET, k] = without(groups[SET, k], g, thing)

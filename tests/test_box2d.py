@@ -278,7 +278,7 @@ import sys
 
 import numpy as np
 
-from outlast.ecs.jit import kernel
+from outlast.ecs.jit import entry
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d.scene import Settings
 
@@ -289,7 +289,7 @@ def twice(arena, settings, scene, count):
 
 
 def main(file):
-    outer, scene = kernel(twice, cache=True), np.load(file)
+    outer, scene = entry(twice, cache=True), np.load(file)
     assert outer(box2d_native.make_arena(), Settings(), scene, len(scene)) == 0
     print(sum(outer.stats.cache_hits.values()), scene.tobytes().hex())
 """

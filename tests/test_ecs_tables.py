@@ -60,7 +60,7 @@ def test_tables_have_the_declared_shapes_types_and_fills() -> None:
         ("Meals", "meals"): ((6, 1), "i4"),
     }  # fmt: skip
     assert (worlds.span("food"), worlds.span("walker"), worlds.span("ghost")) == (slice(0, 2), slice(2, 5), slice(0, 0))
-    assert worlds.dims == {"rows": 5, "causes": 2, "walkers": 3, "memory": 3}
+    assert worlds.dims == {"rows": 5, "groups": 1, "causes": 2, "walkers": 3, "memory": 3}
     assert worlds[Entity].alive.tolist() == [[0, 0, 1, 1, 1]] * 6
     assert worlds[Place].x.tolist() == [[-1, -1, 0, 0, 0]] * 6
     assert (worlds[Place].trail == -1).all()
@@ -136,7 +136,7 @@ def test_a_fill_may_be_a_row_of_values() -> None:
         ([Walkers(), parts("walker", Place())], "two modules give 'walker' the component Place"),
         ([parts("ghost", Mark())], "extend the archetype 'ghost', but none declares how many"),
         ([parts("ghost", Wind(), count=1)], "Wind is per world and cannot be part of 'ghost'"),
-        ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: causes, rows"),
+        ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: causes, groups, rows"),
     ],
     ids=["component twice", "only extended", "singleton inside", "unknown dimension"],
 )

@@ -9,6 +9,7 @@ import pytest
 
 from outlast.ecs import kernel
 from outlast.ecs import random as dice
+from outlast.ecs.jit import entry
 
 COUNT = 4_000 if numba.config.DISABLE_JIT else 400_000
 KEY = tuple(np.uint64(number) for number in (7, 3, 1, 200, dice.stream_number("test")))
@@ -129,7 +130,7 @@ def test_draws_are_float32() -> None:
         (dice.integer, (KEY, 0, 5), numba.int64),
     ):
         draw(*arguments)
-        assert {overload.signature.return_type for overload in draw.overloads.values()} == {expected}
+        assert {overload.signature.return_type for overload in entry(draw.py_func).overloads.values()} == {expected}
 
 
 def test_uniform() -> None:

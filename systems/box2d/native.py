@@ -6,7 +6,7 @@ Each thread owns one arena. A call leaves it as it found it, so the result is a 
 import numpy as np
 from numpy.typing import NDArray
 
-from outlast.ecs.jit import compiled, kernel
+from outlast.ecs.jit import compiled, routine
 
 from . import layout as at
 from .arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
@@ -53,7 +53,7 @@ def available() -> bool:
     return compiled()
 
 
-@kernel
+@routine
 def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int) -> int:
     """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
 
@@ -79,7 +79,7 @@ def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int
     return result
 
 
-@kernel
+@routine
 def _valid(scene: Scene, count: int) -> bool:
     """Whether all numbers are in bounds (not NaN either) and no moving box has too little area for a mass."""
     if count > CAPACITY:
@@ -95,7 +95,7 @@ def _valid(scene: Scene, count: int) -> bool:
     return valid
 
 
-@kernel
+@routine
 def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
@@ -123,7 +123,7 @@ def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     at.store_i8(base + at.WORLD_BODIES, body)
 
 
-@kernel
+@routine
 def _shape(body: int, scene: Scene, k: int) -> int:
     """Write the shape of body k; the corners go round counter-clockwise from the lower left (SetAsBox)."""
     if scene[k, RADIUS] > 0:
@@ -142,7 +142,7 @@ def _shape(body: int, scene: Scene, k: int) -> int:
     return body + BOX
 
 
-@kernel
+@routine
 def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int) -> None:
     """One substep, as b2World::Step; impulses from the substep before start the solver (ratio)."""
     for k in range(count):
@@ -162,7 +162,7 @@ def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int)
         at.solve_impacts(base, base + STEP)
 
 
-@kernel
+@routine
 def _push(body: int, scene: Scene, k: int) -> None:
     """b2Body::ApplyLinearImpulse at the centre and ApplyAngularImpulse; zero impulses are skipped."""
     if scene[k, JX] != 0 or scene[k, JY] != 0:
@@ -174,7 +174,7 @@ def _push(body: int, scene: Scene, k: int) -> None:
         at.store_f4(body + at.BODY_OMEGA, at.load_f4(body + at.BODY_OMEGA) + turn)
 
 
-@kernel
+@routine
 def _check_reach(base: int, scene: Scene, count: int) -> int:
     for k in range(count):
         position = base + SLOTS + SLOT * k + at.BODY_POSITION
@@ -184,7 +184,7 @@ def _check_reach(base: int, scene: Scene, count: int) -> int:
     return SOLVED
 
 
-@kernel
+@routine
 def _read(base: int, scene: Scene, count: int) -> None:
     for k in range(count):
         body = base + SLOTS + SLOT * k
@@ -197,7 +197,7 @@ def _read(base: int, scene: Scene, count: int) -> None:
             scene[k, OMEGA] = at.load_f4(body + at.BODY_OMEGA)
 
 
-@kernel
+@routine
 def _forget(base: int, count: int) -> None:
     """Make the world empty again, faster than destroying its bodies, and its tree as good as new.
 

@@ -28,6 +28,7 @@ ABANDONED = 1  # a body went further than its REACH; the scene is untouched
 INVALID = 2  # too many bodies, or a number out of bounds or NaN: a fault of the caller; the scene is untouched
 CAPACITY = 512  # bodies in a scene
 LIMIT = np.float32(1e6)  # every number but REACH is below it
+LONGEST = np.float32(2)  # metres: how far Box2D lets a body fly in a substep (b2_maxTranslation)
 SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it, or Box2D finds no mass
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
+from outlast.ecs.lanes import LANES, bits, flags, lanes
 
 from .geometry import gap_circle_box
+from .sweep import present, row, within
 
-ANYWHERE = np.float32(1e9)  # metres: no limit to how far a body may be pushed
 ZERO = np.float32(0)
 
 
@@ -38,10 +39,18 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
 
 
 @kernel
-def clearance(body: Array, shape: Array, solid: Array, entities: Array, solids: Array, e: int) -> Real:
-    """How far marked body `e` may be pushed before it could meet a body that is not in the scene."""
-    free = ANYWHERE
-    for o in solids:
-        if entities.alive[o] and not solid.near[o]:
+def clearance(
+    crowd: Array, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
+) -> Real:
+    """How far marked body `e` may be pushed before it could meet a body that is not in the scene; `most` at most."""
+    free = most
+    for g in range(solids.size):
+        left = present(entities, solids, g) & ~bits(flags(solid.near, LANES * g))
+        if left:
+            reach = lanes(solid.reach, LANES * g) + (shape.bound[e] + most)
+            left &= within(crowd, g, body.x[e], body.y[e], reach)
+        while left:
+            o = row(g, left)
+            left &= left - 1
             free = min(free, gap(body, shape, e, o) - solid.reach[o])
     return max(free, ZERO)

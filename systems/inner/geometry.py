@@ -9,6 +9,8 @@ end points, so its direction is the rounded (o + d) - o. Keeping that rounding c
 the rays equal to Box2D's bit for bit (where neither compiler fuses multiply and add).
 """
 
+from typing import Any
+
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
@@ -20,7 +22,7 @@ EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a 
 
 
 @kernel
-def _turn_back(x: Real, y: Real, cosine: Real, sine: Real) -> tuple[Real, Real]:
+def turn_back(x: Real, y: Real, cosine: Real, sine: Real) -> tuple[Real, Real]:
     """Vector (x, y) in the frame of a body turned by the angle (b2MulT)."""
     return cosine * x + sine * y, cosine * y - sine * x
 
@@ -76,8 +78,8 @@ def ray_box(
     # twice as fast. Reach exceeds the half diagonal by far more than rounding can err.
     if beside * beside > (dx * dx + dy * dy) * (reach * reach):
         return MISS
-    x, y = _turn_back(sx, sy, cosine, sine)
-    end_x, end_y = _turn_back(ox + dx - cx, oy + dy - cy, cosine, sine)
+    x, y = turn_back(sx, sy, cosine, sine)
+    end_x, end_y = turn_back(ox + dx - cx, oy + dy - cy, cosine, sine)
     across, upward = end_x - x, end_y - y
     # Mirror the scene so that the ray runs towards +x and +y: it can only enter by the left or lower side.
     if across < ZERO:
@@ -129,18 +131,18 @@ def in_kite(
     depth: Real,
     half_fov_cos: Real,
     half_fov_sin: Real,
-) -> bool:
+) -> Any:
     """Whether point p lies in the camera's quadrilateral, border included.
 
     Its corners: the apex o, the two points at distance depth and +-half_fov from the heading (cosine, sine),
     and the point at depth straight ahead. Its far sides are chords, so between axis and edge it reaches less
-    far than `in_sector`. 0 < half_fov < 180 degrees.
+    far than `in_sector`. 0 < half_fov < 180 degrees. Also takes sixteen points at once (ecs.lanes).
     """
-    x, y = _turn_back(px - ox, py - oy, cosine, sine)
+    x, y = turn_back(px - ox, py - oy, cosine, sine)
     y = abs(y)  # the kite is its own mirror image: two of its four sides are enough
     beside = half_fov_cos * y - half_fov_sin * x
     beyond = half_fov_sin * (x - depth) + (ONE - half_fov_cos) * y
-    return bool(beside <= ZERO and beyond <= ZERO)
+    return (beside <= ZERO) & (beyond <= ZERO)
 
 
 @kernel
@@ -154,11 +156,14 @@ def in_sector(
     depth: Real,
     half_fov_cos: Real,
     half_fov_sin: Real,
-) -> bool:
-    """Whether point p lies in the circular sector of radius depth and +-half_fov, border included."""
-    x, y = _turn_back(px - ox, py - oy, cosine, sine)
+) -> Any:
+    """Whether point p lies in the circular sector of radius depth and +-half_fov, border included.
+
+    Also takes sixteen points at once (ecs.lanes).
+    """
+    x, y = turn_back(px - ox, py - oy, cosine, sine)
     beside = half_fov_cos * abs(y) - half_fov_sin * x
-    return bool(beside <= ZERO and x * x + y * y <= depth * depth)
+    return (beside <= ZERO) & (x * x + y * y <= depth * depth)
 
 
 @kernel
@@ -174,7 +179,7 @@ def gap_circle_box(
     half_height: Real,
 ) -> Real:
     """Distance from the circle's rim to the rectangle's surface; negative: minus how deep they overlap."""
-    x, y = _turn_back(cx - bx, cy - by, cosine, sine)
+    x, y = turn_back(cx - bx, cy - by, cosine, sine)
     x, y = abs(x) - half_width, abs(y) - half_height
     if x <= ZERO or y <= ZERO:
         return max(x, y) - radius  # nearest a side, or the centre is inside: no square root

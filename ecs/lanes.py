@@ -1,0 +1,178 @@
+"""Sixteen rows at a time: arithmetic on a stretch of a column, and what is true of which row as bits of a number.
+
+    x, y = lanes(body.x, 16 * g) - px, lanes(body.y, 16 * g) - py
+    left = bits(x * x + y * y <= square) & present[g]
+    while left:
+        e = 16 * g + lowest(left)
+        left &= left - 1
+
+A kernel that asks something of all rows, when nearly all answers are no, finds the few others in a few vector
+instructions. In kernels these are types of their own, in plain Python they are numpy arrays of sixteen: float32 sums,
+differences, products and comparisons, each lane rounded as if alone. Sets of rows are uint16 words: bit j of word g
+stands for row 16 g + j (Bits in ecs.access).
+
+A column may be read past its end. What is there means nothing, and no set of rows has its bits.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, models, register_model
+
+from .jit import compiled
+
+LANES, SHIFT = 16, 4  # row e is bit e & LANES - 1 of word e >> SHIFT
+FLOATS = ir.VectorType(ir.FloatType(), LANES)
+TRUTHS = ir.VectorType(ir.IntType(1), LANES)
+INDEX = ir.IntType(32)
+
+
+class LanesType(types.Type):  # type: ignore[misc]
+    """Numba's type of sixteen float32."""
+
+
+class MaskType(types.Type):  # type: ignore[misc]
+    """Numba's type of sixteen truths."""
+
+
+LANE, MASK = LanesType("Lanes"), MaskType("Mask")
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, FLOATS)
+
+
+@register_model(MaskType)
+class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, TRUTHS)
+
+
+def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...]], emit: Callable[..., Any]) -> None:
+    """Teach numba the operator on these types: emit(builder, *values) writes its instruction."""
+    signatures = [signature(result, *case) for case in cases]
+    infer_global(function)(type("Template", (ConcreteTemplate,), {"key": function, "cases": signatures}))
+
+    def lower(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
+        return emit(builder, *values)
+
+    for case in cases:
+        lower_builtin(function, *case)(lower)
+
+
+def _spread(builder: Any, value: Any) -> Any:
+    """A scalar in every lane; lanes as they are."""
+    if value.type == FLOATS:
+        return value
+    nothing = ir.Constant(FLOATS, ir.Undefined)
+    first = builder.insert_element(nothing, value, ir.Constant(INDEX, 0))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, LANES), [0] * LANES))
+
+
+def _on_floats(name: str, *before: str) -> Callable[..., Any]:
+    def emit(builder: Any, left: Any, right: Any) -> Any:
+        return getattr(builder, name)(*before, _spread(builder, left), _spread(builder, right))
+
+    return emit
+
+
+def _on_truths(name: str) -> Callable[..., Any]:
+    return lambda builder, *values: getattr(builder, name)(*values)
+
+
+_PAIRS = [(LANE, LANE), (LANE, types.float32), (types.float32, LANE)]
+for _function, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _define(_function, LANE, _PAIRS, _on_floats(_name))
+for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
+    _define(_function, MASK, _PAIRS, _on_floats("fcmp_ordered", _sign))
+for _function, _name in ((operator.and_, "and_"), (operator.or_, "or_")):
+    _define(_function, MASK, [(MASK, MASK)], _on_truths(_name))
+_define(operator.invert, MASK, [(MASK,)], _on_truths("not_"))
+_define(abs, LANE, [(LANE,)], lambda builder, value: builder.call(_absolute(builder), [value]))
+
+
+def _absolute(builder: Any) -> Any:
+    kind = ir.FunctionType(FLOATS, [FLOATS])
+    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{LANES}f32")
+
+
+def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any) -> Any:
+    """Where sixteen elements lie, given an array and the first one's index."""
+    array, start = arguments[:2]
+    data = builder.extract_value(array, context.data_model_manager[kind].get_field_position("data"))
+    return builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _lanes(typing: Any, column: Any, start: Any) -> Any:
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
+
+    return LANE(column, types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _store(typing: Any, column: Any, start: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS)
+        builder.store(arguments[2], pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(column, types.intp, value), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _flags(typing: Any, column: Any, start: Any) -> Any:
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        vector = ir.VectorType(ir.IntType(8), LANES)
+        values = builder.load(_pointer(context, builder, kinds.args[0], arguments, vector), align=1)
+        return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * LANES))
+
+    return MASK(column, types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _bits(typing: Any, mask: Any) -> Any:
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.zext(builder.bitcast(arguments[0], ir.IntType(LANES)), ir.IntType(64))
+
+    return types.int64(mask), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _lowest(typing: Any, word: Any) -> Any:
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate
+
+
+def _padded(column: Any, start: int) -> Any:
+    piece = column[start : start + LANES]
+    return np.concatenate([piece, np.zeros(LANES - len(piece), column.dtype)])
+
+
+def _python_store(column: Any, start: int, value: Any) -> None:
+    column[start : start + LANES] = value
+
+
+def _python_bits(mask: Any) -> int:
+    return int(np.packbits(mask, bitorder="little").view(np.uint16)[0])
+
+
+lanes: Any = _lanes if compiled() else _padded  # (float32 column, start) -> Lanes
+store: Any = _store if compiled() else _python_store  # (float32 array, start, Lanes): all sixteen must lie in the array
+flags: Any = (
+    _flags if compiled() else lambda column, start: _padded(column, start) != 0
+)  # (uint8 column, start) -> Mask
+bits: Any = _bits if compiled() else _python_bits  # (Mask) -> int: bit j is lane j
+lowest: Any = _lowest if compiled() else lambda word: int(word & -word).bit_length() - 1  # (int > 0) -> its lowest one
