@@ -1,7 +1,11 @@
-"""Timing a batch of worlds: microseconds a world-step of the whole step, with random actions."""
+"""Timing: what one step of a batch costs, and several things in turn so that their ratio can be trusted.
+
+Actions are random and episodes are cut after 100 steps, as when the original was timed: everybody is alive and busy.
+Worlds are at all steps of their episodes at once.
+"""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,51 +15,68 @@ from outlast.ecs import RESET, STEP, Action, Worlds
 from outlast.envs.policies import random_policy
 from outlast.envs.spaces import published
 
-WARM = 100  # steps ahead of the clock: worlds are out of step with each other by then
+Call = Callable[[int], object]  # does step number k of something
+LIMIT = 100  # steps of an episode
+DRAWS = 50  # different actions, drawn ahead of the clock
 
 
-def step_time(scenario: Scenario, worlds: int, steps: int = 0, threads: int = 1, repeats: int = 3) -> float:
-    """Best of `repeats`: microseconds that env.step takes for each world, autoreset and statistics included.
-
-    The actions are drawn before the clock starts. Episodes go on from one repeat to the next.
-    """
-    env = make_vec(scenario, worlds, seed=0, threads=threads)
+def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
+    """Calls of env.step with random actions: checks, autoreset and statistics included."""
+    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads)
     policy = random_policy(env)
     observations, _ = env.reset()
-    actions = [policy(observations) for _ in range(50)]
-    best = _best(lambda k: env.step(actions[k % len(actions)]), worlds, steps, repeats)
-    env.close()
-    return best
+    actions = [policy(observations) for _ in range(DRAWS)]
+    for k in range(LIMIT):
+        env.step(actions[k % DRAWS])
+        if (mask := np.arange(worlds) % LIMIT == k).any():
+            env.reset(options={"reset_mask": mask})
+    return lambda k: env.step(actions[k % DRAWS])
 
 
-def simulation_time(scenario: Scenario, worlds: int, steps: int = 0, threads: int = 1, repeats: int = 3) -> float:
+def simulator(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
     """The same of the simulation alone: no observations, no checks; rewards, statistics and autoreset are in it."""
-    batch = Worlds(scenario.modules, worlds, threads, without=(Phase.OBSERVE,))
-    batch.seed(0, np.arange(worlds))
-    generator = np.random.default_rng(0)
+    modules = scenario.replace(ending_limit=LIMIT).modules
+    return ticker(Worlds(modules, worlds, threads, without=(Phase.LOOK, Phase.OBSERVE)))
+
+
+def ticker(batch: Worlds) -> Call:
+    """Calls that take a batch through a tick with random actions, autoreset included."""
+    batch.seed(0, np.arange(batch.count))
     columns = [(getattr(batch[c], name), column) for _, c, name, column in published(batch, Action)]
-    draws = [[generator.integers(int(c.low), int(c.high) + 1, a.shape, a.dtype) for a, c in columns] for _ in range(50)]
-    mode, end = np.full(worlds, RESET, np.int8), batch[End]
+    generator = np.random.default_rng(0)
+    ranges = [(int(column.low), int(column.high) + 1, array.shape, array.dtype) for array, column in columns]
+    draws = [[generator.integers(*each) for each in ranges] for _ in range(DRAWS)]
+    mode, end = np.full(batch.count, RESET, np.int8), batch[End]
 
     def step(k: int) -> None:
-        for (array, _), drawn in zip(columns, draws[k % len(draws)], strict=True):
+        for (array, _), drawn in zip(columns, draws[k % DRAWS], strict=True):
             array[:] = drawn
         batch.run(mode)
         mode[:] = np.where(end.terminated[:, 0] | end.truncated[:, 0], RESET, STEP)
 
-    best = _best(step, worlds, steps, repeats)
-    batch.close()
-    return best
+    for k in range(LIMIT):
+        step(k)
+        mode[np.arange(batch.count) % LIMIT == k] = RESET
+    return step
 
 
-def _best(call: Callable[[int], object], worlds: int, steps: int, repeats: int) -> float:
-    steps = steps or max(20, min(2000, 200_000 // worlds))
-    for k in range(WARM):
+def alternate(calls: Sequence[Call], rounds: int = 5, seconds: float = 0.2) -> np.ndarray:
+    """Seconds a call, (rounds, calls): in every round each is called for `seconds`, one after the other."""
+    counts = [max(1, round(seconds / _once(call))) for call in calls]
+    return np.array([[_time(call, n) for call, n in zip(calls, counts, strict=True)] for _ in range(rounds)])
+
+
+def micros(call: Call, worlds: int, rounds: int = 5, seconds: float = 0.2) -> float:
+    """Best of `rounds`: microseconds a world-step."""
+    return float(alternate([call], rounds, seconds).min() / worlds * 1e6)
+
+
+def _once(call: Call) -> float:
+    return min(_time(call, 1) for _ in range(3))
+
+
+def _time(call: Call, count: int) -> float:
+    start = time.perf_counter()
+    for k in range(count):
         call(k)
-    best = np.inf
-    for _ in range(repeats):
-        start = time.perf_counter()
-        for k in range(steps):
-            call(k)
-        best = min(best, (time.perf_counter() - start) / steps / worlds * 1e6)
-    return float(best)
+    return (time.perf_counter() - start) / count

@@ -1,0 +1,108 @@
+"""What is paid beside the step: memory, the start, and resets.
+
+    python -m perf.cost memory [--steps 10000000] [--save MACHINE]
+    python -m perf.cost start [--save MACHINE]
+    python -m perf.cost reset [--save MACHINE]
+
+memory: bytes of state and of buffers (actions, observations, signals) a world, and how far the process grows while it
+takes that many world-steps. start: seconds until the first environment of a new process is made, imports included:
+with an empty cache, with a filled one, and with other numbers (counts, damage, radii) in the same scenario. reset: what
+resetting one world costs, in steps of one world: alone in its batch, and as one of 1,024.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from outlast import make_vec
+from outlast.ecs import RESET, STEP, Worlds
+from outlast.envs.policies import random_policy
+from outlast.envs.variants import VARIANTS
+from perf.measure import alternate
+from perf.table import Table, options
+
+CHUNK = 1024  # worlds that the memory test steps together
+
+
+def main() -> None:
+    """One of the three."""
+    parser = options(__doc__)
+    parser.add_argument("what", choices=("memory", "start", "reset"))
+    parser.add_argument("--steps", type=int, default=1_000_000, help="world-steps of the memory test, each variant")
+    given = parser.parse_args()
+    tables = {"memory": lambda: memory(given.steps), "start": start, "reset": reset}
+    tables[given.what]().finish(given.save)
+
+
+def memory(steps: int) -> Table:
+    """Bytes a world, and growth of the resident set after a warm-up of a tenth of the steps."""
+    table = Table("memory", "variant", "state", "buffers", "bytes a world", f"growth in {steps:,} steps")
+    for name in tqdm(VARIANTS, unit="variant"):
+        env = make_vec(name, CHUNK, seed=0)
+        policy, worlds = random_policy(env), env.worlds
+        observations, _ = env.reset()
+        state = worlds.layout.world_bytes
+        outside = [column for c in worlds.components if not c.packed for column in worlds[c]]
+        buffers = sum(column.nbytes for column in outside) // CHUNK
+        before = 0
+        for step in range(steps // CHUNK):
+            if step == steps // CHUNK // 10:
+                before = resident()
+            observations, *_ = env.step(policy(observations))
+        table.add(name, state, buffers, state + buffers, f"{(resident() - before) / 1e6:.1f} MB")
+        env.close()
+    return table
+
+
+def resident() -> int:
+    """Bytes of this process in memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def start() -> Table:
+    """New processes, one after the other, with a cache of their own."""
+    table = Table("start", "first environment", "seconds", "of that, imports")
+    changed = 'outlast.variant("teams_3").replace(n_heals=9, n_boxes=5, melee_damage=7, zone_radii=(9.0, 2.0))'
+    with tempfile.TemporaryDirectory() as folder:
+        for name, made in (("cold", '"teams_3"'), ("warm", '"teams_3"'), ("warm, other numbers", changed)):
+            script = f"""if True:
+                import time; start = time.perf_counter()
+                import outlast; imported = time.perf_counter()
+                env = outlast.make_vec({made}, num_worlds=1, seed=0); env.reset()
+                env.step(env.action_space.sample()); print(imported - start)"""
+            begin = time.perf_counter()
+            environment = os.environ | {"OUTLAST_CACHE_DIR": folder}
+            printed = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True)
+            table.add(name, time.perf_counter() - begin, float(printed))
+    return table
+
+
+def reset() -> Table:
+    """Ticks of mode RESET against ticks of mode STEP, in turn."""
+    table = Table("reset", "variant", "worlds", "us a step", "us a reset", "steps a reset")
+    for name, scenario in tqdm(VARIANTS.items(), unit="variant"):
+        for count in (1, 1024):
+            worlds = Worlds(scenario.modules, count)
+            worlds.seed(0, np.arange(count))
+            worlds.run(np.full(count, RESET, np.int8))
+            times = np.median(alternate([ticks(worlds, STEP), ticks(worlds, RESET)]), axis=0) / count * 1e6
+            table.add(name, count, float(times[0]), float(times[1]), float(times[1] / times[0]))
+    return table
+
+
+def ticks(worlds: Worlds, mode: int) -> Callable[[int], None]:
+    """Calls that take all worlds through a tick of this mode."""
+    modes = np.full(worlds.count, mode, np.int8)
+    return lambda k: worlds.run(modes)
+
+
+if __name__ == "__main__":
+    main()

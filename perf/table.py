@@ -1,0 +1,69 @@
+"""Tables of results: printed, and kept as CSV in a folder for each machine."""
+
+import argparse
+import csv
+import os
+import platform
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+FOLDER = Path(__file__).parent / "results"
+
+
+class Table:
+    """Rows under named columns; numbers are rounded to four digits."""
+
+    def __init__(self, name: str, *columns: str) -> None:
+        self.name, self.columns, self.rows = name, columns, list[list[str]]()
+
+    def add(self, *row: object) -> None:
+        """One row, in the order of the columns."""
+        if len(row) != len(self.columns):
+            raise ValueError(f"{len(row)} cells for {len(self.columns)} columns")
+        self.rows.append([f"{x:.4g}" if isinstance(x, float) else str(x) for x in row])
+
+    def __str__(self) -> str:
+        lines = [list(self.columns), *self.rows]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(self.columns))]
+        return "\n".join(_line(line, widths) for line in lines)
+
+    def finish(self, machine: str | None) -> None:
+        """Print it; for a named machine also write it to perf/results/MACHINE/NAME.csv, whole or not at all."""
+        print(f"{self}\n")
+        if machine is None:
+            return
+        path = FOLDER / machine / f"{self.name}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(".tmp")
+        with temporary.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
+        os.replace(temporary, path)
+        (path.parent / "machine.txt").write_text(describe() + "\n")
+
+
+def read(name: str, machine: str) -> list[dict[str, str]]:
+    """The rows of a saved table."""
+    with (FOLDER / machine / f"{name}.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def options(script: str | None) -> argparse.ArgumentParser:
+    """The command line of a benchmark: what all have in common."""
+    parser = argparse.ArgumentParser(description=script, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--save", metavar="MACHINE", help="also keep the numbers, in perf/results/MACHINE")
+    return parser
+
+
+def describe() -> str:
+    """This machine and what runs on it, in a line."""
+    file = Path("/proc/cpuinfo")
+    lines = file.read_text().splitlines() if file.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "Box2D"))
+    cpu = names[0] if names else platform.processor()
+    return f"{cpu}, {os.cpu_count()} CPUs; Python {platform.python_version()}, {versions}"
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    return "  ".join([cells[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(cells[1:], widths[1:], strict=True))])
