@@ -13,5 +13,13 @@ class ClosedError(RuntimeError):
     """A call after close()."""
 
 
+class PendingError(RuntimeError):
+    """A call between send() and recv(), or recv() without send()."""
+
+
 class FaultError(RuntimeError):
     """A world is in a state that cannot go on; only a reset of that world helps."""
+
+
+class StateError(ValueError):
+    """A saved state that is broken, or of another scenario."""

@@ -7,6 +7,8 @@ from gymnasium import spaces
 
 from outlast.ecs import Action, Column, Component, Observation, Statistic, Worlds
 
+LARGEST = float(np.finfo(np.float32).max)  # where a column has no bound: libraries want finite ones
+
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
     """(key, component, column name, column) of all columns of a kind, in order of their keys' components.
@@ -28,7 +30,9 @@ def observation_space(worlds: Worlds) -> spaces.Dict:
     """What all agents of one world see: key -> Box float32 of shape (agents, ...)."""
     return spaces.Dict(
         {
-            key: spaces.Box(column.low, column.high, component.row_shape(name, worlds.dims), np.float32)
+            key: spaces.Box(
+                max(column.low, -LARGEST), min(column.high, LARGEST), component.row_shape(name, worlds.dims), np.float32
+            )
             for key, component, name, column in published(worlds, Observation)
         }
     )

@@ -1,20 +1,24 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
-from numbers import Integral
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from outlast.components import End, Fault, Reward
+from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
+from .arguments import autoreset_mode, check_count, checked_actions, keys, reset_mask
+from .buffers import flat_size, write
 from .deaths import log_deaths
-from .errors import ActionError, ClosedError, FaultError, NotResetError
+from .errors import ClosedError, NotResetError, PendingError
+from .faults import check_faults
 from .notice import announce_compilation
 from .scenario import Scenario, ScenarioError
 from .spaces import action_space, observation_space, published, statistics
+from .state import State, put, take
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -44,11 +48,11 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         check_actions: bool = True,
         first_world: int = 0,
     ) -> None:
-        _check_count("num_worlds", num_worlds, 1)
-        _check_count("threads", threads, 1)
-        _check_count("first_world", first_world, 0)
+        check_count("num_worlds", num_worlds, 1)
+        check_count("threads", threads, 1)
+        check_count("first_world", first_world, 0)
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset = _autoreset(autoreset)
+        self.autoreset = autoreset_mode(autoreset)
         self.metadata = {"render_modes": [], "render_fps": 30, "autoreset_mode": self.autoreset, "name": scenario.name}
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         if missing := [signal.__name__ for signal in (Reward, End) if signal not in self.worlds]:
@@ -70,6 +74,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
+        self._background: ThreadPoolExecutor | None = None
+        self._pending: Future[Any] | None = None
         self._seed(seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1))
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(self._mode)  # nobody moves, but the tick gets compiled or loaded
@@ -93,7 +99,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         world goes on to its next episode.
         """
         self._check_open()
-        mask = self._mask(options)
+        mask = reset_mask(options, self.num_worlds)
         if seed is not None:
             self._seed(seed, mask)
         self._mode[:] = np.where(mask, RESET, SKIP)
@@ -110,24 +116,87 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         info["statistics"] holds their episodes and info["_statistics"] says which.
         """
         self._check_open()
+        return self._step(actions)
+
+    def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         self._check_steppable()
         self._take(actions)
         self._mode[:] = STEP
         if self.autoreset is AutoresetMode.NEXT_STEP:
             self._mode += self._over  # RESET is the number after STEP
         self.worlds.run(self._mode)
-        self._check_faults()
+        check_faults(self.worlds)
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
-        self._over = terminated | truncated
+        np.logical_or(terminated, truncated, out=self._over)
         log_deaths(self.worlds, self.first_world)
         reward = self.worlds[Reward].reward.copy()
         info = self._finish() if self._over.any() else {}
         return self._observe(), reward, terminated, truncated, info
 
+    def send(self, actions: Actions) -> None:
+        """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
+
+        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. The
+        arrays that the call before returned are overwritten while the step runs, unless copy=True.
+        """
+        self._check_open()
+        self._background = self._background or ThreadPoolExecutor(1, "outlast")
+        self._pending = self._background.submit(self._step, actions)
+
+    def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
+        """What `step` would have returned or raised for the actions that were sent."""
+        if self._pending is None:
+            raise PendingError("recv() without send()")
+        try:
+            result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._pending.result()
+            return result
+        finally:
+            if self._pending.done():  # it is not after Ctrl-C: then recv() can be called again
+                self._pending = None
+
+    def observe(self, out: Any = None) -> Arrays:
+        """The observations as they are now; also written into `out`, if that is given (see envs.buffers).
+
+        out: {key: float32 (worlds, agents, ...)} or one float32 array (worlds, agents, flat_size).
+        """
+        self._check_open()
+        if out is not None:
+            write(self._observations, out)
+        return self._observe()
+
+    @property
+    def flat_size(self) -> int:
+        """Numbers that one agent is told: the length of its row in a flat array."""
+        return flat_size(self._observations)
+
+    def get_state(self, where: Any = slice(None)) -> State:
+        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
+        self._check_open()
+        return take(self.scenario, self.worlds, self._faces, self._indices(where))
+
+    def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
+        """Go on from `state` in the worlds `where`: one for each, or one for all of them. Returns the observations.
+
+        Raises StateError, and changes nothing, if it is of another scenario or of too many worlds. Random numbers go on
+        as they would have: copies of a world see the same.
+        """
+        self._check_open()
+        put(state, self.scenario, self.worlds, self._faces, self._indices(where))
+        return self._observe()
+
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
+        if self._background is not None:
+            self._background.shutdown()
         self.worlds.close()
+
+    def _indices(self, where: Any) -> Any:
+        return np.atleast_1d(np.arange(self.num_worlds)[where])
+
+    @property
+    def _faces(self) -> dict[str, Any]:
+        return {"over": self._over, "started": self._started}
 
     def _finish(self) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
@@ -140,41 +209,21 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": self._over.copy()}
             self._mode[:] = np.where(self._over, RESET, SKIP)
             self.worlds.run(self._mode)
-            self._over = np.zeros(self.num_worlds, bool)
+            self._over[:] = False
         return info
 
     def _observe(self) -> Arrays:
         return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
 
     def _seed(self, seed: Any, mask: Any = slice(None)) -> None:
-        given = np.asarray(seed, object)
-        if given.ndim == 0:
-            seeds, worlds = np.full(self.num_worlds, _seed(seed)), self.first_world + np.arange(self.num_worlds)
-        else:
-            if given.shape != (self.num_worlds,):
-                raise ValueError(
-                    f"seed has shape {given.shape}: one integer, or one for each of {self.num_worlds} worlds"
-                )
-            seeds, worlds = np.array([_seed(s) for s in given], np.uint64), np.zeros(self.num_worlds, np.uint64)
+        seeds, worlds = keys(seed, self.num_worlds, self.first_world)
         self.worlds.seed(seeds[mask], worlds[mask], mask)
-
-    def _mask(self, options: dict[str, Any] | None) -> np.ndarray[Any, Any]:
-        if set(options or ()) - {"reset_mask"}:
-            raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
-        mask = (options or {}).get("reset_mask")
-        if mask is None:
-            return np.ones(self.num_worlds, bool)
-        mask = _array(mask)
-        if mask.dtype != bool or mask.shape != (self.num_worlds,) or not mask.any():
-            raise ValueError(
-                f"reset_mask must be bool, of shape ({self.num_worlds},), with at least one True; "
-                f"got {mask.dtype} of shape {mask.shape} with {int(np.count_nonzero(mask))} true"
-            )
-        return mask
 
     def _check_open(self) -> None:
         if self.closed:
             raise ClosedError("the environment is closed; make a new one")
+        if self._pending is not None:
+            raise PendingError("a step was sent and not received; call recv() first")
 
     def _check_steppable(self) -> None:
         if not self._started.all():
@@ -187,50 +236,10 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
                 'reset them first: reset(options={"reset_mask": terminated | truncated})'
             )
 
-    def _check_faults(self) -> None:
-        if Fault in self.worlds and self.worlds[Fault].physics.any():
-            w = int(self.worlds[Fault].physics[:, 0].argmax())
-            raise FaultError(
-                f"world {w}: a body has a position, speed or size that physics cannot take (NaN, or 1e6 and more); "
-                "some mechanic wrote it into Body or Shape. Reset the world: it starts afresh"
-            )
-
     def _take(self, actions: Any) -> None:
-        actions = _array(actions)
         shape = (self.num_worlds, self.num_agents, len(self.action_sizes))
-        if actions.shape != shape:
-            raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
-        if actions.dtype.kind not in "iu":
-            raise ActionError(f"actions are {actions.dtype}: integers are needed")
-        if self.check_actions:
-            unsigned = np.dtype(f"u{actions.itemsize}")  # in which negative numbers are large ones
-            bad = actions.view(unsigned) >= self.action_sizes.astype(unsigned)
-            if bad.any():
-                w, i, k = (int(index[0]) for index in np.nonzero(bad))
-                raise ActionError(
-                    f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: "
-                    f"0 to {self.action_sizes[k] - 1} is allowed"
-                )
+        actions = checked_actions(actions, shape, self.action_sizes, self.check_actions)
         np.add(actions.transpose(2, 0, 1), self._lows, out=self.worlds.actions, casting="unsafe")
-
-
-def _check_count(name: str, value: Any, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
-        raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
-
-
-def _seed(value: Any) -> np.uint64:
-    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < 2**64:
-        raise ValueError(f"seed = {value!r}: an integer from 0 to 2**64 - 1 is needed")
-    return np.uint64(int(value))
-
-
-def _autoreset(value: Any) -> AutoresetMode:
-    try:
-        return AutoresetMode(value)
-    except ValueError:
-        known = ", ".join(f"AutoresetMode.{mode.name} ({mode.value!r})" for mode in AutoresetMode)
-        raise ValueError(f"autoreset = {value!r}: allowed are {known}") from None
 
 
 def _locked(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -238,11 +247,3 @@ def _locked(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def _array(value: Any) -> np.ndarray[Any, Any]:
-    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
-    try:
-        return np.asarray(value)
-    except ValueError:
-        return np.empty(len(value), object)

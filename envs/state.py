@@ -1,0 +1,154 @@
+"""The state of worlds as plain arrays: taken, put back, copied onto other worlds, kept in a file.
+
+A State holds everything that decides how its worlds go on: their blocks of tables, the buffers of actions, observations
+and signals, and whether they run. Whatever continues from it is bit-identical to never having stopped.
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Worlds
+
+from .errors import StateError
+from .scenario import Scenario
+
+VERSION = 1
+HEADER = "header"  # the entry of a file that says what the others are: JSON as bytes
+LARGEST = 2**40  # bytes that a header may announce
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class State:
+    """The state of some worlds of a scenario.
+
+    scenario: its name and numbers, which must be the same where it is put back. arrays: by name, one row a world.
+    state[k], state[a:b], state[mask] are the states of some of them.
+    """
+
+    scenario: dict[str, Any]
+    arrays: dict[str, Array] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.arrays["world"])
+
+    def __getitem__(self, which: Any) -> "State":
+        chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
+        return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all."""
+        header = {"version": VERSION, "scenario": self.scenario, "checksum": _checksum(self.arrays)}
+        target = Path(path)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
+                np.savez(file, **named)
+            os.replace(temporary, target)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "State":
+        """Read what `save` wrote; StateError with a reason for anything else."""
+        try:
+            with zipfile.ZipFile(path) as file:
+                arrays = {entry.filename.removesuffix(".npy"): _read(file, entry) for entry in file.infolist()}
+            header = json.loads(arrays.pop(HEADER).tobytes())
+            version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
+        except FileNotFoundError:
+            raise
+        except (zipfile.BadZipFile, KeyError, TypeError, ValueError, EOFError, OSError, NotImplementedError) as error:
+            raise StateError(f"{path} is not a saved state: {str(error) or type(error).__name__}") from None
+        if version != VERSION:
+            raise StateError(f"{path} has version {version!r} of the format: this outlast reads version {VERSION}")
+        if checksum != _checksum(arrays):
+            raise StateError(f"{path} is damaged: its checksum does not fit")
+        if "world" not in arrays or len({len(array) for array in arrays.values() if array.ndim}) != 1:
+            raise StateError(f"{path} is not a saved state: its arrays are not rows of the same worlds")
+        return cls(scenario, arrays)
+
+
+def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> State:
+    """The state of the worlds `where` (mask, indices or slice). faces: what a face keeps for each world."""
+    return State(identity(scenario), {name: array[where].copy() for name, array in _arrays(worlds, faces).items()})
+
+
+def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Array) -> None:
+    """Make the worlds `where` (indices) go on from `state`: one for each of them, or one for all. Raises StateError."""
+    _check_scenario(state.scenario, identity(scenario))
+    if len(state) not in (1, len(where)):
+        raise StateError(f"a state of {len(state)} worlds for {len(where)} worlds: one, or as many, are needed")
+    arrays = _arrays(worlds, faces)
+    for name, array in arrays.items():
+        given = state.arrays.get(name)
+        if given is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
+            found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
+            raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
+    for name, array in arrays.items():
+        array[where] = state.arrays[name]
+
+
+def identity(scenario: Scenario) -> dict[str, Any]:
+    """Name and numbers of a scenario as JSON has them."""
+    numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
+    return {"name": scenario.name, "numbers": numbers}
+
+
+def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
+    """Everything that there is of each world: the arrays themselves, by name."""
+    outside = {
+        f"{component.__module__}.{component.__qualname__}.{name}": column
+        for component in worlds.components
+        if not component.packed
+        for name, column in worlds[component]._asdict().items()
+    }
+    return {"world": worlds.block, **outside, **faces}
+
+
+def _check_scenario(given: Any, own: dict[str, Any]) -> None:
+    numbers = given.get("numbers") if isinstance(given, dict) else None
+    if not isinstance(numbers, dict):
+        raise StateError("the state does not say of which scenario it is")
+    for key in sorted(own["numbers"].keys() | numbers.keys()):
+        mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
+        if mine != its:
+            raise StateError(
+                f"the state is of another scenario ({given.get('name')!r}): {key} is {its} there and {mine} here"
+            )
+
+
+def _checksum(arrays: dict[str, Array]) -> str:
+    total = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def _read(file: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Array:
+    """An array of the file; nothing is allocated before its size is known to be in the file."""
+    if entry.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"{entry.filename} is compressed")
+    with file.open(entry) as stream:
+        version = np.lib.format.read_magic(stream)
+        if version != (1, 0):
+            raise ValueError(f"{entry.filename} has version {version} of numpy's format")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if dtype.hasobject or fortran or not 0 <= size <= min(entry.file_size, LARGEST):
+            raise ValueError(f"{entry.filename} is {dtype} of shape {shape}")
+        content = stream.read(size)
+    return np.frombuffer(content, dtype).reshape(shape).copy()
