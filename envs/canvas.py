@@ -1,0 +1,178 @@
+"""The canvas: an RGB picture that views draw on, in metres."""
+
+import functools
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from .views.scene import Scene
+    from .views.view import View
+
+Image = np.ndarray[Any, Any]
+Color = tuple[int, int, int]
+Point = tuple[float, float]
+
+SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
+SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
+UNIT = 1 << SHIFT
+FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
+FONT, FONT_HEIGHT = cv2.FONT_HERSHEY_DUPLEX, 21  # pixels, height of a digit at scale 1
+READABLE = 5  # pixels, height of the smallest text worth drawing
+BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
+THINNEST = 0.5  # pixels, half the width of the thinnest body
+ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
+
+
+class Canvas:
+    """A square picture of the plane around the origin: image is uint8 (size, size, 3), RGB, row 0 on top.
+
+    half: metres from the origin to each edge. Drawing takes metres, x to the right and y up, and colours (red, green,
+    blue); edges are anti-aliased, positions are kept to 1/16 of a pixel, lines are at least one pixel wide. What has a
+    coordinate that is not a number, or lies a thousand pictures away, is left out.
+    """
+
+    def __init__(self, size: int, half: float) -> None:
+        self.image: Image = np.empty((size, size, 3), np.uint8)
+        self.size, self.half = size, half
+        self.scale = size / (2 * half)  # pixels per metre
+        self._unit = self.scale * UNIT
+        self._origin = size * UNIT / 2 - UNIT / 2  # OpenCV counts from the centre of the first pixel, not its edge
+        self._far = FAR * half
+
+    def clear(self, color: Color) -> None:
+        """Paint everything over."""
+        cv2.rectangle(self.image, (0, 0), (self.size, self.size), color, cv2.FILLED)
+
+    def render(self, views: "Iterable[View]", scene: "Scene") -> Image:
+        """Let the views draw, lower layers first, and those of one layer in order of their names. Returns the image."""
+        for view in sorted(views, key=lambda view: (view.layer, type(view).__name__)):
+            view.draw(self, scene)
+        return self.image
+
+    def circle(self, x: float, y: float, radius: float, color: Color, width: float = 0) -> None:
+        """A disc, or with a width (metres) a circle line."""
+        if not abs(x) + abs(y) + abs(radius) < self._far:
+            return
+        pixels = max(THINNEST, radius * self.scale - (0 if width else BLEED))
+        points = (_disc(pixels) + self._at(x, y)).astype(np.int32)
+        if width:
+            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
+        else:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+
+    def segment(self, x: float, y: float, to_x: float, to_y: float, color: Color, width: float) -> None:
+        """A straight line."""
+        if abs(x) + abs(y) + abs(to_x) + abs(to_y) < self._far:
+            thick = self._thick(width)
+            cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
+
+    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
+        """A filled convex polygon, which may let shine through what is below; or with a width (metres) its outline."""
+        if not sum([abs(x) + abs(y) for x, y in corners]) < self._far:
+            return
+        points = np.array([self._at(x, y) for x, y in corners], np.int32)
+        if width:
+            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
+        elif opacity == 1:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+        else:
+            self._glaze(points, color, opacity)
+
+    def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
+        """A filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
+        if abs(left) + abs(lower) + abs(right) + abs(upper) < self._far:
+            x, y = _whole(self.size / 2 + left * self.scale), _whole(self.size / 2 - upper * self.scale)
+            wide, high = _whole((right - left) * self.scale), _whole((upper - lower) * self.scale)
+            cv2.rectangle(self.image, (x, y, max(1, wide), max(1, high)), color, cv2.FILLED)
+
+    def body(self, scene: "Scene", e: int, color: Color, grow: float = 0) -> None:
+        """Entity `e` as its shape is, a disc or a rectangle, `grow` metres larger on all sides."""
+        body, shape = scene.body, scene.shape
+        if shape.radius[e] > 0:
+            self.circle(body.x[e], body.y[e], shape.radius[e] + grow, color)
+            return
+        grow -= BLEED / self.scale
+        thinnest = THINNEST / self.scale
+        a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
+        self.polygon(_corners(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b), color)
+
+    def dashes(self, x: float, y: float, radius: float, color: Color, width: float, dash: float) -> None:
+        """A dashed circle line; dashes and the gaps between them are `dash` metres long, or a little more."""
+        if not abs(x) + abs(y) + abs(radius) < self._far:
+            return
+        count, thick = max(4, int(math.pi * radius / dash)), self._thick(width)
+        ends = np.rint(_rim(2 * count) * (radius * self._unit) + self._at(x, y)).astype(np.int32).tolist()
+        for start, end in zip(ends[::2], ends[1::2], strict=True):
+            cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
+
+    def text(self, x: float, y: float, words: str, height: float, color: Color) -> None:
+        """Words whose ink is centred at (x, y), `height` metres high; left out where nobody could read them."""
+        pixels = height * self.scale
+        if pixels >= READABLE and abs(x) + abs(y) < self._far:
+            scale = round(pixels) / FONT_HEIGHT
+            dx, dy = _ink_centre(words, scale)
+            place = round(self.size / 2 + x * self.scale - dx), round(self.size / 2 - y * self.scale - dy)
+            cv2.putText(self.image, words, place, FONT, scale, color, 1, cv2.LINE_AA)
+
+    def _glaze(self, points: Image, color: Color, opacity: float) -> None:
+        """Blend a polygon in; only the part of the picture around it is looked at."""
+        left, top = np.clip(points.min(0) // UNIT - 1, 0, self.size).tolist()
+        right, bottom = np.clip(points.max(0) // UNIT + 3, 0, self.size).tolist()
+        if left < right and top < bottom:
+            below = self.image[top:bottom, left:right]
+            above = below.copy()
+            moved = points - np.array([left * UNIT, top * UNIT], np.int32)
+            cv2.fillConvexPoly(above, moved, color, cv2.LINE_AA, SHIFT)
+            below[:] = cv2.addWeighted(above, opacity, below, 1 - opacity, 0)
+
+    def _at(self, x: float, y: float) -> tuple[int, int]:
+        return round(self._origin + x * self._unit), round(self._origin - y * self._unit)
+
+    def _thick(self, width: float) -> int:
+        return max(1, round(width * self.scale)) if width else cv2.FILLED
+
+
+def _corners(x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float) -> list[Point]:
+    """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one."""
+    a, b, c, d = cosine * half_width, sine * half_width, -sine * half_height, cosine * half_height
+    return [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
+
+
+def _whole(pixels: float) -> int:
+    """Rounded, halves always up: what moves by a whole pixel must not change its size."""
+    return math.floor(pixels + 0.5)
+
+
+@functools.lru_cache(maxsize=1024)
+def _disc(pixels: float) -> Image:
+    """Corners of a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers.
+
+    Plus one half, so that cutting off what is behind the point rounds them.
+    """
+    count = 8 * math.ceil(math.pi / math.acos(1 - min(ERROR / pixels, 0.25)) / 8)
+    corners: Image = _rim(count) * (pixels * UNIT) + 0.5
+    return corners
+
+
+@functools.lru_cache(maxsize=1024)
+def _rim(count: int) -> Image:
+    """Corners of a regular polygon on the unit circle, float64 (count, 2)."""
+    angles = np.arange(count) * (2 * math.pi / count)
+    return np.stack([np.cos(angles), np.sin(angles)], 1)
+
+
+@functools.lru_cache(maxsize=1024)
+def _ink_centre(words: str, scale: float) -> Point:
+    """From where OpenCV starts to write to the middle of what it writes, in pixels: fonts differ by its version."""
+    (width, height), below = cv2.getTextSize(words, FONT, scale, 1)
+    margin = height + below + 2
+    trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)
+    cv2.putText(trial, words, (margin, margin + height), FONT, scale, (255,), 1, cv2.LINE_AA)
+    ys, xs = np.nonzero(trial)
+    if not len(xs):
+        return 0.0, 0.0
+    return (int(xs.min()) + int(xs.max()) + 1) / 2 - margin, (int(ys.min()) + int(ys.max()) + 1) / 2 - margin - height

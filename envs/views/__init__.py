@@ -1,0 +1,56 @@
+"""Views: one file a mechanic, as in systems/. A view reads the tables of one world and draws on a canvas.
+
+@dataclass(frozen=True)
+class Marsh(View):
+    layer = Layer.ZONE + 1
+    needs = (Swamp,)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        canvas.circle(0, 0, scene.mechanic(Swamp).radius, (120, 140, 90))
+
+image = draw(env.worlds, 0, views=[*VIEWS, Marsh(), Cameras()])
+"""
+
+from .agents import Agents
+from .boxes import Boxes, BoxItems
+from .cameras import Cameras
+from .heals import Heals
+from .health import HealthBars
+from .inventory import Inventory
+from .melee import Melee
+from .room import Room, Walls
+from .scene import Scene
+from .view import Layer, View
+from .zone import SafeZone
+
+VIEWS: tuple[View, ...] = (
+    Room(),
+    SafeZone(),
+    Heals(),
+    BoxItems(),
+    Boxes(),
+    Walls(),
+    Melee(),
+    Agents(),
+    HealthBars(),
+    Inventory(),
+)
+"""What is drawn unless somebody says otherwise."""
+
+__all__ = [
+    "VIEWS",
+    "Agents",
+    "BoxItems",
+    "Boxes",
+    "Cameras",
+    "Heals",
+    "HealthBars",
+    "Inventory",
+    "Layer",
+    "Melee",
+    "Room",
+    "SafeZone",
+    "Scene",
+    "View",
+    "Walls",
+]

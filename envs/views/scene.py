@@ -1,0 +1,80 @@
+"""The scene: one world as views read it."""
+
+import functools
+import math
+from typing import Any, TypeVar
+
+from outlast.components import Body, Floor, Shape
+from outlast.ecs import Component, Entity, Layout, Module, Worlds
+
+M = TypeVar("M", bound=Module)
+MARGIN = 1.06  # of the picture's side over the room's: bars of agents at a wall fit in
+
+
+class Scene:
+    """World `w` in plain Python: scene[C] is the table of component C, its columns as lists of Python numbers.
+
+    The lists are copies, made when they are first asked for: a view cannot change the world, and reading single numbers
+    from lists is ten times faster than from arrays. room, half: metres from the origin to the edge of the room, and of
+    the picture, which is a little larger.
+    """
+
+    def __init__(self, worlds: Worlds, w: int) -> None:
+        self.worlds, self.w = worlds, w
+        self._tables: dict[type[Component], Any] = {}
+        self.body, self.shape = self[Body], self[Shape]
+        self._alive = self[Entity].alive
+        self.room = self._reach()
+        self.half = MARGIN * self.room
+
+    def __getitem__(self, component: type[Component]) -> Any:
+        table = self._tables.get(component)
+        if table is None:
+            columns = (column[self.w].tolist() for column in self.worlds[component])
+            table = self._tables[component] = component.Table(*columns)
+        return table
+
+    def __contains__(self, kind: type[Component] | type[Module]) -> bool:
+        """Whether this scenario has the component, or the mechanic."""
+        if issubclass(kind, Component):
+            return kind in self.worlds
+        return any(isinstance(module, kind) for module in self.worlds.layout.modules)
+
+    def living(self, *components: type[Component]) -> list[int]:
+        """Rows of the entities in the world now that have all of these components."""
+        alive = self._alive
+        return [e for e in _rows(self.worlds.layout, components) if alive[e]]
+
+    def rows(self, *components: type[Component]) -> tuple[int, ...]:
+        """Rows of all entities with all of these components, in the world or not; agents in order of their numbers."""
+        return _rows(self.worlds.layout, components)
+
+    def birth(self, component: type[Component]) -> Any:
+        """The table as it is at the start of an episode."""
+        return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
+
+    def mechanic(self, kind: type[M]) -> M:
+        """The mechanic of this class, with its numbers. KeyError if this scenario lacks it."""
+        for module in self.worlds.layout.modules:
+            if isinstance(module, kind):
+                return module
+        raise KeyError(f"this scenario has no mechanic {kind.__name__}")
+
+    def _reach(self) -> float:
+        if Floor in self.worlds:
+            return float(self[Floor].size[0] / 2)
+        x, y, bound = self.body.x, self.body.y, self.shape.bound
+        ends = [max(abs(x[e]), abs(y[e])) + bound[e] for e in self.living(Body, Shape)]
+        reach: float = max([1.0, *(end for end in ends if math.isfinite(end))])
+        return reach
+
+
+@functools.lru_cache(maxsize=256)
+def _rows(layout: Layout, components: tuple[type[Component], ...]) -> tuple[int, ...]:
+    return tuple(layout.rows(*components).tolist())
+
+
+@functools.lru_cache(maxsize=64)
+def _birth(layout: Layout, component: type[Component]) -> Any:
+    columns = layout.columns(layout.template[None], component)
+    return component.Table(*(tuple(column[0].tolist()) for column in columns))
