@@ -23,3 +23,7 @@ class FaultError(RuntimeError):
 
 class StateError(ValueError):
     """A saved state that is broken, or of another scenario."""
+
+
+class ClusterError(RuntimeError):
+    """A Ray cluster that is not there, or does not do its work."""

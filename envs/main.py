@@ -1,20 +1,24 @@
 """The command line: outlast rollout | variants | schedule."""
 
 import argparse
+import contextlib
 import logging
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from tqdm import tqdm
 
 from outlast.ecs import EngineError, Worlds
 
+from .errors import ClusterError
 from .make import make_vec
 from .policies import POLICIES
-from .rollout import Summary, rollout
-from .scenario import ScenarioError
+from .rollout import Summary, Task, rollout
+from .scenario import Scenario, ScenarioError
 from .variants import ALIASES, VARIANTS, variant
+
+Work = Callable[[Callable[[int], None]], Summary]  # rolls out, and tells how many world-steps are done
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     try:
         return int(options.run(options))
-    except (ScenarioError, EngineError) as error:
+    except (ScenarioError, EngineError, ClusterError) as error:
         print(f"outlast: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
@@ -44,6 +48,9 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help="change a number: n_agents=10")
     run.add_argument("--log-deaths", action="store_true", help="print a line for every death")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.add_argument(
+        "--ray", nargs="?", const="", metavar="ADDRESS", help="on the Ray cluster at ADDRESS, or one on this machine"
+    )
     run.set_defaults(run=_rollout)
 
     commands.add_parser("variants", help="list the paper's variants").set_defaults(run=_variants)
@@ -58,29 +65,57 @@ def _rollout(options: argparse.Namespace) -> int:
     if options.log_deaths:
         logging.basicConfig(level=logging.INFO, format="%(message)s")
     scenario = variant(options.variant).replace(**dict(_assignment(text) for text in options.set))
+    with (_here if options.ray is None else _on_ray)(options, scenario) as (agents, work):
+        return _watched(options, agents, work)
+
+
+@contextlib.contextmanager
+def _here(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+    """The number of agents in a world, and what rolls out on this machine."""
     env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
     policy = POLICIES[options.policy](env, options.seed)
+    with contextlib.closing(env):
+        yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress)
+
+
+@contextlib.contextmanager
+def _on_ray(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+    """The same on a Ray cluster."""
+    if options.threads > 1 or options.log_deaths:
+        raise ClusterError("--threads and --log-deaths are for one machine: leave them out with --ray")
+    try:
+        from . import cluster  # here, as Ray takes seconds to load
+    except ModuleNotFoundError as error:
+        raise ClusterError(str(error)) from error
+    with contextlib.closing(make_vec(scenario, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
+        agents = env.num_agents
+    task = Task(scenario, POLICIES[options.policy], options.steps, options.seed)
+    with cluster.connected(options.ray):
+        yield agents, lambda progress: cluster.rollout(task, options.worlds, progress)
+
+
+def _watched(options: argparse.Namespace, agents: int, work: Work) -> int:
+    """Do the work behind a progress bar and report; the exit status."""
     start = time.perf_counter()
     bar = tqdm(total=options.worlds * options.steps, unit="world-step", unit_scale=True, disable=options.quiet)
 
-    done = 0  # steps of each world; a bar that is not shown does not count
+    done = 0  # world-steps; a bar that is not shown does not count
 
-    def progress(steps: int) -> None:
+    def progress(world_steps: int) -> None:
         nonlocal done
-        done = steps
-        if bar.update(options.worlds):  # it redrew itself
-            rate = done * options.worlds * env.num_agents / (time.perf_counter() - start)
+        new, done = world_steps - done, world_steps
+        if bar.update(new):  # it redrew itself
+            rate = done * agents / (time.perf_counter() - start)
             bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
 
     status = 0
     try:
-        summary = rollout(env, policy, options.steps, progress)
+        summary = work(progress)
     except KeyboardInterrupt as stop:
         summary, status = stop.args[0], 130
     seconds = time.perf_counter() - start
     bar.close()
-    env.close()
-    _report(options, summary, done * options.worlds, seconds, env.num_agents)
+    _report(options, summary, done, seconds, agents)
     return status
 
 

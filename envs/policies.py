@@ -11,16 +11,26 @@ Policy = Callable[[Arrays], Actions]
 
 REACH = 2.0  # metres: strike when an enemy ahead is this near or nearer
 WOUNDED = 70  # hit points at or below which a heal is used
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the golden ratio
 
 
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
+    """Every action uniform and independent: one draw among all joint actions (216 in the paper).
+
+    It is a function of (seed, world, agent, number of the step): a world's actions are the same in every batch. Each
+    agent draws from a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
+    """
     sizes = env.action_sizes
     joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
-    generator = np.random.default_rng([seed, 1])
+    count, half = np.uint64(len(joint)), np.uint64(32)
+    (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
+    worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
+    state = _mixed(_mixed(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
 
     def act(observations: Arrays) -> Actions:
-        return joint[generator.integers(0, len(joint), (env.num_worlds, env.num_agents))]
+        np.add(state, GOLDEN, out=state)
+        chosen: Actions = joint[(_mixed(state) >> half) * count >> half]
+        return chosen
 
     return act
 
@@ -77,6 +87,13 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
     "noop": noop_policy,
     "scripted": scripted_policy,
 }
+
+
+def _mixed(words: Any) -> Any:
+    """SplitMix64's mixing of uint64: every bit of the result depends on all bits."""
+    words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return words ^ (words >> np.uint64(31))
 
 
 def _length(vectors: Any) -> Any:

@@ -24,6 +24,8 @@ TOP_LEVEL = {"ecs", "systems", "components", "envs"}
 OPTIONAL = {
     "matplotlib",
     "pettingzoo",
+    "pufferlib",
+    "ray",
     "stable_baselines3",
     "torch",
 }  # a module may need one that is not installed

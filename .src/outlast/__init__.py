@@ -5,9 +5,33 @@
 >>> observations, info = env.reset()
 """
 
+from importlib import import_module
+from typing import Any
+
 from .envs.make import make_vec
+from .envs.register import register as register_gymnasium
 from .envs.scenario import Scenario, ScenarioError
 from .envs.variants import ALIASES, VARIANTS, variant
+from .envs.zoo import register as register_pettingzoo
 
 __version__ = "0.1.0"
 __all__ = ["ALIASES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
+
+_LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
+    "aec_env": "envs.parallel",
+    "make_agents": "envs.agents",
+    "make_puffer": "envs.puffer",
+    "make_sb3": "envs.sb3",
+    "parallel_env": "envs.parallel",
+    "SurvivalMultiAgentEnv": "envs.rllib",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+    raise AttributeError(f"module 'outlast' has no attribute '{name}'")
+
+
+register_gymnasium()
+register_pettingzoo()

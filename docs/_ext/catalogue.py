@@ -1,0 +1,144 @@
+"""What the code says of the game, as tables in Markdown: variants, numbers, spaces, components, the tick."""
+
+import dataclasses
+import math
+from typing import Any
+
+from sources import code, comments, grid, summary
+
+import outlast
+from outlast import components, systems
+from outlast.components import Phase
+from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
+from outlast.envs.spaces import published
+
+FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
+
+
+def worlds(name: str) -> Worlds:
+    """One world of a variant; nothing is compiled."""
+    return Worlds(outlast.variant(name).modules, 1)
+
+
+def variants() -> str:
+    """Whatever differs between the variants; of a mechanic that not all of them have, how many there are."""
+    numbers = {name: scenario.numbers() for name, scenario in outlast.VARIANTS.items()}
+    everywhere = set.intersection(*(set(own) for own in numbers.values()))
+    differing = [key for key in sorted(everywhere) if len({repr(own[key]) for own in numbers.values()}) > 1]
+    counts = sorted({key for own in numbers.values() for key in own if key.endswith("_count")} - everywhere)
+    keys = differing + counts
+    original = {name: alias for alias, name in outlast.ALIASES.items()}
+    rows = [
+        [code(name), code(original[name]), outlast.VARIANTS[name].about, *(shown(own.get(key, "–")) for key in keys)]
+        for name, own in numbers.items()
+    ]
+    return grid(["variant", "original name", "in words", *map(code, keys)], rows)
+
+
+def numbers(*names: str) -> str:
+    """The numbers of the mechanics `names` (all, if none): by default, in the paper's runs, and allowed."""
+    kinds = [getattr(systems, name) for name in names or systems.__all__]
+    return "\n\n".join(_numbers(kind) for kind in kinds)
+
+
+def _numbers(kind: type[Module]) -> str:
+    notes, played = comments(kind), [s.numbers() for s in outlast.VARIANTS.values() if kind in s]
+    rows = []
+    for item in dataclasses.fields(kind):
+        key = f"{kind.name()}_{item.name}"
+        runs = "; ".join(dict.fromkeys(shown(own[key]) for own in played)) or "–"
+        rows.append([code(key), shown(item.default), runs, limits(item.metadata), notes.get(item.name, "")])
+    table = grid(["number", "default", "in the variants", "allowed", "note"], rows) if rows else ""
+    return f"### {kind.__name__}\n\n{summary(kind)}\n\n{table}"
+
+
+def shown(value: Any) -> str:
+    """A number as a reader likes it."""
+    if isinstance(value, tuple):
+        return ", ".join(map(shown, value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def limits(rule: Any) -> str:
+    """Which values a number may have."""
+    if rule["choices"]:
+        return ", ".join(map(code, rule["choices"]))
+    parts = [f"≥ {rule['low']:g}" if rule["low"] > -math.inf else ""]
+    parts += [f"\\> {rule['above']:g}" if rule["above"] > -math.inf else ""]
+    parts += [f"≤ {rule['high']:.4g}" if rule["high"] < math.inf else ""]
+    return ", ".join(part for part in parts if part)
+
+
+def bringers(base: type[Component]) -> dict[type[Component], type[Module]]:
+    """Which mechanic brings which component of a kind."""
+    kinds = [getattr(systems, name) for name in systems.__all__]
+    return {type(s): kind for kind in kinds for s in kind().singletons() if isinstance(s, base)}
+
+
+def actions() -> str:
+    """The components of an action, in order."""
+    brought = sorted(bringers(Action).items(), key=lambda pair: pair[0].order)
+    columns = [(component, module, name) for component, module in brought for name in component.columns]
+    rows = []
+    for k, (component, module, name) in enumerate(columns):
+        low, high = (int(getattr(component.columns[name], bound)) for bound in ("low", "high"))
+        says = ", ".join(f"{value - low} → {value}" if low else str(value) for value in range(low, high + 1))
+        first = name == next(iter(component.columns))
+        about = [summary(component), code(module.__name__)] if first else ["", ""]
+        rows.append([k, code(name), says, *about])
+    return grid(["position", "action", "values", "meaning", "mechanic"], rows)
+
+
+def observations(name: str) -> str:
+    """The keys of an observation, their shapes in general and in the variant `name`."""
+    return _published(Observation, worlds(name), name)
+
+
+def statistics(name: str) -> str:
+    """What is known of an episode that ended in the variant `name`."""
+    return _published(Statistic, worlds(name), name)
+
+
+def _published(base: type[Component], there: Worlds, name: str) -> str:
+    brought, rows, before = bringers(base), [], None
+    found = {entry[1:3]: entry for entry in published(there, base)}
+    columns = [pair for component in brought for pair in ((component, own) for own in component.columns)]
+    for key, component, own, column in (found[pair] for pair in columns if pair in found):
+        if column.dims == ("causes",):  # reported as a key for each
+            key = ", ".join(f"{key}_{cause}" for cause in there.layout.causes)
+        shape = "" if column.dims == ("causes",) else " × ".join(map(str, column.dims))
+        sizes = " × ".join(map(str, column.shape(there.dims))) if shape else ""
+        bounds = "" if math.isinf(column.low) or math.isinf(column.high) else f"{column.low:g} to {column.high:g}"
+        note = "; ".join(part for part in (bounds, comments(component).get(own, "")) if part)
+        first = component is not before
+        says = [summary(component), code(brought[component].__name__)] if first else ["", ""]
+        rows.append([code(key), shape, sizes, note, *says])
+        before = component
+    return grid(["key", "shape", f"in {name}", "note", "meaning", "mechanic"], rows)
+
+
+def nouns(*names: str) -> str:
+    """The components `names` (all, if none) with their columns."""
+    kinds = [getattr(components, name) for name in names or components.__all__]
+    return "\n\n".join(_noun(kind) for kind in kinds if issubclass(kind, Component))
+
+
+def _noun(kind: type[Component]) -> str:
+    notes = comments(kind)
+    rows = [
+        [code(name), column.dtype.name, " × ".join(map(str, column.dims)), f"{column.fill:g}", notes.get(name, "")]
+        for name, column in kind.columns.items()
+    ]
+    heading = f"### {kind.__name__}\n\n*{kind.__bases__[0].__name__}.* {summary(kind)}"
+    return f"{heading}\n\n{grid(['column', 'type', 'dimensions', 'at first', 'note'], rows)}"
+
+
+def phases() -> str:
+    """The stations of a tick."""
+    rows = [[code(phase.name), phase.when.value, phase.says] for phase in Phase]
+    return grid(["phase", "runs on", "what is true when it ends"], rows)
+
+
+def schedule(name: str) -> str:
+    """The tick of a variant, as `outlast schedule` prints it."""
+    return f"```text\n{worlds(name).schedule}\n```"

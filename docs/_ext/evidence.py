@@ -1,0 +1,87 @@
+"""What speaks for the rules being those of the paper, as tables in Markdown: tests, check values, statistics."""
+
+import ast
+import csv
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from catalogue import shown
+from sources import code, grid
+
+import outlast
+from outlast import systems
+
+DOCS = Path(__file__).resolve().parent.parent
+TESTS = DOCS.parent / "tests"
+CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
+
+
+def constants() -> dict[str, Any]:
+    """Numbers that tests are held to, by name; read, not imported."""
+    found: dict[str, Any] = {}
+    for file, names in CONSTANTS.items():
+        for line in ast.parse((TESTS / file).read_text()).body:
+            if isinstance(line, ast.Assign):
+                target = ast.unparse(line.targets[0]).strip("()").split(", ")
+                values = line.value.elts if isinstance(line.value, ast.Tuple) else [line.value]
+                pairs = zip(target, values, strict=False)
+                found |= {name: ast.literal_eval(value) for name, value in pairs if name in names}
+    return found
+
+
+def rules() -> str:
+    """The tests of the rules, whose names are sentences, under what the docstring of their file says."""
+    lines = []
+    for file in sorted(TESTS.glob("test_fidelity*.py")):
+        tree = ast.parse(file.read_text())
+        lines.append(f"\n{_note(tree).rpartition(': ')[2].capitalize()}\n")
+        for test in tree.body:
+            if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
+                note = _note(test)
+                says = test.name.removeprefix("test_").replace("_", " ")
+                lines.append(f"- {says}. *{note}*" if note else f"- {says}")
+    return "\n".join(lines)
+
+
+def _note(tree: ast.Module | ast.FunctionDef) -> str:
+    """A docstring without its references."""
+    return re.sub(r" \(rules[^)]*\)", "", ast.get_docstring(tree) or "")
+
+
+def checks() -> str:
+    """The trajectories that are compared."""
+    data = json.loads((TESTS / "data" / "check-values.json").read_text())
+    rows = []
+    for name, check in data.items():
+        listed = next(value for key, value in check.items() if key.startswith("states"))
+        rows.append([code(name), check["what"], listed[-1][0], len(listed)])
+    return grid(["name", "what happens", "ticks", "compared"], rows)
+
+
+def compared() -> str:
+    """Statistics under random actions, from docs/statistics.csv."""
+    with (DOCS / "statistics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    lines, before = [], ""
+    for row in rows:
+        name = code(outlast.ALIASES[row["variant"]])
+        numbers = (row["original"], f"{float(row['outlast']):.3g}", row["errors apart"])
+        lines.append([name if name != before else "", row["quantity"], *numbers])
+        before = name
+    return grid(["variant", "quantity", "original", "outlast", "errors apart"], lines)
+
+
+def deviations() -> str:
+    """Numbers that all variants set to something else than the mechanic's default, which follows the paper's text."""
+    played = [scenario.numbers() for scenario in outlast.VARIANTS.values()]
+    rows = []
+    for kind in (getattr(systems, name) for name in systems.__all__):
+        for item in dataclasses.fields(kind):
+            key = f"{kind.name()}_{item.name}"
+            runs = {repr(own[key]): own[key] for own in played if isinstance(own.get(key), type(item.default))}
+            if len(runs) == 1 and repr(item.default) not in runs:
+                rows.append([code(key), shown(item.default), *map(shown, runs.values()), code(kind.__name__)])
+    return grid(["number", "the paper's text", "its runs", "explained at"], rows)

@@ -1,0 +1,76 @@
+"""Tables of the pages, made from the code while the site is built, and numbers of the game in running text.
+
+```{outlast} observations teams_4
+```
+is replaced by the table that the function of that name returns as Markdown; {value}`zone_stand + zone_shrink` by
+the value of the expression over the numbers of teams_4, which has every mechanic of the paper, and
+{value}`100 / melee_damage | .1f` by the same in that format.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import catalogue
+import evidence
+from docutils import nodes
+from docutils.parsers.rst.states import Inliner
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+import outlast
+
+TABLES: dict[str, Callable[..., str]] = {
+    made.__name__: made
+    for made in (
+        catalogue.variants,
+        catalogue.numbers,
+        catalogue.actions,
+        catalogue.observations,
+        catalogue.statistics,
+        catalogue.nouns,
+        catalogue.phases,
+        catalogue.schedule,
+        evidence.rules,
+        evidence.checks,
+        evidence.compared,
+        evidence.deviations,
+    )
+}
+
+
+class Table(SphinxDirective):
+    """The directive `outlast`: the name of a table, and what it is about."""
+
+    required_arguments = 1
+    optional_arguments = 50
+
+    def run(self) -> list[nodes.Node]:
+        """Parse what the table's function returns, in the place of the directive."""
+        name, *about = self.arguments
+        if name not in TABLES:
+            raise self.error(f"there is no table '{name}'; known: {', '.join(TABLES)}")
+        return self.parse_text_to_nodes(TABLES[name](*about), allow_section_headings=True)
+
+
+def value(
+    role: str, raw: str, text: str, line: int, inliner: Inliner, options: Any = None, content: Any = None
+) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+    """The role `value`: an expression over numbers of the game, and perhaps a format behind a bar."""
+    expression, _, form = text.partition(" | ")
+    names = outlast.variant(catalogue.FULL).numbers() | evidence.constants()
+    found = eval(expression, {"math": math}, names)
+    return [nodes.Text(format(found, form.strip()) if form else catalogue.shown(found))], []
+
+
+def plain(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Docstrings are plain text: a bar in them is a bar, not one of docutils' substitutions."""
+    lines[:] = [line if line.startswith(">>>") else line.replace("|", "\\|") for line in lines]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Tell Sphinx."""
+    app.add_directive("outlast", Table)
+    app.add_role("value", value)
+    app.connect("autodoc-process-docstring", plain)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,28 @@
+"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install 'outlast[docs]')."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+import outlast
+
+project = "outlast"
+author = "The outlast authors"
+version = release = outlast.__version__
+html_title = f"outlast {version}"
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "tables"]
+exclude_patterns = ["_build", "examples"]
+default_role = "code"  # single backticks, in docstrings
+html_theme = "furo"
+html_copy_source = False
+pygments_style = "friendly"
+
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+
+# Faces are described without their libraries, which need not be installed and take seconds to load.
+autodoc_mock_imports = ["pettingzoo", "ray", "stable_baselines3", "torch"]
+autodoc_typehints_format = "short"
+autodoc_member_order = "bysource"

@@ -1,0 +1,163 @@
+"""Poison: an item that makes its user's enemies nearby ill. The ill lose hit points, tick after tick, for a while."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from outlast.components import Bag, Body, Guard, Health, Item, Phase, Shape, Side, Spawned, Told
+from outlast.components.health import hurt, immune
+from outlast.components.inventory import last
+from outlast.components.sight import told
+from outlast.ecs import (
+    Add,
+    Archetype,
+    Array,
+    Cause,
+    Clock,
+    Component,
+    Entity,
+    Module,
+    Observation,
+    Read,
+    Rows,
+    Singleton,
+    Statistic,
+    Write,
+    column,
+    number,
+)
+
+# --- nouns: what exists
+
+
+class Vial(Component):
+    """An item full of poison."""
+
+    strength: Array = column("i4")  # ticks for which it makes ill
+
+
+class Illness(Component):
+    """How ill an agent is. Written by poison."""
+
+    left: Array = column("i4")  # ticks until it is well again
+    source: Array = column("i4", fill=-1)  # the side that did it
+
+
+class VialView(Observation):
+    """Vials on the ground (x, y), whether the last slot holds one, and how ill one is."""
+
+    vials: Array = column("f4", "agents", "vials", 2)
+    vials_mask: Array = column("f4", "agents", "vials", low=0, high=1)
+    vial_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
+    illness: Array = column("f4", "agents", 1, low=0)  # ticks
+
+
+class VialsUsed(Statistic):
+    """Vials used in this episode, by anybody."""
+
+    vials_used: Array = column("i4")
+
+
+# --- the mechanic: its numbers, and what it brings into the world
+
+
+@dataclass(frozen=True)
+class Poison(Module):
+    """Vials lie around; whoever uses one poisons all enemies within reach."""
+
+    cause: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
+
+    count: int = number(4, low=1)
+    radius: float = number(0.25, low=0.002)  # metres, of a vial
+    reach: float = number(3.0, above=0)  # metres, centre to centre
+    strength: int = number(30, low=1)  # ticks of illness
+    harm: int = number(2, low=0)  # hit points a tick
+
+    def archetypes(self) -> Iterable[Archetype]:
+        """A new kind of item, and one more component for every agent."""
+        body = (Body(), Shape(radius=self.radius), Spawned())
+        vial = (*body, Item(), Vial(strength=self.strength))
+        return [Archetype("vial", vial, self.count), Archetype("agent", (Illness(),))]
+
+    def singletons(self) -> Iterable[Singleton]:
+        """What learners see, and what is counted."""
+        return [VialView(), VialsUsed()]
+
+    def dims(self) -> dict[str, int | str]:
+        """The dimension "vials" of the columns above."""
+        return {"vials": self.count}
+
+
+# --- verbs: what happens, each in its phase of the tick
+
+
+@Poison.system(Phase.EFFECT, after="boxes.set_up")
+def spill(
+    illness: Write[Illness],
+    used: Add[VialsUsed],
+    item: Read[Item],
+    vial: Read[Vial],
+    body: Read[Body],
+    side: Read[Side],
+    guard: Read[Guard],
+    entities: Read[Entity],
+    agents: Rows[Illness],
+    vials: Rows[Vial],
+    reach: float,
+) -> None:
+    """A used vial makes everybody near its user ill, but neither the user nor its team."""
+    for thing in vials:
+        user = item.user[thing]
+        if user < 0:
+            continue
+        used.vials_used[0] += 1
+        for e in agents:
+            x, y = body.x[e] - body.x[user], body.y[e] - body.y[user]
+            spared = e == user or immune(guard, e, side.side[user])
+            if entities.alive[e] and not spared and x * x + y * y <= reach * reach:
+                illness.left[e] = vial.strength[thing]
+                illness.source[e] = side.side[user]
+
+
+@Poison.system(Phase.MELEE, after="melee.strike")
+def sicken(
+    health: Write[Health],
+    illness: Write[Illness],
+    guard: Read[Guard],
+    entities: Read[Entity],
+    clock: Read[Clock],
+    agents: Rows[Illness],
+    harm: int,
+    cause: Cause,
+) -> None:
+    """The ill lose hit points, on account of whoever poisoned them."""
+    for e in agents:
+        if entities.alive[e] and illness.left[e] > 0:
+            illness.left[e] -= 1
+            hurt(health, guard, e, harm, cause, illness.source[e], clock.tick[0])
+
+
+@Poison.system(Phase.OBSERVE)
+def see_vials(
+    view: Write[VialView],
+    tell: Read[Told],
+    body: Read[Body],
+    bag: Read[Bag],
+    illness: Read[Illness],
+    entities: Read[Entity],
+    agents: Rows[Illness],
+    vials: Rows[Vial],
+) -> None:
+    """Every entry is written in every tick, so nothing of the tick before is left over."""
+    for i in range(agents.size):
+        for k in range(vials.size):
+            e = vials[k]
+            filled = told(tell.filled, i, e)
+            view.vials_mask[i, k] = told(tell.masks, i, e)
+            view.vials[i, k, 0] = body.x[e] if filled else 0
+            view.vials[i, k, 1] = body.y[e] if filled else 0
+        me, alive = agents[i], entities.alive[agents[i]] != 0
+        thing = last(bag, me)
+        held = alive and vials[0] <= thing <= vials[vials.size - 1]
+        view.vial_slot_mask[i, 0] = 1 if held else 0
+        view.illness[i, 0] = illness.left[me] if alive else 0

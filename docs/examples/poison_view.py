@@ -1,0 +1,27 @@
+"""How poison looks in pictures and videos: vials as green discs, and a green ring around the ill."""
+
+from dataclasses import dataclass
+
+from poison import Illness, Vial
+
+from outlast.envs.canvas import Canvas
+from outlast.envs.views import Layer, Scene, View
+
+GREEN = (110, 190, 40)
+
+
+@dataclass(frozen=True)
+class Poisoned(View):
+    """Vials on the ground, and who is ill."""
+
+    layer = Layer.ITEMS
+    needs = (Vial, Illness)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Positions and sizes are in metres."""
+        body, shape = scene.body, scene.shape
+        for e in scene.living(Vial):
+            canvas.circle(body.x[e], body.y[e], shape.radius[e], GREEN)
+        for e in scene.living(Illness):
+            if scene[Illness].left[e] > 0:
+                canvas.circle(body.x[e], body.y[e], shape.radius[e] + 0.3, GREEN, width=0.15)

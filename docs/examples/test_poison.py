@@ -1,0 +1,93 @@
+"""The poison of poison.py does what it says. Run it: python -m pytest docs/examples/test_poison.py."""
+
+import numpy as np
+import pytest
+from poison import Poison
+
+import outlast
+from outlast.components import Bag, Body, Health, Item
+from outlast.ecs import Entity, NumberError
+
+IDLE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 0, 1, 0)
+SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, harm=2))
+
+
+def armed(far, **numbers):
+    """One world: agent 0 holds vial 0, its mate 1 stands close by, enemy 2 stands `far` metres away."""
+    env = outlast.make_vec(SCENARIO.replace(**numbers), 1, seed=0)
+    env.reset()
+    body, alive, vial = env.worlds[Body], env.worlds[Entity].alive, env.worlds.span("vial").start
+    body.x[0, :4], body.y[0, :4] = (0, 0, far, -7), (0, 2, 0, -7)
+    env.worlds[Bag].items[0, 0, 0], env.worlds[Bag].count[0, 0] = vial, 1
+    env.worlds[Item].holder[0, vial], alive[0, vial] = 0, 0
+    return env
+
+
+def step(env, first=IDLE):
+    """A tick in which agent 0 does `first`, and everybody else nothing."""
+    return env.step(np.array([[first, IDLE, IDLE, IDLE]]))
+
+
+def points(env):
+    return env.worlds[Health].points[0, :4].tolist()
+
+
+def test_enemies_lose_points_for_a_while():
+    env = armed(far=2.9)
+    step(env, USE)
+    assert points(env) == [100, 100, 98, 100]
+    for _ in range(29):
+        step(env)
+    assert points(env) == [100, 100, 40, 100]
+    step(env)
+    assert points(env) == [100, 100, 40, 100]  # well again
+
+
+def test_it_reaches_no_farther():
+    env = armed(far=3.1)
+    step(env, USE)
+    assert points(env) == [100, 100, 100, 100]
+
+
+def test_a_death_by_poison_is_counted_and_is_the_poisoners():
+    env = armed(far=2.0, poison_harm=50, rewards_kill=10.0, ending_limit=2)
+    step(env, USE)
+    _, reward, _, _, info = step(env)
+    statistics = info["statistics"]
+    assert (statistics["deaths_poison"][0], statistics["deaths_melee"][0]) == (1, 0)
+    assert statistics["kills"][0].tolist() == [1, 0]
+    assert statistics["vials_used"][0] == 1
+    assert reward[0].tolist() == [11, 11, 1, 1]
+
+
+def test_what_is_told():
+    env = armed(far=2.0)
+    assert env.single_observation_space["vials"].shape == (4, 4, 2)
+    assert step(env)[0]["vial_slot_mask"][0].tolist() == [[1], [0], [0], [0]]
+    told = step(env, USE)[0]
+    assert told["vial_slot_mask"][0].tolist() == [[0], [0], [0], [0]]
+    assert told["illness"][0].tolist() == [[0], [0], [29], [0]]
+
+
+def test_a_vial_is_told_of_while_it_is_seen():
+    env = armed(far=8.0)
+    vial = env.worlds.span("vial").start + 1
+    env.worlds[Body].x[0, vial], env.worlds[Body].y[0, vial] = 1.5, 0  # ahead of agent 0, nothing in between
+    told = step(env)[0]
+    assert told["vials_mask"][0, 0, 1] == 1
+    assert told["vials"][0, 0, 1].tolist() == [1.5, 0]
+    hidden = told["vials_mask"][0] == 0
+    assert not told["vials"][0][hidden].any()
+
+
+def test_vials_can_be_picked_up():
+    env = armed(far=8.0)
+    vial = env.worlds.span("vial").start + 1
+    env.worlds[Body].x[0, vial], env.worlds[Body].y[0, vial] = 0.2, 2
+    step(env)
+    assert env.worlds[Item].holder[0, vial] == 1
+
+
+def test_numbers_out_of_range_are_refused():
+    with pytest.raises(NumberError, match=r"poison\.reach = -1"):
+        Poison(reach=-1.0)

@@ -1,0 +1,125 @@
+"""The pictures of the pages, from seeds: python docs/pictures.py writes them all into docs/pictures."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import outlast
+from outlast.components import Bag, Body, Item, Shape
+from outlast.ecs import Entity
+from outlast.envs.policies import POLICIES
+from outlast.envs.render import draw
+from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.views import VIEWS, Cameras, Scene
+
+DOCS = Path(__file__).resolve().parent
+GAP = 8  # white pixels between panels
+IDLE, STRIKE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 1, 0, 0), (1, 1, 1, 0, 1, 0)
+
+Image = np.ndarray[Any, Any]
+
+
+def played(scenario: outlast.Scenario, world: int, ticks: int, policy: str = "scripted") -> SurvivalVectorEnv:
+    """World number `world` of seed 0 after so many ticks."""
+    env = outlast.make_vec(scenario, 1, seed=0, first_world=world)
+    observations, _ = env.reset()
+    act = POLICIES[policy](env, 0)
+    for _ in range(ticks):
+        observations, *_ = env.step(act(observations))
+    return env
+
+
+def beside(panels: list[Image]) -> Image:
+    """Panels of one size in a row."""
+    gap = np.full((panels[0].shape[0], GAP, 3), 255, np.uint8)
+    return np.hstack([part for panel in panels for part in (gap, panel)][1:])
+
+
+def closeup(env: SurvivalVectorEnv, x: float, y: float, reach: float, size: int, views: Any = VIEWS) -> Image:
+    """The square of side 2 reach (metres) around (x, y)."""
+    half = Scene(env.worlds, 0).half
+    whole = round(size * half / reach)
+    left, top = (round(whole * (half + shift - reach) / (2 * half)) for shift in (x, -y))
+    return draw(env.worlds, 0, whole, views)[top : top + size, left : left + size]
+
+
+def start() -> Image:
+    """A world of teams_4 at the start."""
+    return draw(played(outlast.variant("teams_4"), 3, 0).worlds, 0, 440)
+
+
+def sight() -> Image:
+    """What agents see."""
+    return draw(played(outlast.variant("teams_4"), 1, 150).worlds, 0, 440, [*VIEWS, Cameras()])
+
+
+def zone() -> Image:
+    """The same world at four times; nobody moves or comes to harm."""
+    safe = outlast.variant("teams_4").replace(zone_harm=0)
+    return beside([draw(played(safe, 3, ticks, "noop").worlds, 0, 200) for ticks in (0, 350, 750, 1150)])
+
+
+def boxes() -> Image:
+    """A box, what is left of it, the box in the bag, and set up again: one agent in four ticks of its life."""
+    env = played(outlast.variant("ffa_3"), 0, 0)
+    body, shape, alive = env.worlds[Body], env.worlds[Shape], env.worlds[Entity].alive
+    agent, box, heal = (env.worlds.span(kind).start for kind in ("agent", "box", "heal"))
+    alive[0, box + 1 : env.worlds.span("box").stop] = alive[0, heal : env.worlds.span("heal").stop] = 0
+    alive[0, agent + 1] = 1
+    body.x[0, :2], body.y[0, :2] = (0, 9), (0, 9)
+    body.x[0, box], body.y[0, box] = 1.5, 0
+    shape.half_width[0, box], shape.half_height[0, box], shape.bound[0, box] = 0.4, 0.9, 1
+    panels = [closeup(env, 1, 0, 2.5, 200)]
+
+    def after(*actions: tuple[int, ...]) -> None:
+        for action in actions:
+            env.step(np.array([[action, IDLE]]))
+        panels.append(closeup(env, 1, 0, 2.5, 200))
+
+    after(STRIKE, IDLE)
+    body.x[0, agent] = 1.4
+    after(IDLE)
+    body.x[0, agent] = 0
+    after(USE)
+    return beside(panels)
+
+
+def fight() -> Image:
+    """Two teams meet."""
+    return closeup(played(outlast.variant("teams_4"), 0, 300), -1, 1.5, 5, 320)
+
+
+def poison() -> Image:
+    """The example of the page about new mechanics: before and after a vial is used."""
+    sys.path.insert(0, str(DOCS / "examples"))
+    from poison import Poison
+    from poison_view import Poisoned
+
+    env = played(outlast.variant("teams_2").with_(Poison()), 0, 0)
+    body, vial, views = env.worlds[Body], env.worlds.span("vial").start, [*VIEWS, Poisoned()]
+    body.x[0, :4], body.y[0, :4] = (0, -1, 2, 1.5), (0, 1.2, 1, -1.5)
+    body.x[0, vial + 1], body.y[0, vial + 1] = -1.5, -1
+    env.worlds[Bag].items[0, 0, 0], env.worlds[Bag].count[0, 0] = vial, 1
+    env.worlds[Item].holder[0, vial], env.worlds[Entity].alive[0, vial] = 0, 0
+    before = closeup(env, 0.3, 0, 3, 240, views)
+    env.step(np.array([[USE, IDLE, IDLE, IDLE]]))
+    return beside([before, closeup(env, 0.3, 0, 3, 240, views)])
+
+
+PICTURES: dict[str, Callable[[], Image]] = {made.__name__: made for made in (start, sight, zone, boxes, fight, poison)}
+
+
+def main() -> None:
+    """Write them all."""
+    for name, made in PICTURES.items():
+        file = DOCS / "pictures" / f"{name}.png"
+        cv2.imwrite(str(file), made()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        print(f"{file.relative_to(DOCS.parent)}: {file.stat().st_size} bytes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""The variants in Gymnasium's registry: gymnasium.make("outlast/Teams-v0"), gymnasium.make_vec("outlast/Teams-v0", 64).
+
+``outlast/FreeForAll-v0`` and ``outlast/Teams-v0`` take variant=, ``ffa_3`` and ``teams_3`` if none is given;
+``outlast/FreeForAll1-v0`` ... ``outlast/Teams4-v0`` are the eight variants. The part before a colon is imported first,
+so gymnasium.make("outlast:outlast/Teams-v0") needs no import of outlast.
+"""
+
+import gymnasium
+
+FAMILIES = {"ffa": "FreeForAll", "teams": "Teams"}
+DEFAULT = 3  # number of the variant that a family's own name stands for
+IDS = {
+    f"outlast/{family}{'' if number is None else number}-v0": f"{kind}_{number or DEFAULT}"
+    for kind, family in FAMILIES.items()
+    for number in (None, 1, 2, 3, 4)
+}
+
+
+def register() -> None:
+    """Enter every id of IDS; those that are there already, after a reload of the package, are left alone."""
+    for name, variant in IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="outlast.envs.single:SurvivalEnv",
+                vector_entry_point="outlast.envs.learners:SurvivalLearnerVectorEnv",
+                kwargs={"variant": variant},
+            )

@@ -1,0 +1,148 @@
+"""Rollouts give the same numbers however their worlds are divided, and the right ones."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from conftest import scaled
+
+import outlast
+from outlast.envs import main as cli
+from outlast.envs.policies import GOLDEN, POLICIES, _mixed, random_policy
+from outlast.envs.rollout import BLOCK, Summary, Task, blocks, play, rollout
+
+WORLDS, STEPS = 13, scaled(160, least=40)
+SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+
+
+def task(policy: str = "random", variant: str = "ffa_1") -> Task:
+    return Task(outlast.variant(variant).replace(**SHORT), POLICIES[policy], STEPS, seed=3)
+
+
+def equal(one: Summary, other: Summary) -> bool:
+    tables = ((one.sums, other.sums), (one.squares, other.squares))
+    same = all(a.keys() == b.keys() and all(np.array_equal(a[key], b[key]) for key in a) for a, b in tables)
+    return same and one.episodes == other.episodes and one.rows() == other.rows()
+
+
+# ---- the same in every division
+
+
+@pytest.mark.parametrize("policy", sorted(POLICIES))
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
+def test_blocks_of_worlds_are_worth_the_whole(policy, variant):
+    work = task(policy, variant)
+    whole = play(work, 0, WORLDS)
+    assert whole.episodes >= WORLDS
+    for parts in ([(0, 6), (6, 7)], [(0, 1), (1, 11), (12, 1)]):
+        assert equal(whole, Summary.merge(play(work, *part) for part in parts))
+    assert not equal(whole, play(work, 1, WORLDS))
+
+
+@pytest.mark.parametrize("policy", sorted(POLICIES))
+def test_a_world_is_played_the_same_in_every_batch(policy):
+    scenario = outlast.variant("teams_3")
+    whole = outlast.make_vec(scenario, 9, seed=5)
+    parts = [outlast.make_vec(scenario, count, seed=5, first_world=first) for first, count in ((0, 4), (4, 1), (5, 4))]
+    policies = [POLICIES[policy](env, 5) for env in (whole, *parts)]
+    seen = [env.reset()[0] for env in (whole, *parts)]
+    for _ in range(scaled(200, least=10)):
+        actions = [act(observations) for act, observations in zip(policies, seen, strict=True)]
+        np.testing.assert_array_equal(actions[0], np.concatenate(actions[1:]))
+        seen = [env.step(chosen)[0] for env, chosen in zip((whole, *parts), actions, strict=True)]
+
+
+@pytest.mark.parametrize(("worlds", "workers"), [(1, 1), (1, 8), (5, 2), (256, 1), (257, 1), (1000, 3), (1024, 64)])
+def test_blocks_have_every_world_once_and_work_for_all(worlds, workers):
+    parts = blocks(worlds, workers)
+    assert [w for first, count in parts for w in range(first, first + count)] == list(range(worlds))
+    assert max(count for _, count in parts) <= BLOCK
+    assert len(parts) >= min(workers, worlds) / 2
+
+
+def test_sums_do_not_depend_on_the_order_of_worlds():
+    """Of numbers for which they would, if they were rounded on the way."""
+    rng = np.random.default_rng(0)
+    values, ended = rng.normal(size=(50, 1000, 2)) * 10.0 ** rng.integers(-9, 9, (1000, 2)), np.ones(1000, bool)
+    summaries = []
+    for order in (np.arange(1000), rng.permutation(1000)):
+        parts = []
+        for worlds in np.split(order, [100, 300, 301]):
+            parts.append(Summary())
+            for row in values:
+                parts[-1].add({"value": row[worlds]}, ended[worlds])
+        summaries.append(Summary.merge(parts))
+    assert summaries[0].rows() == summaries[1].rows()
+    naive = [values.sum(0)[order].sum(0).tolist() for order in (np.arange(1000), rng.permutation(1000))]
+    assert naive[0] != naive[1]
+
+
+# ---- the right numbers
+
+
+def test_means_and_errors_are_those_of_the_single_episodes():
+    work = task(variant="teams_3")
+    env = outlast.make_vec(work.scenario, WORLDS, seed=3)
+    policy, episodes = random_policy(env, 3), []
+    observations, _ = env.reset()
+    for _ in range(STEPS):
+        observations, _, _, _, info = env.step(policy(observations))
+        for w in np.flatnonzero(info.get("_statistics", ())):
+            episodes.append({key: values[w] for key, values in info["statistics"].items()})
+    summary = play(work, 0, WORLDS)
+    assert summary.episodes == len(episodes)
+    for name, mean, error in summary.rows():
+        key, _, k = name.partition(" ")
+        values = np.array([np.atleast_1d(episode[key])[int(k or 0)] for episode in episodes], float)
+        assert mean == pytest.approx(values.mean())
+        assert error == pytest.approx(values.std(ddof=1) / np.sqrt(len(values)), abs=1e-7)
+    assert {name for name, _, _ in summary.rows()} >= {"length", "return 0", "return 3", "kills 1", "deaths_zone"}
+
+
+def test_nothing_ended_is_said_so():
+    assert "no episode ended" in str(play(Task(outlast.variant("ffa_1"), POLICIES["noop"], 2, 0), 0, 2))
+    assert "no episode ended" in str(Summary.merge([]))
+
+
+def test_progress_counts_world_steps():
+    env, seen = outlast.make_vec("ffa_1", 3, seed=0), []
+    rollout(env, random_policy(env), 4, seen.append)
+    assert seen == [3, 6, 9, 12]
+
+
+@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
+def test_a_missing_ray_is_named_with_its_cure(capsys):
+    assert cli.main(("rollout", "ffa_1", "--ray")) == 2
+    assert capsys.readouterr().err == "outlast: --ray needs Ray: pip install 'outlast[ray]'\n"
+
+
+# ---- chance
+
+
+def test_words_are_those_of_splitmix64():
+    """The first ones of seed 1234567, as published with the reference implementation."""
+    state = np.array([1234567], np.uint64) + GOLDEN * np.arange(1, 6, dtype=np.uint64)
+    assert _mixed(state).tolist() == [
+        6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_chance_is_uniform_and_independent(seed):
+    """Chi-squared of joint actions, and of pairs of them: of two steps, two agents, two worlds, two seeds."""
+    env = outlast.make_vec("teams_1", 512, seed=0)
+    policy, other = random_policy(env, seed), random_policy(env, seed + 1)
+    weights = np.cumprod([1, *env.action_sizes[:-1]])
+    draws = np.array([policy({}) @ weights for _ in range(100)])
+    others = np.array([other({}) @ weights for _ in range(100)])
+    assert deviation(draws, 216) < 5
+    pairs = [(draws[1:], draws[:-1]), (draws[:, 1:], draws[:, :-1]), (draws[..., 1:], draws[..., :-1]), (draws, others)]
+    for one, two in pairs:
+        assert deviation(one * 216 + two, 216**2) < 5
+
+
+def deviation(values: np.ndarray, count: int) -> float:
+    """Standard deviations by which chi-squared of a uniform draw among `count` is off its mean."""
+    counts = np.bincount(values.ravel(), minlength=count)
+    expected = values.size / count
+    return abs(((counts - expected) ** 2 / expected).sum() - (count - 1)) / np.sqrt(2 * (count - 1))

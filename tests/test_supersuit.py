@@ -1,0 +1,84 @@
+"""SuperSuit: its vector environments and wrappers over the PettingZoo face, beside plain worlds stepped by hand."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from tests.conftest import scaled
+from tests.test_vector import short
+
+pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    supersuit = pytest.importorskip("supersuit", reason="SuperSuit is not installed: pip install supersuit")
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # SuperSuit's own
+SIZES, COPIES, SEED = (3, 3, 3, 2, 2, 2), 2, 7
+STEPS = scaled(90, least=20)
+
+
+def world(name: str, **options: Any) -> Any:
+    """With everybody there until the end: SuperSuit's vectors refuse agents that leave."""
+    return outlast.parallel_env(short(name), dead="keep", **options)
+
+
+def stacked(dicts: list[dict[str, Any]], key: str | None = None) -> list[Any]:
+    """The values of all agents of all worlds in one row; of observations, one key."""
+    return [value if key is None else value[key].tolist() for each in dicts for value in each.values()]
+
+
+@pytest.mark.parametrize("cpus", [0, COPIES])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_a_vector_of_worlds(name: str, cpus: int) -> None:
+    """Rows are the agents of every copy in order, seeded one apart; an episode's end starts the next one at once."""
+    agents = supersuit.pettingzoo_env_to_vec_env_v1(world(name))
+    env = supersuit.concat_vec_envs_v1(agents, COPIES, num_cpus=cpus, base_class="gymnasium")
+    plain = [world(name) for _ in range(COPIES)]
+    assert env.num_envs == COPIES * len(plain[0].possible_agents)
+    observations, _ = env.reset(seed=SEED)
+    expected = [each.reset(seed=SEED + i)[0] for i, each in enumerate(plain)]
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(STEPS):
+        for key, space in env.observation_space.items():
+            assert (observations[key].dtype, observations[key].shape[1:]) == (np.float32, space.shape)
+            assert observations[key].tolist() == stacked(expected, key)
+        actions = rng.integers(0, SIZES, (env.num_envs, 6))
+        observations, *outcome, _ = env.step(actions)
+        expected, *signals = zip(*(step(each, rows) for each, rows in zip(plain, np.split(actions, COPIES))))
+        for mine, theirs in zip(outcome, signals[:3], strict=True):
+            assert mine.tolist() == stacked(theirs)
+        for i, each in enumerate(plain):
+            if not each.agents:
+                expected = [*expected[:i], each.reset()[0], *expected[i + 1 :]]
+                ends += 1
+    env.close()
+    assert ends >= COPIES
+
+
+def step(env: Any, rows: Any) -> Any:
+    return env.step(dict(zip(env.possible_agents, rows, strict=True)))
+
+
+def test_frames_are_skipped() -> None:
+    """Rewards of the ticks between are added up."""
+    env, plain = world("ffa_3", seed=SEED), world("ffa_3", seed=SEED)
+    env.np_random = np.random.default_rng(0)  # SuperSuit draws the number of ticks from it, also a fixed one
+    wrapped, rng = supersuit.frame_skip_v0(env, 4), np.random.default_rng(0)
+    wrapped.reset()
+    plain.reset()
+    for _ in range(3):
+        actions = dict(zip(plain.agents, rng.integers(0, SIZES, (2, 6)), strict=True))
+        observations, rewards, *_ = wrapped.step(actions)
+        ticks = [plain.step(actions) for _ in range(4)]
+        assert rewards == {agent: sum(tick[1][agent] for tick in ticks) for agent in plain.possible_agents}
+        for key in env.observation_space("agent_0"):
+            assert stacked([observations], key) == stacked([ticks[-1][0]], key)
+
+
+def test_rewards_are_clipped() -> None:
+    env = supersuit.clip_reward_v0(world("teams_3", rewards_alive=5.0), lower_bound=-1, upper_bound=2)
+    env.reset(seed=SEED)
+    assert set(env.step({})[1].values()) == {2.0}
