@@ -17,12 +17,13 @@ exclude_patterns = ["_build", "examples"]
 default_role = "code"  # single backticks, in docstrings
 html_theme = "furo"
 html_copy_source = False
+html_show_copyright = False
 pygments_style = "friendly"
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 
 # Faces are described without their libraries, which need not be installed and take seconds to load.
-autodoc_mock_imports = ["pettingzoo", "ray", "stable_baselines3", "torch"]
+autodoc_mock_imports = ["pettingzoo", "pufferlib", "ray", "stable_baselines3", "torch"]
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

@@ -51,7 +51,7 @@ class SurvivalAgentVectorEnv(Face):
         return rows.reshape(self.num_worlds, self.num_agents, -1)
 
     def _report(self) -> dict[str, Any]:
-        return {"statistics": self._own(self._over), "_statistics": self._spread(self._over)}
+        return {"statistics": self._own(self.over), "_statistics": self._spread(self.over)}
 
 
 def make_agents(scenario: str | Scenario, num_worlds: int, **options: Any) -> SurvivalAgentVectorEnv:

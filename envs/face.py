@@ -16,6 +16,7 @@ from .frames import FPS, RENDER_MODES, Frames, painter
 from .parallel_spaces import agent_spaces
 from .rows import Array, checked_rows, world_mask, world_seeds
 from .spaces import published, statistics
+from .state import State
 from .vector import Actions, Arrays, SurvivalVectorEnv
 
 
@@ -23,7 +24,8 @@ class Face(VectorEnv[Arrays, Actions, Array]):
     """Agents of every world as sub-environments, world by world; a view on a SurvivalVectorEnv, the core.
 
     seats: which agents of a world, a slice of ids. core: made by `face_core`, for the same autoreset mode. Worlds end
-    as wholes: all sub-environments of a world end, and are reset, together.
+    as wholes: all sub-environments of a world end, and are reset, together. over: bool (worlds,), which have ended and
+    wait for their reset.
     """
 
     def __init__(
@@ -49,7 +51,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         columns = published(core.worlds, Statistic)
         self._shares = {key: column.dims[0] for key, _, _, column in columns if column.dims}
         self._agents = core.worlds.span("agent")
-        self._over = np.zeros(self.num_worlds, bool)
+        self.over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
         self._moves = 0  # calls that changed the worlds: frames of an earlier one are stale
 
@@ -75,7 +77,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self.core.reset(seed=world_seeds(seed, self.num_worlds, self._each), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))  # for np_random_seed
-        self._over &= ~mask
+        self.over &= ~mask
         self._started |= mask
         self._moves += 1
         return self._observe(), self._tell(mask)
@@ -91,10 +93,10 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         _, reward, terminated, truncated, _ = self.core.step(joint)
         self._moves += 1
         terminated, truncated = self._ends(terminated, truncated)
-        if self._over.any():  # NEXT_STEP, and this was the step that resets them
+        if self.over.any():  # NEXT_STEP, and this was the step that resets them
             self._restart(reward, terminated, truncated)
-        self._over = terminated | truncated
-        info = self._finish() if self._over.any() else {}
+        self.over = terminated | truncated
+        info = self._finish() if self.over.any() else {}
         info |= self._tell(np.ones(self.num_worlds, bool))
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
@@ -109,6 +111,19 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._check_started("render")
         paint, moves = painter(self.render_mode), self._moves
         return Frames(lambda w: paint(self.core.worlds, w), self.num_envs, self._each, lambda: self._moves == moves)
+
+    def get_state(self) -> State:
+        """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        return self.core.get_state()
+
+    def set_state(self, state: State) -> Arrays:
+        """Go on from `state`, of as many worlds or of one for all; returns the observations. Raises StateError."""
+        self.core.set_state(state)
+        self._started[:] = state.arrays["started"]
+        self.over[:] = state.arrays["over"]
+        self.over = np.logical_or(*self._ends(self.over, np.zeros(self.num_worlds, bool)))
+        self._moves += 1
+        return self._observe()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the core."""
@@ -133,23 +148,23 @@ class Face(VectorEnv[Arrays, Actions, Array]):
 
     def _restart(self, reward: Array, terminated: Array, truncated: Array) -> None:
         """Make this the resetting step of the worlds that were over: the core knows only of those that it ended."""
-        stale = self._over & (self.core.worlds[Clock].tick[:, 0] > 0)
+        stale = self.over & (self.core.worlds[Clock].tick[:, 0] > 0)
         if stale.any():
             self.core.reset(options={"reset_mask": stale})
-        reward[self._over] = 0
-        terminated[self._over] = truncated[self._over] = False
+        reward[self.over] = 0
+        terminated[self.over] = truncated[self.over] = False
 
     def _finish(self) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
         info = self._report()
         if self.autoreset is AutoresetMode.SAME_STEP:
-            rows, final = self._spread(self._over), np.full(self.num_envs, None, object)
+            rows, final = self._spread(self.over), np.full(self.num_envs, None, object)
             for k in np.flatnonzero(rows):
                 final[k] = {key: view[k].copy() for key, view in self._views.items()}
-            info |= {"final_info": info | self._tell(self._over), "_final_info": rows.copy()}
+            info |= {"final_info": info | self._tell(self.over), "_final_info": rows.copy()}
             info |= {"final_obs": final, "_final_obs": rows}
-            self.core.reset(options={"reset_mask": self._over})
-            self._over = np.zeros(self.num_worlds, bool)
+            self.core.reset(options={"reset_mask": self.over})
+            self.over = np.zeros(self.num_worlds, bool)
         return info
 
     def _observe(self) -> Arrays:
@@ -192,8 +207,8 @@ class Face(VectorEnv[Arrays, Actions, Array]):
 
     def _check_steppable(self) -> None:
         self._check_started("step")
-        if self.autoreset is AutoresetMode.DISABLED and self._over.any():
+        if self.autoreset is AutoresetMode.DISABLED and self.over.any():
             raise NotResetError(
-                f"sub-environments {np.flatnonzero(self._spread(self._over))[:8].tolist()} have ended and autoreset is "
+                f"sub-environments {np.flatnonzero(self._spread(self.over))[:8].tolist()} have ended and autoreset is "
                 'disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'
             )

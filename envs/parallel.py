@@ -17,12 +17,14 @@ from .parallel_spaces import Overview, agent_action, agent_spaces
 from .scenario import Scenario
 from .state import State
 from .variants import variant
+from .window import Window
 
 try:
     from pettingzoo import ParallelEnv
     from pettingzoo.utils.conversions import parallel_to_aec
-except ImportError as error:
-    raise ImportError("parallel_env and aec_env need PettingZoo: pip install 'outlast[pettingzoo]'") from error
+except ModuleNotFoundError as error:
+    hint = "parallel_env and aec_env need PettingZoo: pip install 'outlast[pettingzoo]'"
+    raise ModuleNotFoundError(hint, name=error.name) from error
 
 Array = np.ndarray[Any, Any]
 Observations = dict[str, dict[str, Array]]
@@ -30,7 +32,8 @@ Infos = dict[str, dict[str, int]]
 
 DEAD = ("remove", "keep")
 RENDER_MODES = ("rgb_array", "ansi", "human")
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": 30, "is_parallelizable": True}
+FPS = 30  # of windows and videos
+METADATA = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -54,7 +57,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         _check_choice("dead", dead, DEAD)
         _check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
-        self._window = _window(METADATA["render_fps"]) if render_mode == "human" else None
+        self._window = Window("outlast", FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.batch = make_vec(scenario, 1, seed=seed, autoreset="Disabled", check_actions=False)
         self.metadata = {**METADATA, "name": self.batch.scenario.name}
@@ -240,9 +243,3 @@ env = aec_env  # the name that PettingZoo's modules have for it
 def _check_choice(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
     if value not in allowed:
         raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}")
-
-
-def _window(fps: Any) -> Any:
-    from .window import Window  # needs pygame
-
-    return Window("outlast", fps)

@@ -18,9 +18,10 @@ from .vector import SurvivalVectorEnv
 try:
     from pufferlib import PufferEnv
 except ImportError as error:
-    raise ImportError(
+    raise ModuleNotFoundError(
         "make_puffer needs PufferLib 3: pip install --no-deps --no-build-isolation pufferlib==3.0.0, then "
-        "pip install gym psutil (with all that it asks for, numpy would go back to 1; its setup imports torch)"
+        "pip install gym psutil (with all that it asks for, numpy would go back to 1; its setup imports torch)",
+        name="pufferlib",
     ) from error
 
 Infos = list[dict[str, list[float]]]

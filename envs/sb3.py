@@ -21,7 +21,9 @@ try:
     from stable_baselines3.common.vec_env import VecEnv
     from stable_baselines3.common.vec_env.base_vec_env import tile_images
 except ImportError as error:
-    raise ImportError("make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'") from error
+    raise ModuleNotFoundError(
+        "make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'", name="stable_baselines3"
+    ) from error
 
 Array = np.ndarray[Any, Any]
 

@@ -11,6 +11,7 @@ from .learners import SurvivalLearnerVectorEnv
 from .opponents import Others
 from .rows import Array, as_array
 from .scenario import Scenario
+from .state import State
 
 Observation = dict[str, Array]
 
@@ -46,7 +47,6 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         self._recipe = partial(type(self), variant, **options)
         self.batch = SurvivalLearnerVectorEnv(1, variant, autoreset="Disabled", **options)
         self.metadata = {**type(self).metadata, "name": self.batch.core.scenario.name}
-        self._over = False
         self.render_mode = render_mode
         self.observation_space = self.batch.single_observation_space
         self.action_space = self.batch.single_action_space
@@ -57,24 +57,30 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         """Start an episode: the first of `seed`, or the next one. Nothing is read from options."""
         super().reset(seed=seed)
         observations, info = self.batch.reset(seed=seed)
-        self._over = False
         return _first(observations), _numbers(info)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One tick. action: integers of any type, or a list. Raises ActionError, and NotResetError after the end."""
-        if self._over:
+        if self.batch.over[0]:
             raise NotResetError("step() after the end of the episode; call reset() first")
         row, sizes = as_array(action), self.batch.core.action_sizes
         if row.shape != sizes.shape:
             raise ActionError(f"the action has shape {row.shape}: {sizes.shape} is needed, {len(sizes)} integers")
         observations, reward, terminated, truncated, info = self.batch.step(row[None])
-        self._over = bool(terminated[0] | truncated[0])
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
     def render(self) -> Any:
         """uint8 (height, width, 3) RGB or text, as render_mode says; None, with a warning, without one."""
         frames = self.batch.render()
         return None if frames is None else frames[0]
+
+    def get_state(self) -> State:
+        """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        return self.batch.get_state()
+
+    def set_state(self, state: State) -> Observation:
+        """Go on from `state`; returns what the learner sees. Raises StateError if it is of another scenario."""
+        return _first(self.batch.set_state(state))
 
     def close(self) -> None:
         """Let go of the world; again does no harm."""

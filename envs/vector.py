@@ -187,9 +187,10 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
-        if self._background is not None:
-            self._background.shutdown()
-        self.worlds.close()
+        if background := getattr(self, "_background", None):
+            background.shutdown()
+        if worlds := getattr(self, "worlds", None):  # it is not when the constructor refused its arguments
+            worlds.close()
 
     def _indices(self, where: Any) -> Any:
         return np.atleast_1d(np.arange(self.num_worlds)[where])

@@ -1,7 +1,8 @@
 """The whole check, one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python.
+The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python; the last
+two without the tests of the faces.
 `--quick` leaves out the slow tests and the last two ways.
 """
 
@@ -20,6 +21,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
 WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
+# Faces have no kernels: with bounds checks or as plain Python their tests would go through the same code again.
+FACES = ("agents*", "docs", "gymnasium", "learners", "packaging", "parallel*", "puffer", "ray", "readme", "rllib")
+FACES += ("sb3*", "site", "supersuit", "torchrl")
+WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES)
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -68,8 +73,8 @@ def suites(quick: bool) -> list[Stage]:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "")),
-        Stage("pytest bounds-checked", (), "NUMBA_BOUNDSCHECK"),
-        Stage("pytest not compiled", (), "NUMBA_DISABLE_JIT"),
+        Stage("pytest bounds-checked", WITHOUT_FACES, "NUMBA_BOUNDSCHECK"),
+        Stage("pytest not compiled", WITHOUT_FACES, "NUMBA_DISABLE_JIT"),
     ]
 
 

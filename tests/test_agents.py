@@ -218,6 +218,29 @@ def test_copies_are_kept_and_views_are_read_only() -> None:
         assert np.array_equal(views[0], arrays[-1])  # the first shows the last state
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_states_go_on_where_they_were(mode: str) -> None:
+    """Also in the step in which worlds have ended."""
+    env, other = make(seed=SEED, autoreset=mode), make(autoreset=mode)
+    env.reset()
+    saved, over, tick = [(env.get_state(), np.zeros(env.num_envs, bool))], np.zeros(env.num_envs, bool), 0
+    while not over.any():
+        _, _, terminated, truncated, _ = env.step(drawn(env, tick))
+        over, tick = terminated | truncated, tick + 1
+        if over.any() or tick == 5:
+            saved.append((env.get_state(), over))
+    for (state, ended), first in zip(saved, (0, 5, tick), strict=True):
+        for each in (env, other):
+            each.set_state(state)
+            if mode == "Disabled" and ended.any():
+                with pytest.raises(NotResetError):
+                    each.step(drawn(env, 0))
+                each.reset(options={"reset_mask": ended})
+        for k in range(first, first + 5):
+            results = [each.step(drawn(env, k)) for each in (env, other)]
+            assert all(same(*pair) for pair in zip(*results, strict=True))
+
+
 # ---- bad input
 
 
@@ -299,8 +322,9 @@ def test_nothing_goes_before_reset() -> None:
         with pytest.raises(NotResetError, match="reset them"):
             call()
     env.reset(options={"reset_mask": np.arange(8) < 4})
-    with pytest.raises(NotResetError, match="1 worlds"):
-        env.step(drawn(env, 0))
+    for call in (lambda: env.step(drawn(env, 0)), env.render):
+        with pytest.raises(NotResetError, match="1 worlds"):
+            call()
     env.reset()
     env.step(drawn(env, 0))
 

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from outlast import VARIANTS, ScenarioError, make_vec
-from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from outlast.envs.learners import SurvivalLearnerVectorEnv
 from outlast.envs.register import IDS
 from outlast.envs.single import SurvivalEnv
@@ -226,6 +226,32 @@ def test_copies_and_pickles_are_made_anew() -> None:
         assert equal(other.reset(seed=SEED)[0], expected)
         assert equal(other.step(IDLE)[0], following)
         assert other.spec == env.spec
+
+
+def test_states_go_on_where_they_were() -> None:
+    """Also in the step in which the learner has died and its world goes on."""
+    env, other = make(), make()
+    for seed in range(20):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            seen, _, terminated, truncated, info = env.step(IDLE)
+            over = terminated or truncated
+            if info["length"] == 5:
+                middle, expected = env.get_state(), seen
+        if not env.get_state().arrays["over"][0]:
+            break
+    assert not info["alive"]
+    end = env.get_state()
+    assert equal(other.set_state(middle), expected)
+    for each in (env, other):
+        each.set_state(end)
+        with pytest.raises(NotResetError, match="after the end"):
+            each.step(IDLE)
+        each.set_state(middle)
+    assert equal(env.step(IDLE)[0], other.step(IDLE)[0])
+    with pytest.raises(StateError, match="another scenario"):
+        make("ffa_3").set_state(middle)
 
 
 # ---- the registry

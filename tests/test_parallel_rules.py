@@ -8,6 +8,7 @@ import pytest
 
 import outlast
 from outlast import ScenarioError
+from outlast.components import Health
 from outlast.ecs import Entity, NumberError
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import digest
@@ -46,10 +47,13 @@ def test_nobody_comes_back() -> None:
     while len(env.agents) == 4:
         env.step({})
     left = list(env.agents)
-    env.batch.worlds[Entity].alive[0, env.batch.worlds.span("agent")] = 1
+    worlds = env.batch.worlds
+    for column in (worlds[Entity].alive, worlds[Health].points):
+        column[0, worlds.span("agent")] = 1
     observations, *_, infos = env.step({})
     assert list(observations) == list(infos) == left
-    assert set(env.agents) <= set(left)
+    assert worlds[Entity].alive[0, worlds.span("agent")].all()
+    assert env.agents == left
     assert env.reset()[0].keys() == set(env.possible_agents)
 
 

@@ -1,0 +1,200 @@
+"""The native face for PufferLib: beside PufferLib's own emulation, the batched environment, and under its backends."""
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.spaces import unflatten
+
+import outlast
+from outlast.ecs import Entity
+from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from tests.conftest import scaled
+from tests.test_vector import equal, short
+
+with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere), warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # and elsewhere, as PufferLib leaves a link in the folder where it is imported
+    try:
+        import pufferlib.emulation
+        import pufferlib.vector
+    except ImportError:
+        pufferlib = None
+
+needs_puffer = pytest.mark.skipif(
+    pufferlib is None, reason="PufferLib 3 is not installed; what outlast.make_puffer raises says how"
+)
+SIZES, SEED = (3, 3, 3, 2, 2, 2), 5
+WORLDS, STEPS = scaled(20, least=2), scaled(150, least=65)  # enough for every world of short() to end
+ARRAYS = ("observations", "rewards", "terminals", "truncations", "masks")
+
+
+def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
+    return outlast.make_puffer(short(name), worlds, **options)
+
+
+def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
+    """Random actions, the same for two environments of one shape; of another type every tick."""
+    actions = np.random.default_rng(tick).integers(0, SIZES, (env.num_agents, 6))
+    return actions.astype(["i4", "u1", "i8"][tick % 3])
+
+
+def copies(env: Any) -> list[Any]:
+    return [getattr(env, name).copy() for name in ARRAYS]
+
+
+def alike(one: list[Any], other: list[Any]) -> bool:
+    return all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+@needs_puffer
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
+def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
+    """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
+    env = make(name, 1)
+    twin = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
+    assert env.single_action_space == twin.single_action_space
+    assert env.single_observation_space.shape == twin.single_observation_space.shape
+    assert env.num_agents == twin.num_agents
+    env.reset(seed=SEED)
+    twin.reset(seed=SEED)
+    ends = 0
+    for tick in range(STEPS):
+        assert alike([env.observations], [twin.observations])
+        actions = drawn(env, tick).astype(np.int32)
+        env.step(actions)
+        twin.step(actions)
+        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, twin)]
+        assert alike(*outcome)
+        if twin.done:
+            twin.reset()
+            ends += 1
+    assert ends > 0
+
+
+@needs_puffer
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_it_is_the_batched_environment(name: str) -> None:
+    """Beside SAME_STEP with the same seed: rows, ends, who lives, and the statistics of episodes."""
+    env, core = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset="SameStep")
+    assert env.reset()[1] == []
+    expected, _ = core.reset()
+    episodes = dead = 0
+    for tick in range(STEPS):
+        for i in (0, env.num_agents - 1):
+            row = unflatten(env.agent_observation_space, env.observations[i])
+            assert equal(row, {key: values[divmod(i, core.num_agents)] for key, values in expected.items()})
+        assert alike([env.observations], [flat(core)])
+        assert env.masks.tolist() == (core.worlds[Entity].alive[:, core.worlds.span("agent")] == 1).ravel().tolist()
+        dead += int((~env.masks).sum())
+        actions = drawn(env, tick)
+        *arrays, infos = env.step(actions)
+        assert [array is getattr(env, key) for array, key in zip(arrays, ARRAYS)] == [True] * 4
+        expected, reward, terminated, truncated, info = core.step(actions.reshape(WORLDS, core.num_agents, 6))
+        ends = [np.repeat(each, core.num_agents) for each in (terminated, truncated)]
+        assert alike([env.rewards, env.terminals, env.truncations], [reward.ravel(), *ends])
+        assert len(infos) == int("statistics" in info)
+        if infos:
+            over = info["_statistics"]
+            assert infos[0] == {key: values[over].ravel().tolist() for key, values in info["statistics"].items()}
+            episodes += len(infos[0]["length"])
+    assert episodes >= WORLDS
+    assert (dead > 0) == (name == "teams_3")  # of two, the last one's world ends with the other's death
+
+
+def flat(core: Any) -> np.ndarray[Any, Any]:
+    out = np.zeros((core.num_worlds, core.num_agents, core.flat_size), np.float32)
+    core.observe(out=out)
+    return out.reshape(-1, core.flat_size)
+
+
+@needs_puffer
+@pytest.mark.parametrize("backend", ["Serial", "Multiprocessing"])
+def test_puffers_backends(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Environments write into their parts of PufferLib's arrays: those of two environments with seeds one apart."""
+    monkeypatch.chdir(tmp_path)  # for the link of workers that are spawned
+    worlds = scaled(3)
+    options = {"num_workers": 2, "overwork": True} if backend == "Multiprocessing" else {}
+    vector = pufferlib.vector.make(
+        outlast.make_puffer, [short("ffa_3"), worlds], num_envs=2, backend=backend, **options
+    )
+    alone = [make("ffa_3", worlds, seed=SEED + i) for i in range(2)]
+    observations, _ = vector.reset(seed=SEED)
+    expected = [np.concatenate([each.reset()[0] for each in alone])]
+    episodes = 0
+    for tick in range(STEPS):
+        assert alike([observations], expected[:1])
+        actions = drawn(vector, tick).astype(np.int64)
+        observations, *outcome, infos = vector.step(actions)
+        mine = [each.step(rows) for each, rows in zip(alone, np.split(actions, 2))]
+        expected = [np.concatenate(arrays) for arrays in list(zip(*mine))[:4]]
+        assert alike(outcome, expected[1:])
+        episodes += sum(len(info["length"]) for info in infos)
+    vector.close()
+    assert episodes >= 2 * worlds
+
+
+@needs_puffer
+def test_it_writes_into_what_it_is_given() -> None:
+    """The middle of larger arrays; what is around stays as it is, and the arrays stay the same."""
+    own = make(seed=SEED)
+    rows, size, start = own.num_agents, own.single_observation_space.shape[0], 3
+    whole = {
+        "observations": np.full((rows + 6, size), 7, np.float32), "rewards": np.full(rows + 6, 7, np.float32),
+        "terminals": np.ones(rows + 6, bool), "truncations": np.ones(rows + 6, bool), "masks": np.ones(rows + 6, bool),
+        "actions": np.full((rows + 6, 6), 7, np.int32),
+    }  # fmt: skip
+    before = {key: array.copy() for key, array in whole.items()}
+    env = make(seed=SEED, buf={key: array[start : start + rows] for key, array in whole.items()})
+    for each in (own, env):
+        each.reset()
+    for tick in range(STEPS):
+        assert alike([whole[key][start : start + rows] for key in ARRAYS], copies(own))
+        for each in (own, env):
+            each.step(drawn(env, tick))
+    for key, array in whole.items():
+        outside = np.r_[:start, start + rows : rows + 6]
+        assert np.array_equal(array[outside], before[key][outside])
+
+
+@needs_puffer
+def test_a_refused_call_changes_nothing() -> None:
+    env = make(seed=SEED)
+    with pytest.raises(NotResetError):
+        env.step(drawn(env, 0))
+    env.reset()
+    before = copies(env)
+    bad = drawn(env, 0).astype(np.int64)
+    bad[3, 1] = 3
+    for actions, message in ((bad, "action 1 of sub-environment 3 is 3"), (bad[1:], "shape"), (bad * 0.5, "integers")):
+        with pytest.raises(ActionError, match=message):
+            env.step(actions)
+    assert alike(copies(env), before)
+    env.close()
+    env.close()
+    with pytest.raises(ClosedError):
+        env.reset()
+
+
+@needs_puffer
+def test_pictures() -> None:
+    env, other = (make(seed=SEED, render_mode=mode) for mode in ("rgb_array", "ansi"))
+    for each in (env, other):
+        each.reset()
+    assert (env.render().dtype, env.render().ndim) == (np.uint8, 3)
+    assert isinstance(other.render(), str)
+    with pytest.raises(ValueError, match="render_mode"):
+        make().render()
+    with pytest.raises(ValueError, match="render_mode = 'human'"):
+        make(render_mode="human")
+
+
+def test_without_pufferlib_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['pufferlib'] = None; import outlast; outlast.make_puffer"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1].startswith("ImportError: make_puffer needs PufferLib 3: pip install --no-deps")
