@@ -56,6 +56,7 @@ class Agent(nn.Module):
         self.actor = nn.Sequential(layer(inputs, 64), nn.Tanh(), layer(64, 64), nn.Tanh(), layer(64, sum(sizes), 0.01))
 
     def value(self, obs: torch.Tensor) -> torch.Tensor:
+        """What the rest of the episode is worth, (agents,)."""
         return self.critic(obs).squeeze(-1)
 
     def act(self, obs: torch.Tensor, action: torch.Tensor | None = None) -> tuple[torch.Tensor, ...]:
@@ -85,6 +86,7 @@ class Rollouts:
 
     @torch.no_grad()
     def collect(self) -> dict[str, torch.Tensor]:
+        """Take `num_steps` steps of every world."""
         rows, self.returns = [], []
         for _ in range(self.args.num_steps):
             action, logprob, _ = self.agent.act(self.obs)
@@ -170,4 +172,5 @@ def arguments() -> Args:
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)  # the network is so small that more threads only wait for each other
     train(arguments())
