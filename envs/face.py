@@ -127,7 +127,8 @@ class Face(VectorEnv[Arrays, Actions, Array]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the core."""
-        self.core.close()
+        if hasattr(self, "core"):  # gymnasium before 1.2 also closes what could not be made
+            self.core.close()
 
     def _joint(self, rows: Array) -> Array:
         """The actions of all agents, (worlds, agents, actions), given those of the sub-environments."""

@@ -24,12 +24,12 @@ class Args:
     """Every field is an option of the command line."""
 
     variant: str = "duel"
-    num_worlds: int = 64
-    total_timesteps: int = 400_000  # steps of agents
+    num_worlds: int = 32
+    total_timesteps: int = 300_000  # steps of agents
     num_steps: int = 64
     num_minibatches: int = 8
     update_epochs: int = 4
-    learning_rate: float = 1e-3
+    learning_rate: float = 2e-3
     gamma: float = 0.98
     gae_lambda: float = 0.95
     clip_coef: float = 0.2

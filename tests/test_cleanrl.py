@@ -1,0 +1,102 @@
+"""CleanRL's manner: the single-file PPO of the documents learns, from every agent of every world."""
+
+import math
+import runpy
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import COMPILED, scaled
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install torch")
+
+EXAMPLE = Path(__file__).parent.parent / "docs" / "examples" / "cleanrl_ppo.py"
+SMALL = {"num_worlds": 4, "num_steps": scaled(64, least=12), "num_minibatches": 2, "update_epochs": 2}
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small networks are slower with more, and much slower beside other tests."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def ppo() -> SimpleNamespace:
+    return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
+
+
+@pytest.mark.parametrize("variant", ["duel", "teams_3"])
+def test_updates(ppo: SimpleNamespace, variant: str) -> None:
+    """Losses are finite, actor and critic change, and the same seed does the same."""
+    agents = 2 if variant == "duel" else 4
+    args = ppo.Args(variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
+    agent, rows = ppo.train(args)
+    assert rows.shape == (3, 4)
+    assert np.isfinite(rows[:, 1:]).all()
+    assert 0 < rows[0, 3] < math.log(3 * 3 * 3 * 2 * 2 * 2)  # entropy, almost that of uniform actions
+    assert rows[0, 3] > 0.99 * math.log(3 * 3 * 3 * 2 * 2 * 2)
+    torch.manual_seed(args.seed)
+    untrained = ppo.Agent(agent.actor[0].in_features, agent.sizes)
+    changed = [not torch.equal(one, other) for one, other in zip(agent.parameters(), untrained.parameters())]
+    assert len(changed) == 12
+    assert all(changed)
+    assert np.array_equal(ppo.train(args)[1], rows, equal_nan=True)
+
+
+def test_advantages_are_sums_of_what_follows(ppo: SimpleNamespace) -> None:
+    """Term by term, as the definition has it: discounted errors of the critic up to the end of the episode."""
+    rng, steps, agents = np.random.default_rng(0), 12, 5
+    args, value, last = ppo.Args(gamma=0.9, gae_lambda=0.8), rng.normal(size=(steps, agents)), rng.normal(size=agents)
+    reward, done = rng.normal(size=(steps, agents)), rng.random((steps, agents)) < 0.2
+    critic = SimpleNamespace(value=lambda obs: torch.tensor(last))
+    batch = {"value": torch.tensor(value), "reward": torch.tensor(reward), "done": torch.tensor(done)}
+    found = ppo.Rollouts.advantages(SimpleNamespace(agent=critic, args=args, obs=None), batch)
+    for i in range(agents):
+        for t in range(steps):
+            total, after = 0.0, np.append(value[1:, i], last[i])
+            for k in range(t, steps):
+                error = reward[k, i] + 0.9 * after[k] * (not done[k, i]) - value[k, i]
+                total += (0.9 * 0.8) ** (k - t) * error
+                if done[k, i]:
+                    break
+            assert found["advantage"][t, i].item() == pytest.approx(total)
+            assert found["target"][t, i].item() == pytest.approx(total + value[t, i])
+
+
+def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace) -> None:
+    """Of the last observation, not of the first one of the next episode; who dies or wins gets nothing more."""
+    args = ppo.Args(gamma=0.5)
+    final = {"self": np.full((3, 2), 7, np.float32)}
+    last = np.array([{key: rows[k] for key, rows in final.items()} for k in range(3)], object)
+    following = {"self": np.zeros((3, 2), np.float32)}
+    ends = np.array([True, False, False]), np.array([False, True, False])
+    info = {"alive": np.ones(3, bool), "final_obs": last}
+    envs = SimpleNamespace(step=lambda actions: (following, np.ones(3, np.float32), *ends, info))
+    critic = SimpleNamespace(value=lambda obs: obs.sum(1))
+    this = SimpleNamespace(envs=envs, agent=critic, args=args, returns=[])
+    reward, done = ppo.Rollouts.step(this, torch.zeros((3, 6), dtype=torch.int64))
+    assert reward.tolist() == pytest.approx([1.0, 1.0 + 0.5 * 2 * math.log(8), 1.0])
+    assert done.tolist() == [True, True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
+def test_it_learns(ppo: SimpleNamespace) -> None:
+    """Ticks that agents live, 200 at most: in the last updates far more than in the first, without training."""
+    _, rows = ppo.train(ppo.Args(total_timesteps=150_000))
+    assert rows[-5:, 0].mean() > rows[0, 0] + 30
+
+
+def test_the_command() -> None:
+    options = ["--variant", "ffa_1", "--num-worlds", "2", "--num-steps", "4", "--total-timesteps", "16"]
+    done = subprocess.run([sys.executable, str(EXAMPLE), *options], capture_output=True, text=True)
+    assert (done.returncode, len(done.stdout.splitlines())) == (0, 1), done.stderr
