@@ -197,4 +197,6 @@ def test_pictures() -> None:
 def test_without_pufferlib_it_says_what_to_install() -> None:
     code = "import sys; sys.modules['pufferlib'] = None; import outlast; outlast.make_puffer"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stderr.splitlines()[-1].startswith("ModuleNotFoundError: make_puffer needs PufferLib 3: pip install --no-deps")
+    assert done.stderr.splitlines()[-1].startswith(
+        "ModuleNotFoundError: make_puffer needs PufferLib 3: pip install --no-deps"
+    )
