@@ -127,7 +127,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the core."""
-        if hasattr(self, "core"):  # gymnasium before 1.2 also closes what could not be made
+        if hasattr(self, "core"):  # gymnasium 1.1 also closes what could not be made
             self.core.close()
 
     def _joint(self, rows: Array) -> Array:

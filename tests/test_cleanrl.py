@@ -51,26 +51,6 @@ def test_updates(ppo: SimpleNamespace, variant: str) -> None:
     assert np.array_equal(ppo.train(args)[1], rows, equal_nan=True)
 
 
-def test_advantages_are_sums_of_what_follows(ppo: SimpleNamespace) -> None:
-    """Term by term, as the definition has it: discounted errors of the critic up to the end of the episode."""
-    rng, steps, agents = np.random.default_rng(0), 12, 5
-    args, value, last = ppo.Args(gamma=0.9, gae_lambda=0.8), rng.normal(size=(steps, agents)), rng.normal(size=agents)
-    reward, done = rng.normal(size=(steps, agents)), rng.random((steps, agents)) < 0.2
-    critic = SimpleNamespace(value=lambda obs: torch.tensor(last))
-    batch = {"value": torch.tensor(value), "reward": torch.tensor(reward), "done": torch.tensor(done)}
-    found = ppo.Rollouts.advantages(SimpleNamespace(agent=critic, args=args, obs=None), batch)
-    for i in range(agents):
-        for t in range(steps):
-            total, after = 0.0, np.append(value[1:, i], last[i])
-            for k in range(t, steps):
-                error = reward[k, i] + 0.9 * after[k] * (not done[k, i]) - value[k, i]
-                total += (0.9 * 0.8) ** (k - t) * error
-                if done[k, i]:
-                    break
-            assert found["advantage"][t, i].item() == pytest.approx(total)
-            assert found["target"][t, i].item() == pytest.approx(total + value[t, i])
-
-
 def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace) -> None:
     """Of the last observation, not of the first one of the next episode; who dies or wins gets nothing more."""
     args = ppo.Args(gamma=0.5)
