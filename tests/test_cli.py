@@ -3,6 +3,7 @@
 import pytest
 
 from outlast.envs import main as cli
+from outlast.envs.policies import POLICIES
 
 
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -60,17 +61,20 @@ def test_mistakes_are_told_in_one_line(capsys, arguments, words):
         assert word in err
 
 
-def test_numbers_below_one_are_refused(capsys):
+@pytest.mark.parametrize(
+    ("option", "value", "least"), [("--worlds", "0", 1), ("--steps", "many", 1), ("--seed", "-1", 0)]
+)
+def test_numbers_that_cannot_be_are_refused(capsys, option, value, least):
     with pytest.raises(SystemExit):
-        cli.main(("rollout", "ffa_1", "--worlds", "0"))
-    assert "at least 1" in capsys.readouterr().err
+        cli.main(("rollout", "ffa_1", option, value))
+    assert f"{value}: an integer of at least {least} is needed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
     def interrupted(env, seed):
         steps = iter(range(110))
-        idle = cli.POLICIES["noop"](env, seed)
+        idle = POLICIES["noop"](env, seed)
 
         def act(observations):
             if next(steps, None) is None:
@@ -79,7 +83,7 @@ def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
 
         return act
 
-    monkeypatch.setitem(cli.POLICIES, "random", interrupted)
+    monkeypatch.setitem(POLICIES, "random", interrupted)
     arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100", *quiet)
     status, out, _ = run(capsys, *arguments)
     assert status == 130

@@ -1,0 +1,101 @@
+"""outlast rollout: run a policy in many worlds and print the episodes' statistics."""
+
+import argparse
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tqdm import tqdm
+
+from ..errors import ClusterError
+from ..make import make_vec
+from ..policies import POLICIES
+from ..rollout import Summary, Task, rollout
+from ..scenario import Scenario
+from .options import add_policy, add_scenario, positive, scenario
+
+Work = Callable[[Callable[[int], None]], Summary]  # rolls out, and tells how many world-steps are done
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("rollout", help="run a policy in many worlds and print the episodes' statistics")
+    add_scenario(command)
+    command.add_argument("--worlds", type=positive, default=1024, help="how many worlds (default 1024)")
+    command.add_argument("--steps", type=positive, default=2000, help="steps of each world (default 2000)")
+    add_policy(command)
+    command.add_argument("--threads", type=positive, default=1)
+    command.add_argument("--log-deaths", action="store_true", help="print a line for every death")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.add_argument(
+        "--ray", nargs="?", const="", metavar="ADDRESS", help="on the Ray cluster at ADDRESS, or one on this machine"
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Roll out and report; the exit status."""
+    if options.log_deaths:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    with (_here if options.ray is None else _on_ray)(options, scenario(options)) as (agents, work):
+        return _watched(options, agents, work)
+
+
+@contextlib.contextmanager
+def _here(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+    """The number of agents in a world, and what rolls out on this machine."""
+    env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
+    policy = POLICIES[options.policy](env, options.seed)
+    with contextlib.closing(env):
+        yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress)
+
+
+@contextlib.contextmanager
+def _on_ray(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+    """The same on a Ray cluster."""
+    if options.threads > 1 or options.log_deaths:
+        raise ClusterError("--threads and --log-deaths are for one machine: leave them out with --ray")
+    try:
+        from .. import cluster  # here, as Ray takes seconds to load
+    except ModuleNotFoundError as error:
+        raise ClusterError(str(error)) from error
+    with contextlib.closing(make_vec(scenario, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
+        agents = env.num_agents
+    task = Task(scenario, POLICIES[options.policy], options.steps, options.seed)
+    with cluster.connected(options.ray):
+        yield agents, lambda progress: cluster.rollout(task, options.worlds, progress)
+
+
+def _watched(options: argparse.Namespace, agents: int, work: Work) -> int:
+    """Do the work behind a progress bar and report; the exit status."""
+    start = time.perf_counter()
+    bar = tqdm(total=options.worlds * options.steps, unit="world-step", unit_scale=True, disable=options.quiet)
+
+    done = 0  # world-steps; a bar that is not shown does not count
+
+    def progress(world_steps: int) -> None:
+        nonlocal done
+        new, done = world_steps - done, world_steps
+        if bar.update(new):  # it redrew itself
+            rate = done * agents / (time.perf_counter() - start)
+            bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
+
+    status = 0
+    try:
+        summary = work(progress)
+    except KeyboardInterrupt as stop:
+        summary, status = stop.args[0], 130
+    seconds = time.perf_counter() - start
+    bar.close()
+    _report(options, summary, done, seconds, agents)
+    return status
+
+
+def _report(options: argparse.Namespace, summary: Summary, done: int, seconds: float, agents: int) -> None:
+    print(f"{options.variant}: {options.policy} policy, seed {options.seed}, ", end="")
+    print(f"{options.worlds} worlds x {options.steps} steps")
+    print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
+    print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
+    print(f"{summary.episodes:,} episodes ended; those still running are not counted\n\n{summary}")
