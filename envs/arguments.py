@@ -52,7 +52,7 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
     mask = (options or {}).get("reset_mask")
     if mask is None:
         return np.ones(count, bool)
-    mask = _array(mask)
+    mask = as_array(mask)
     if mask.dtype != bool or mask.shape != (count,) or not mask.any():
         raise ValueError(
             f"reset_mask must be bool, of shape ({count},), with at least one True; "
@@ -66,7 +66,7 @@ def checked_actions(given: Any, shape: tuple[int, ...], sizes: Array, ranges: bo
 
     Raises ActionError.
     """
-    actions: Array = _array(given)
+    actions: Array = as_array(given)
     if actions.shape != shape:
         raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
     if actions.dtype.kind not in "iu":
@@ -81,7 +81,7 @@ def checked_actions(given: Any, shape: tuple[int, ...], sizes: Array, ranges: bo
     return actions
 
 
-def _array(value: Any) -> Array:
+def as_array(value: Any) -> Array:
     """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
     try:
         return np.asarray(value)

@@ -7,15 +7,13 @@ import numpy as np
 
 from outlast.ecs import Clock
 
+from .arguments import Array, as_array
 from .errors import ActionError
-from .policies import Policy, noop_policy, scripted_policy
-from .rows import Array, as_array
-from .vector import Arrays, SurvivalVectorEnv
+from .policies import GOLDEN, Policy, joint_actions, mixed, noop_policy, scripted_policy
+from .vector import SurvivalVectorEnv
 
 Others = str | Policy
 NAMES = ("noop", "random", "scripted")
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 class Opponents:
@@ -62,16 +60,8 @@ class Opponents:
 
     def _random(self, ids: Array) -> Policy:
         """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-        sizes, clock = self.core.action_sizes, self.core.worlds[Clock]
-        joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
-        count, half = np.uint64(len(joint)), np.uint64(32)
-
-        def act(observations: Arrays) -> Array:
-            word = _scrambled(clock.seed, clock.world, clock.episode, clock.tick, ids[None])
-            drawn: Array = joint[(word >> half) * count >> half]
-            return drawn
-
-        return act
+        draw, clock = joint_actions(self.core.action_sizes), self.core.worlds[Clock]
+        return lambda observations: draw(_scrambled(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
 
 
 def check_others(others: Any) -> None:
@@ -87,11 +77,8 @@ def check_others(others: Any) -> None:
 
 
 def _scrambled(*parts: Array) -> Array:
-    """A uniform uint64 for each combination of the parts: rounds of splitmix64 (Steele, Lea, Flood, OOPSLA 2014)."""
+    """A uniform uint64 for each combination of the parts."""
     word = np.zeros((1, 1), np.uint64)
     for part in parts:
-        word = (word ^ part) + GOLDEN
-        word = (word ^ (word >> np.uint64(30))) * FACTORS[0]
-        word = (word ^ (word >> np.uint64(27))) * FACTORS[1]
-        word = word ^ (word >> np.uint64(31))
+        word = mixed((word ^ part) + GOLDEN)
     return word

@@ -20,17 +20,14 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     It is a function of (seed, world, agent, number of the step): a world's actions are the same in every batch. Each
     agent draws from a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
     """
-    sizes = env.action_sizes
-    joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
-    count, half = np.uint64(len(joint)), np.uint64(32)
+    draw = joint_actions(env.action_sizes)
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
     worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
-    state = _mixed(_mixed(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
+    state = mixed(mixed(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
 
     def act(observations: Arrays) -> Actions:
         np.add(state, GOLDEN, out=state)
-        chosen: Actions = joint[(_mixed(state) >> half) * count >> half]
-        return chosen
+        return draw(mixed(state))
 
     return act
 
@@ -89,7 +86,19 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 }
 
 
-def _mixed(words: Any) -> Any:
+def joint_actions(sizes: Any) -> Callable[[Any], Actions]:
+    """A function from uniform uint64 words to joint actions, int8 (..., actions), all of them equally likely."""
+    joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
+    count, half = np.uint64(len(joint)), np.uint64(32)
+
+    def drawn(words: Any) -> Actions:
+        actions: Actions = joint[(words >> half) * count >> half]
+        return actions
+
+    return drawn
+
+
+def mixed(words: Any) -> Any:
     """SplitMix64's mixing of uint64: every bit of the result depends on all bits."""
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from .arguments import autoreset_mode
+from .arguments import Array, as_array, autoreset_mode
 from .errors import ActionError
 from .make import make_vec
 from .scenario import Scenario
 from .vector import SurvivalVectorEnv
-
-Array = np.ndarray[Any, Any]
 
 
 def face_core(
@@ -60,14 +58,6 @@ def world_seeds(seed: Any, worlds: int, each: int) -> Any:
 def world_mask(mask: Array, each: int) -> Array:
     """A mask of worlds out of one of sub-environments, `each` of them in a world."""
     return _agreed("reset_mask", mask, each)
-
-
-def as_array(value: Any) -> Array:
-    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
-    try:
-        return np.asarray(value)
-    except ValueError:
-        return np.empty(len(value), object)
 
 
 def _agreed(name: str, rows: Array, each: int) -> Array:

@@ -5,11 +5,11 @@ from typing import Any
 
 import gymnasium
 
+from .arguments import Array, as_array
 from .errors import ActionError, NotResetError
 from .frames import FPS, RENDER_MODES
 from .learners import SurvivalLearnerVectorEnv
 from .opponents import Others
-from .rows import Array, as_array
 from .scenario import Scenario
 from .state import State
 
