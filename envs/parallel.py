@@ -10,10 +10,12 @@ from gymnasium import spaces
 from outlast.components import End
 from outlast.ecs import Entity
 
-from .arguments import check_count
+from . import frames
+from .arguments import Array, check_count
 from .errors import ActionError, ClosedError, NotResetError
 from .make import make_vec
 from .parallel_spaces import Overview, agent_action, agent_spaces
+from .rows import check_choice
 from .scenario import Scenario
 from .state import State
 from .variants import variant
@@ -26,14 +28,12 @@ except ModuleNotFoundError as error:
     hint = "parallel_env and aec_env need PettingZoo: pip install 'outlast[pettingzoo]'"
     raise ModuleNotFoundError(hint, name=error.name) from error
 
-Array = np.ndarray[Any, Any]
 Observations = dict[str, dict[str, Array]]
 Infos = dict[str, dict[str, int]]
 
 DEAD = ("remove", "keep")
-RENDER_MODES = ("rgb_array", "ansi", "human")
-FPS = 30  # of windows and videos
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "is_parallelizable": True}
+RENDER_MODES = (*frames.RENDER_MODES, "human")
+METADATA = {"render_modes": list(RENDER_MODES), "render_fps": frames.FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -54,10 +54,10 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     def __init__(
         self, scenario: str | Scenario, *, render_mode: str | None = None, seed: int | None = None, dead: str = "remove"
     ) -> None:
-        _check_choice("dead", dead, DEAD)
-        _check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        check_choice("dead", dead, DEAD)
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
-        self._window = Window("outlast", FPS) if render_mode == "human" else None
+        self._window = Window("outlast", frames.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.batch = make_vec(scenario, 1, seed=seed, autoreset="Disabled", check_actions=False)
         self.metadata = {**METADATA, "name": self.batch.scenario.name}
@@ -238,8 +238,3 @@ def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
 
 
 env = aec_env  # the name that PettingZoo's modules have for it
-
-
-def _check_choice(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}")

@@ -8,11 +8,11 @@ from gymnasium import spaces
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, Zone
 from outlast.ecs import Entity, Worlds
 
+from .arguments import Array, as_array
 from .errors import ActionError
 from .spaces import LARGEST
 from .vector import SurvivalVectorEnv
 
-Array = np.ndarray[Any, Any]
 POSE = ("x", "y", "angle")
 
 
@@ -28,10 +28,7 @@ def agent_spaces(batch: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spac
 
 def agent_action(agent: str, given: Any, sizes: Array) -> Array:
     """The action of one agent as an integer array, each below its size; ActionError."""
-    try:
-        action: Array = np.asarray(given)
-    except ValueError:  # lists of unequal length
-        action = np.empty(0, object)
+    action = as_array(given)
     if action.shape != sizes.shape or action.dtype.kind not in "iu":
         raise ActionError(f"the action of {agent} is {given!r}: {len(sizes)} integers are needed")
     bad = np.flatnonzero((action < 0) | (action >= sizes))
