@@ -1,6 +1,7 @@
 """What all tests share: how they run, and what it means that two environments are the same."""
 
 import hashlib
+from collections.abc import Iterator
 from typing import Any
 
 import numba
@@ -33,3 +34,14 @@ def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray
     """Uniformly random actions for every agent of every world."""
     sizes = env.single_action_space.nvec
     return rng.integers(0, sizes, (env.num_worlds, *sizes.shape))
+
+
+@pytest.fixture
+def one_torch_thread() -> Iterator[None]:
+    """For small networks: more threads wait for each other, above all where other tests run beside."""
+    import torch  # here, as most tests do without
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)

@@ -4,7 +4,6 @@ import math
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,16 +15,8 @@ from tests.conftest import COMPILED, scaled
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install torch")
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "examples" / "cleanrl_ppo.py"
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SMALL = {"num_worlds": 4, "num_steps": scaled(64, least=12), "num_minibatches": 2, "update_epochs": 2}
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Small networks are slower with more, and much slower beside other tests."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import csv
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +19,7 @@ vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stab
 torch = pytest.importorskip("torch", reason="needs torch: outlast[sb3]")
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "examples" / "sb3_ppo.py"
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """For torch: several wait for each other where other tests run beside."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
 def pair() -> tuple[Any, Any]:
