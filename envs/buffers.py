@@ -34,6 +34,14 @@ def write(observations: Mapping[str, Array], out: Any) -> None:
         start += numbers
 
 
+def copies(observations: Mapping[str, Array], where: Array) -> Array:
+    """A copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
+    found = np.full(len(where), None, object)
+    for w in np.flatnonzero(where):
+        found[w] = {key: array[w].copy() for key, array in observations.items()}
+    return found
+
+
 def _check_mapping(observations: Mapping[str, Array], out: Mapping[str, Any]) -> None:
     if out.keys() != observations.keys():
         raise ValueError(f"out has the keys {sorted(out)}: {sorted(observations)} are needed")
@@ -47,3 +55,10 @@ def _check(name: str, array: Any, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} is {found}: a float32 array of shape {shape} is needed")
     if not array.flags.writeable:
         raise ValueError(f"{name} is read-only")
+
+
+def locked(array: Array) -> Array:
+    """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

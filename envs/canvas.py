@@ -15,15 +15,18 @@ if TYPE_CHECKING:
 Image = np.ndarray[Any, Any]
 Color = tuple[int, int, int]
 Point = tuple[float, float]
+Frame = tuple[float, float, float]  # of fixed-point numbers: units a metre, of the origin, and metres to where is far
 
 SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
 SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
 UNIT = 1 << SHIFT
 FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
 FONT, FONT_HEIGHT = cv2.FONT_HERSHEY_DUPLEX, 21  # pixels, height of a digit at scale 1
+BOLD = 24  # pixels of height for each of a stroke's width
 READABLE = 5  # pixels, height of the smallest text worth drawing
 BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
 THINNEST = 0.5  # pixels, half the width of the thinnest body
+KEPT = 2**14  # shapes whose corners are remembered
 ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
 
 
@@ -42,6 +45,7 @@ class Canvas:
         self._unit = self.scale * UNIT
         self._origin = size * UNIT / 2 - UNIT / 2  # OpenCV counts from the centre of the first pixel, not its edge
         self._far = FAR * half
+        self._frame = self._unit, self._origin, self._far
 
     def clear(self, color: Color) -> None:
         """Paint everything over."""
@@ -58,7 +62,7 @@ class Canvas:
         if not abs(x) + abs(y) + abs(radius) < self._far:
             return
         pixels = max(THINNEST, radius * self.scale - (0 if width else BLEED))
-        points = (_disc(pixels) + self._at(x, y)).astype(np.int32)
+        points = _disc_at(pixels, *self._at(x, y))
         if width:
             cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
         else:
@@ -72,9 +76,9 @@ class Canvas:
 
     def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
         """A filled convex polygon, which may let shine through what is below; or with a width (metres) its outline."""
-        if not sum([abs(x) + abs(y) for x, y in corners]) < self._far:
+        points = _fixed(corners, self._frame)
+        if points is None:
             return
-        points = np.array([self._at(x, y) for x, y in corners], np.int32)
         if width:
             cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
         elif opacity == 1:
@@ -98,7 +102,9 @@ class Canvas:
         grow -= BLEED / self.scale
         thinnest = THINNEST / self.scale
         a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
-        self.polygon(_corners(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b), color)
+        points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._frame)
+        if points is not None:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
     def dashes(self, x: float, y: float, radius: float, color: Color, width: float, dash: float) -> None:
         """A dashed circle line; dashes and the gaps between them are `dash` metres long, or a little more."""
@@ -109,14 +115,30 @@ class Canvas:
         for start, end in zip(ends[::2], ends[1::2], strict=True):
             cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
 
-    def text(self, x: float, y: float, words: str, height: float, color: Color) -> None:
-        """Words whose ink is centred at (x, y), `height` metres high; left out where nobody could read them."""
-        pixels = height * self.scale
-        if pixels >= READABLE and abs(x) + abs(y) < self._far:
-            scale = round(pixels) / FONT_HEIGHT
-            dx, dy = _ink_centre(words, scale)
-            place = round(self.size / 2 + x * self.scale - dx), round(self.size / 2 - y * self.scale - dy)
-            cv2.putText(self.image, words, place, FONT, scale, color, 1, cv2.LINE_AA)
+    def text(self, x: float, y: float, words: str, height: float, color: Color, anchor: float = 0.5) -> None:
+        """Words with digits `height` metres high around y; left out where nobody could read them.
+
+        anchor: which part of their ink is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
+        """
+        if self.readable(height) and abs(x) + abs(y) < self._far:
+            scale, thick = self._font(height)
+            left, right, middle = _ink(words if anchor else "0", scale, thick)
+            across = left + anchor * (right - left)
+            place = round(self.size / 2 + x * self.scale - across), round(self.size / 2 - y * self.scale - middle)
+            cv2.putText(self.image, words, place, FONT, scale, color, thick, cv2.LINE_AA)
+
+    def length(self, words: str, height: float) -> float:
+        """Metres from one end of the words to the other, as `text` writes them."""
+        left, right, _ = _ink(words, *self._font(height))
+        return (right - left) / self.scale
+
+    def readable(self, height: float) -> bool:
+        """Whether digits `height` metres high are large enough to be read."""
+        return height * self.scale >= READABLE
+
+    def _font(self, height: float) -> tuple[float, int]:
+        pixels = max(1, round(height * self.scale))
+        return pixels / FONT_HEIGHT, max(1, round(pixels / BOLD))
 
     def _glaze(self, points: Image, color: Color, opacity: float) -> None:
         """Blend a polygon in; only the part of the picture around it is looked at."""
@@ -136,10 +158,25 @@ class Canvas:
         return max(1, round(width * self.scale)) if width else cv2.FILLED
 
 
-def _corners(x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float) -> list[Point]:
-    """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one."""
+@functools.lru_cache(maxsize=KEPT)
+def _turned(
+    x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float, frame: Frame
+) -> Image | None:
+    """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one; see `_fixed`.
+
+    They are remembered, as most rectangles stand where they stood in the frame before.
+    """
     a, b, c, d = cosine * half_width, sine * half_width, -sine * half_height, cosine * half_height
-    return [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
+    corners = [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
+    return _fixed(corners, frame)
+
+
+def _fixed(corners: Sequence[Point], frame: Frame) -> Image | None:
+    """Points in OpenCV's fixed-point numbers, int32 (points, 2); None if they cannot be drawn."""
+    unit, origin, far = frame
+    if not sum([abs(x) + abs(y) for x, y in corners]) < far:
+        return None
+    return np.array([(round(origin + x * unit), round(origin - y * unit)) for x, y in corners], np.int32)
 
 
 def _whole(pixels: float) -> int:
@@ -147,14 +184,17 @@ def _whole(pixels: float) -> int:
     return math.floor(pixels + 0.5)
 
 
+@functools.lru_cache(maxsize=KEPT)
+def _disc_at(pixels: float, x: int, y: int) -> Image:
+    """The same around a point; most things lie where they lay in the frame before."""
+    return _disc(pixels) + np.array((x, y), np.int32)
+
+
 @functools.lru_cache(maxsize=1024)
 def _disc(pixels: float) -> Image:
-    """Corners of a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers.
-
-    Plus one half, so that cutting off what is behind the point rounds them.
-    """
+    """Corners of a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers."""
     count = 8 * math.ceil(math.pi / math.acos(1 - min(ERROR / pixels, 0.25)) / 8)
-    corners: Image = _rim(count) * (pixels * UNIT) + 0.5
+    corners: Image = np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
     return corners
 
 
@@ -165,14 +205,26 @@ def _rim(count: int) -> Image:
     return np.stack([np.cos(angles), np.sin(angles)], 1)
 
 
-@functools.lru_cache(maxsize=1024)
-def _ink_centre(words: str, scale: float) -> Point:
-    """From where OpenCV starts to write to the middle of what it writes, in pixels: fonts differ by its version."""
-    (width, height), below = cv2.getTextSize(words, FONT, scale, 1)
+@functools.lru_cache(maxsize=4096)
+def _ink(words: str, scale: float, thick: int) -> tuple[float, float, float]:
+    """From where OpenCV starts to write, in pixels: the ends of the ink, and the middle of a digit's height.
+
+    Found by trial, as fonts differ by OpenCV's version.
+    """
+    xs, _ = _trial(words, scale, thick)
+    _, ys = _trial("0", scale, thick)
+    return xs[0], xs[1], (ys[0] + ys[1]) / 2
+
+
+@functools.lru_cache(maxsize=4096)
+def _trial(words: str, scale: float, thick: int) -> tuple[Point, Point]:
+    """The ends of the ink across and down, from where OpenCV starts to write."""
+    (width, height), below = cv2.getTextSize(words, FONT, scale, thick)
     margin = height + below + 2
     trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)
-    cv2.putText(trial, words, (margin, margin + height), FONT, scale, (255,), 1, cv2.LINE_AA)
+    cv2.putText(trial, words, (margin, margin + height), FONT, scale, (255,), thick, cv2.LINE_AA)
     ys, xs = np.nonzero(trial)
     if not len(xs):
-        return 0.0, 0.0
-    return (int(xs.min()) + int(xs.max()) + 1) / 2 - margin, (int(ys.min()) + int(ys.max()) + 1) / 2 - margin - height
+        return (0.0, 0.0), (0.0, 0.0)
+    top = margin + height
+    return (int(xs.min()) - margin, int(xs.max()) + 1 - margin), (int(ys.min()) - top, int(ys.max()) + 1 - top)

@@ -25,5 +25,29 @@ class StateError(ValueError):
     """A saved state that is broken, or of another scenario."""
 
 
+class FilmError(ValueError):
+    """Pictures or a film that cannot be drawn or written as asked; nothing is left half-written."""
+
+
+class PageError(ValueError):
+    """A page of worlds that are not there, or of nothing."""
+
+
+class RecordingError(ValueError):
+    """A recording that is broken, or cannot be written or replayed."""
+
+
+class ReplayError(RecordingError):
+    """A replay that is not what was recorded: names the first run of the tick and the components that differ."""
+
+
 class ClusterError(RuntimeError):
     """A Ray cluster that is not there, or does not do its work."""
+
+
+class PlayError(RuntimeError):
+    """A game that cannot begin: no such agent, no port, or no library to serve it with."""
+
+
+class TrainingError(ValueError):
+    """A run that cannot begin or go on: a folder in use, or a checkpoint that is broken or of something else."""

@@ -17,7 +17,7 @@ from .scenario import Scenario
 from .vector import SurvivalVectorEnv
 
 DEAD = ("end", "keep")
-HUMAN = "; 'human' is what gymnasium.make makes of it"
+HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 
 
 class SurvivalLearnerVectorEnv(Face):

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from outlast.ecs import EngineError
 
-from .commands import listing, rollout
-from .errors import ClusterError
+from .commands import frames, listing, play, replay, rollout
+from .errors import ClusterError, FilmError, PageError, PlayError, RecordingError
 from .scenario import ScenarioError
 
-COMMANDS = (rollout, listing)
-MISTAKES = (ScenarioError, EngineError, ClusterError)  # told in one line, without a traceback
+COMMANDS = (rollout, replay, play, frames, listing)
+# Told in one line, without a traceback.
+MISTAKES = (ScenarioError, EngineError, ClusterError, FilmError, PageError, PlayError, RecordingError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

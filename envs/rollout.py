@@ -1,7 +1,7 @@
 """Rollouts: run a policy in many worlds for many steps and sum up the episodes."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,6 +90,18 @@ def rollout(
     except KeyboardInterrupt:
         raise KeyboardInterrupt(summary) from None
     return summary
+
+
+def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
+    """Reset everything, then take `steps` steps, one whenever the next item is asked for: the number of steps done.
+
+    The first item is 0: the worlds are just reset. Between items the worlds can be looked at.
+    """
+    observations, _ = env.reset()
+    yield 0
+    for step in range(1, steps + 1):
+        observations, *_ = env.step(policy(observations))
+        yield step
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from .parallel_spaces import agent_spaces
 from .scenario import Scenario
 from .spaces import published
 from .vector import Arrays, SurvivalVectorEnv
+from .window import Window
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -43,7 +44,8 @@ def make_sb3(
     >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.make_sb3("ffa_1", 64, seed=0)))
 
     seed: world w is keyed by seed + w, as by SurvivalVecEnv.seed. threads, check_actions: see SurvivalVectorEnv.
-    render_mode: None or "rgb_array". render_worlds: render() shows the first so many worlds.
+    render_mode: None or "rgb_array", which render(mode="human") needs, too. render_worlds: render() shows the first so
+    many worlds.
     """
     core = make_vec(
         scenario, num_worlds, threads=threads, check_actions=check_actions, autoreset=AutoresetMode.DISABLED
@@ -79,6 +81,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         self.metadata = {"name": core.scenario.name, "render_modes": ["rgb_array"], "render_fps": fps}
         self._statistic_dims = {key: column.dims for key, _, _, column in published(core.worlds, Statistic)}
         self._actions: Array | None = None
+        self._window: Window | None = None
         if seed is not None:
             self.seed(seed)
 
@@ -137,7 +140,9 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         return self._by_agent(observations), rewards.ravel(), np.repeat(over, self.num_agents), infos
 
     def close(self) -> None:
-        """Let the threads go; a later reset or step is a ClosedError."""
+        """Let threads and window go; a later reset or step is a ClosedError."""
+        if self._window is not None:
+            self._window.close()
         self.core.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
@@ -166,12 +171,16 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         return self._pictures(i // self.num_agents for i in range(self.num_envs))
 
     def render(self, mode: str | None = None) -> Array | None:
-        """The first `render_worlds` worlds side by side, uint8 (height, width, 3)."""
-        if self.render_mode == "rgb_array" and mode in (None, "rgb_array"):
-            picture: Array = tile_images(self._pictures(range(min(self.render_worlds, self.num_worlds))))
+        """The first `render_worlds` worlds side by side, uint8 (height, width, 3); with mode "human" in a window."""
+        if self.render_mode != "rgb_array" or mode not in (None, "rgb_array", "human"):
+            nothing: Array | None = super().render(mode)  # warns
+            return nothing
+        picture: Array = tile_images(self._pictures(range(min(self.render_worlds, self.num_worlds))))
+        if mode != "human":
             return picture
-        shown: Array | None = super().render(mode)  # warns, or opens a window
-        return shown
+        self._window = self._window or Window("outlast", self.metadata["render_fps"])
+        self._window.show(picture)
+        return None
 
     @property
     def _rows(self) -> slice:

@@ -10,8 +10,10 @@ from .errors import ActionError, NotResetError
 from .frames import FPS, RENDER_MODES
 from .learners import SurvivalLearnerVectorEnv
 from .opponents import Others
+from .rows import check_choice
 from .scenario import Scenario
 from .state import State
+from .window import Window
 
 Observation = dict[str, Array]
 
@@ -32,7 +34,7 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     it is: what comes out has not been reset.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS}  # noqa: RUF012
+    metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
 
     def __init__(
         self,
@@ -43,9 +45,12 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         dead: str = "end",
         render_mode: str | None = None,
     ) -> None:
-        options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead, "render_mode": render_mode}
-        self._recipe = partial(type(self), variant, **options)
-        self.batch = SurvivalLearnerVectorEnv(1, variant, autoreset="Disabled", **options)
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
+        options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
+        self._recipe = partial(type(self), variant, **options, render_mode=render_mode)
+        self._window = Window("outlast", FPS) if render_mode == "human" else None
+        drawn = "rgb_array" if render_mode == "human" else render_mode
+        self.batch = SurvivalLearnerVectorEnv(1, variant, autoreset="Disabled", **options, render_mode=drawn)
         self.metadata = {**type(self).metadata, "name": self.batch.core.scenario.name}
         self.render_mode = render_mode
         self.observation_space = self.batch.single_observation_space
@@ -57,6 +62,7 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         """Start an episode: the first of `seed`, or the next one. Nothing is read from options."""
         super().reset(seed=seed)
         observations, info = self.batch.reset(seed=seed)
+        self._show()
         return _first(observations), _numbers(info)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -67,12 +73,19 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         if row.shape != sizes.shape:
             raise ActionError(f"the action has shape {row.shape}: {sizes.shape} is needed, {len(sizes)} integers")
         observations, reward, terminated, truncated, info = self.batch.step(row[None])
+        self._show()
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
     def render(self) -> Any:
-        """uint8 (height, width, 3) RGB or text, as render_mode says; None, with a warning, without one."""
+        """uint8 (height, width, 3) RGB, or text, or None and a window, as render_mode says; reset and step draw that.
+
+        None, with a warning, without a render_mode.
+        """
         frames = self.batch.render()
-        return None if frames is None else frames[0]
+        if frames is None or self._window is None:
+            return None if frames is None else frames[0]
+        self._window.show(frames[0])
+        return None
 
     def get_state(self) -> State:
         """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -83,8 +96,14 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         return _first(self.batch.set_state(state))
 
     def close(self) -> None:
-        """Let go of the world; again does no harm."""
+        """Let go of window and world; again does no harm."""
+        if self._window is not None:
+            self._window.close()
         self.batch.close()
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self.render()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._recipe, (), {"spec": self.spec}

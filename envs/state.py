@@ -87,7 +87,8 @@ def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any
 
 def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Array) -> None:
     """Make the worlds `where` (indices) go on from `state`: one for each of them, or one for all. Raises StateError."""
-    _check_scenario(state.scenario, identity(scenario))
+    if other := difference(state.scenario, identity(scenario)):
+        raise StateError(f"the state is of another scenario {other}")
     if len(state) not in (1, len(where)):
         raise StateError(f"a state of {len(state)} worlds for {len(where)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, faces)
@@ -117,16 +118,16 @@ def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
     return {"world": worlds.block, **outside, **faces}
 
 
-def _check_scenario(given: Any, own: dict[str, Any]) -> None:
+def difference(given: Any, own: dict[str, Any]) -> str:
+    """Name of the scenario of that identity and the first number that differs from one's own; empty if none does."""
     numbers = given.get("numbers") if isinstance(given, dict) else None
     if not isinstance(numbers, dict):
-        raise StateError("the state does not say of which scenario it is")
+        return "(it does not say of which)"
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:
-            raise StateError(
-                f"the state is of another scenario ({given.get('name')!r}): {key} is {its} there and {mine} here"
-            )
+            return f"({given.get('name')!r}): {key} is {its} there and {mine} here"
+    return ""
 
 
 def _checksum(arrays: dict[str, Array]) -> str:

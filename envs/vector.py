@@ -1,7 +1,8 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
+import os
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -11,14 +12,17 @@ from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from .arguments import autoreset_mode, check_count, checked_actions, keys, reset_mask
-from .buffers import flat_size, write
+from .buffers import copies, flat_size, locked, write
 from .deaths import log_deaths
-from .errors import ClosedError, NotResetError, PendingError
-from .faults import check_faults
+from .errors import ClosedError, PendingError, RecordingError
+from .faults import check_faults, check_playable, check_steppable
 from .notice import announce_compilation
-from .scenario import Scenario, ScenarioError
+from .scenario import Scenario
 from .spaces import action_space, observation_space, published, statistics
 from .state import State, put, take
+
+if TYPE_CHECKING:
+    from .recording import Recorder  # which needs this module
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -55,11 +59,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.autoreset = autoreset_mode(autoreset)
         self.metadata = {"render_modes": [], "render_fps": 30, "autoreset_mode": self.autoreset, "name": scenario.name}
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
-        if missing := [signal.__name__ for signal in (Reward, End) if signal not in self.worlds]:
-            raise ScenarioError(
-                f"{scenario.name}: no module brings {' and '.join(missing)}; "
-                "an environment needs the modules rewards and ending"
-            )
+        self._runner: Any = self.worlds  # or what also records it
+        check_playable(self.worlds, scenario.name)
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
         self.single_observation_space = observation_space(self.worlds)
@@ -69,7 +70,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._lows = np.array([low for _, low in self.action_columns]).reshape(-1, 1, 1)
         self.action_sizes = self.single_action_space.nvec[0]
         self._observations = {
-            k: _locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
+            k: locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._over = np.zeros(self.num_worlds, bool)
@@ -103,7 +104,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if seed is not None:
             self._seed(seed, mask)
         self._mode[:] = np.where(mask, RESET, SKIP)
-        self.worlds.run(self._mode)
+        self._runner.run(self._mode)
         self._over &= ~mask
         self._started |= mask
         return self._observe(), {}
@@ -119,12 +120,12 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self._step(actions)
 
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        self._check_steppable()
+        check_steppable(self._started, self._over & (self.autoreset is AutoresetMode.DISABLED))
         self._take(actions)
         self._mode[:] = STEP
         if self.autoreset is AutoresetMode.NEXT_STEP:
             self._mode += self._over  # RESET is the number after STEP
-        self.worlds.run(self._mode)
+        self._runner.run(self._mode)
         check_faults(self.worlds)
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
@@ -181,16 +182,29 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         Raises StateError, and changes nothing, if it is of another scenario or of too many worlds. Random numbers go on
         as they would have: copies of a world see the same.
         """
-        self._check_open()
+        self._check_open("set_state")
         put(state, self.scenario, self.worlds, self._faces, self._indices(where))
         return self._observe()
 
+    def record(self, path: str | os.PathLike[str]) -> "Recorder":
+        """Record all that happens from the next reset on, which must be one of all worlds, in a new file.
+
+        Close what this returns (`with env.record("duel.rec"):`), or the environment. Meanwhile set_state is refused,
+        and actions are checked. Raises RecordingError, also later, if the file cannot be written.
+        """
+        from .recording import Recorder
+
+        self._check_open("record")
+        self._runner = recorder = Recorder(path, self.scenario, self.worlds, self.first_world)
+        return recorder
+
     def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go."""
+        """Let the threads go, and end a recording."""
         if background := getattr(self, "_background", None):
             background.shutdown()
-        if worlds := getattr(self, "worlds", None):  # it is not when the constructor refused its arguments
-            worlds.close()
+        if hasattr(self, "worlds"):  # it is not there when the constructor refused its arguments
+            self.worlds.close()
+            self._runner.close()
 
     def _indices(self, where: Any) -> Any:
         return np.atleast_1d(np.arange(self.num_worlds)[where])
@@ -203,13 +217,10 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
         info: dict[str, Any] = {"statistics": statistics(self.worlds, self._over), "_statistics": self._over.copy()}
         if self.autoreset is AutoresetMode.SAME_STEP:
-            final = np.full(self.num_worlds, None, object)
-            for w in np.flatnonzero(self._over):
-                final[w] = {key: buffer[w].copy() for key, buffer in self._observations.items()}
-            info |= {"final_obs": final, "_final_obs": self._over.copy()}
+            info |= {"final_obs": copies(self._observations, self._over), "_final_obs": self._over.copy()}
             info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": self._over.copy()}
             self._mode[:] = np.where(self._over, RESET, SKIP)
-            self.worlds.run(self._mode)
+            self._runner.run(self._mode)
             self._over[:] = False
         return info
 
@@ -220,31 +231,20 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         seeds, worlds = keys(seed, self.num_worlds, self.first_world)
         self.worlds.seed(seeds[mask], worlds[mask], mask)
 
-    def _check_open(self) -> None:
+    def _check_open(self, call: str = "") -> None:
+        """Raises ClosedError or PendingError; and RecordingError, for a call that is none of a recording's."""
         if self.closed:
             raise ClosedError("the environment is closed; make a new one")
         if self._pending is not None:
             raise PendingError("a step was sent and not received; call recv() first")
+        if call and self._recording:
+            raise RecordingError(f"{call}() while a recording goes on; close() that first")
 
-    def _check_steppable(self) -> None:
-        if not self._started.all():
-            raise NotResetError(
-                f"step() before reset(): {int((~self._started).sum())} worlds have not started; reset them"
-            )
-        if self.autoreset is AutoresetMode.DISABLED and self._over.any():
-            raise NotResetError(
-                f"worlds {np.flatnonzero(self._over)[:8].tolist()} have ended and autoreset is disabled; "
-                'reset them first: reset(options={"reset_mask": terminated | truncated})'
-            )
+    @property
+    def _recording(self) -> bool:
+        return self._runner is not self.worlds and bool(self._runner.recording)
 
     def _take(self, actions: Any) -> None:
         shape = (self.num_worlds, self.num_agents, len(self.action_sizes))
-        actions = checked_actions(actions, shape, self.action_sizes, self.check_actions)
+        actions = checked_actions(actions, shape, self.action_sizes, self.check_actions or self._recording)
         np.add(actions.transpose(2, 0, 1), self._lows, out=self.worlds.actions, casting="unsafe")
-
-
-def _locked(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

@@ -13,7 +13,7 @@ class Window:
         try:
             self.pygame: Any = import_module("pygame")  # here: whoever opens no window does without
         except ModuleNotFoundError as error:
-            raise ImportError("render_mode='human' needs pygame: pip install pygame") from error
+            raise ImportError("a window needs pygame: pip install 'outlast[window]'") from error
         self.title, self.fps = title, fps
         self.clock = self.pygame.time.Clock()
         self.surface: Any = None

@@ -191,14 +191,32 @@ def test_gymnasium_collects_pictures() -> None:
     assert [frame.shape for frame in env.render()] == [(512, 512, 3)] * 2
 
 
-@pytest.mark.filterwarnings("ignore:.*human:UserWarning")
-def test_gymnasium_opens_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pygame", reason="gymnasium's HumanRendering needs pygame")
+def test_a_window_shows_every_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened by gymnasium.make or by hand; reset and step draw by themselves."""
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    env = gymnasium.make("outlast/FreeForAll-v0", render_mode="human")
-    env.reset(seed=SEED)
-    env.step(IDLE)
+    env, seen = gymnasium.make("outlast/FreeForAll-v0", render_mode="human"), SurvivalEnv(render_mode="rgb_array")
+    for each in (env, seen):
+        each.reset(seed=SEED)
+    for _ in range(2):
+        shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+        assert np.array_equal(shown, seen.render())
+        for each in (env, seen):
+            each.step(IDLE)
     assert env.render() is None
+    env.close()
+    assert pygame.display.get_surface() is None
+
+
+def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    batch = SurvivalLearnerVectorEnv(4, render_mode="rgb_array")
+    env = gymnasium.wrappers.vector.HumanRendering(batch, screen_size=(200, 200))
+    env.reset(seed=SEED)
+    env.step(np.tile(IDLE, (4, 1)))
+    shown = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 10
     env.close()
 
 
@@ -314,8 +332,12 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "a number for a policy": ({"others": 3}, ValueError, "others = 3"),
     "neither dead nor alive": ({"dead": "remove"}, ValueError, "dead = 'remove': allowed are 'end', 'keep'"),
     "no such picture": ({"render_mode": "svg"}, ValueError, "render_mode = 'svg': allowed are None, 'rgb_array'"),
-    "a window": ({"render_mode": "human"}, ValueError, "'human' is what gymnasium.make makes"),
 }
+
+
+def test_a_batch_says_who_opens_windows() -> None:
+    with pytest.raises(ValueError, match=r"render_mode = 'human'.*gymnasium\.wrappers\.vector\.HumanRendering"):
+        SurvivalLearnerVectorEnv(2, render_mode="human")
 
 
 @pytest.mark.parametrize("name", MADE)

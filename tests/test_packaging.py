@@ -22,12 +22,16 @@ LONGEST_FILE = 250
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs"}
 OPTIONAL = {
+    "imageio_ffmpeg",
     "matplotlib",
+    "minari",
     "pettingzoo",
     "pufferlib",
+    "pyarrow",
     "ray",
     "stable_baselines3",
     "torch",
+    "websockets",
 }  # a module may need one that is not installed
 
 # Written in two parts: this file is looked through too.
@@ -49,13 +53,16 @@ def tracked() -> list[Path]:
     return sorted(path for path in files if path.is_file() and not path.is_symlink())
 
 
+SHIPPED = (".css", ".html", ".js", ".py")
+
+
 def sources() -> dict[str, Path]:
     """Every file that belongs to the package, by its path in the wheel."""
     found = {}
     for package, folder in FOLDERS.items():
         for path in folder.rglob("*"):
             linked = package == "outlast" and len(path.relative_to(folder).parts) > 1
-            if (path.suffix == ".py" or path.name == "py.typed") and not linked:
+            if (path.suffix in SHIPPED or path.name == "py.typed") and not linked:
                 found[f"{package.replace('.', '/')}/{path.relative_to(folder).as_posix()}"] = path
     return found
 

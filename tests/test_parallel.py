@@ -140,7 +140,7 @@ def test_render_without_a_window(name: str) -> None:
 
 def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(ImportError, match="pip install pygame"):
+    with pytest.raises(ImportError, match=r"pip install 'outlast\[window\]'"):
         outlast.parallel_env(render_mode="human")
 
 

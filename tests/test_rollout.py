@@ -8,7 +8,7 @@ from conftest import scaled
 
 import outlast
 from outlast.envs import main as cli
-from outlast.envs.policies import GOLDEN, POLICIES, _mixed, random_policy
+from outlast.envs.policies import GOLDEN, POLICIES, mixed, random_policy
 from outlast.envs.rollout import BLOCK, Summary, Task, blocks, play, rollout
 
 WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
@@ -122,7 +122,7 @@ def test_a_missing_ray_is_named_with_its_cure(capsys):
 def test_words_are_those_of_splitmix64():
     """The first ones of seed 1234567, as published with the reference implementation."""
     state = np.array([1234567], np.uint64) + GOLDEN * np.arange(1, 6, dtype=np.uint64)
-    assert _mixed(state).tolist() == [
+    assert mixed(state).tolist() == [
         6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821
     ]  # fmt: skip
 

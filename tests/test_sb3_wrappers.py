@@ -190,6 +190,20 @@ def test_without_a_render_mode_there_are_none() -> None:
         env.get_images()
 
 
+def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
+    env.reset()
+    assert vec.VecMonitor(env).render("human") is None
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+    assert np.array_equal(shown, env.render())
+    env.close()
+    assert pygame.display.get_surface() is None
+    with pytest.warns(UserWarning, match="'human' or 'rgb_array'"):
+        assert make_sb3("ffa_1", 1).render("human") is None
+
+
 def test_videos(tmp_path: Path) -> None:
     pytest.importorskip("moviepy", reason="needs moviepy")
     import cv2

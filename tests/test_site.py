@@ -20,14 +20,14 @@ from conftest import COMPILED
 import outlast
 from outlast import systems
 from outlast.ecs import ScheduleError
-from outlast.envs.main import parser
+from outlast.envs.main import main, parser
 from outlast.envs.vector import SurvivalVectorEnv
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_parser", "furo")
-LARGEST_PICTURE = 60_000  # bytes
+LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
 PLAYED = ("sight", "fight")  # pictures of many ticks
 
 # A line of MyST's comments ahead of a block says "% needs: MODULE" or "% not run: REASON"; a block of text that follows
@@ -156,9 +156,10 @@ def pictures() -> dict[str, Any]:
 
 
 def test_pictures_are_small_and_shown() -> None:
-    files = {file.name: file.stat().st_size for file in (DOCS / "pictures").glob("*.png")}
-    assert files.keys() == {f"{name}.png" for name in pictures()}
-    assert max(files.values()) < LARGEST_PICTURE
+    files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
+    assert files.keys() == {f"{name}.png" for name in pictures()} | films().keys()
+    assert max(size for name, size in files.items() if name not in films()) < LARGEST_PICTURE
+    assert max(files.values()) < LARGEST_FILM
     shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}
     assert shown == files.keys()
 
@@ -175,3 +176,25 @@ def test_pictures_are_those_of_the_script(name: str) -> None:
     assert kept.shape == made.shape
     difference = float(np.abs(kept.astype(int) - made).mean())
     assert difference < 1  # of 255: edges may be smoothed a little differently elsewhere
+
+
+def films() -> dict[str, list[str]]:
+    """The commands of the pages that write films into docs/pictures, by the file's name."""
+    found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", "\n".join(PAGES.values()), re.MULTILINE)
+    return {name: shlex.split(command) for command, name in found}
+
+
+@once
+@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
+@pytest.mark.parametrize("name", films())
+def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
+    """To renew one: the command of the page."""
+    command = films()[name]
+    assert main([*command[:-1], str(tmp_path / "frames"), "--quiet"]) == 0
+    frames = [cv2.imread(str(file)) for file in sorted((tmp_path / "frames").iterdir())]
+    film = cv2.VideoCapture(str(DOCS / "pictures" / name))
+    for frame in frames:
+        read, kept = film.read()
+        assert read
+        assert np.abs(frame.astype(int) - kept).mean() < 3  # of 255: a GIF has 256 colours
+    assert not film.read()[0]

@@ -13,14 +13,14 @@ from outlast.components import Guard, Zone
 from outlast.ecs import Entity
 from outlast.envs.canvas import Canvas
 from outlast.envs.render import draw
-from outlast.envs.views import VIEWS, Agents, Cameras, Inventory, Melee, SafeZone, View
+from outlast.envs.views import VIEWS, Agents, Cameras, Hits, Ids, Inventory, Melee, SafeZone, View
 from outlast.envs.views import palette as colors
 from tests.conftest import scaled
 from tests.stage import Stage, duel
 
 SIZE = 512
-HALF = 1.06 * 12.5  # metres from the middle of the picture to its edge
-DARK = 300  # the sum of red, green and blue is below that of anything but ink
+HALF = 1.1 * 12.5  # metres from the middle of the picture to its edge
+DARK = 320  # the sum of red, green and blue is below that of anything but ink
 Picture = np.ndarray[Any, Any]
 
 
@@ -48,8 +48,8 @@ def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
         before = picture(stage)
         stage.put("agent", agent, x, y, angle)
         ahead = (math.cos(angle), math.sin(angle))
-        after = draw(stage.env.worlds, 0, SIZE, [*without(SafeZone, Agents), Agents(numbers=False)])
-        behind = (x - 0.38 * ahead[0], y - 0.38 * ahead[1])
+        after = draw(stage.env.worlds, 0, SIZE, without(SafeZone, Ids))
+        behind = (x - 0.34 * ahead[0], y - 0.34 * ahead[1])
         assert spot(before, *behind) == colors.FLOOR
         assert spot(after, *behind) == (colors.BLUE if agent < 2 else colors.VERMILLION)
         assert sum(spot(after, x + 0.6 * ahead[0], y + 0.6 * ahead[1])) < DARK
@@ -106,7 +106,7 @@ def test_strikes_are_shown_in_their_tick() -> None:
     assert sum(spot(picture(stage), 1, 0)) < DARK  # it met nothing
     assert spot(picture(stage), 2.2, 0) == colors.FLOOR  # it reaches two metres
     stage.env.reset()  # what was done in the episode before is over
-    assert np.array_equal(picture(stage), picture(stage, Melee))
+    assert np.array_equal(picture(stage), picture(stage, Melee, Hits))
 
 
 @pytest.mark.parametrize(
@@ -177,10 +177,10 @@ def test_a_line_of_sight_ends_at_what_is_seen() -> None:
 
 def test_numbers_are_written_within_their_disc() -> None:
     stage = duel(Stage(), far=5)
-    plain = draw(stage.env.worlds, 0, SIZE, [Agents(numbers=False)])
+    plain = draw(stage.env.worlds, 0, SIZE, [Agents()])
     rows, columns = (
         where / SIZE * 2 * HALF - HALF
-        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [Agents()]) != plain).any(-1))
+        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [Agents(), Ids()]) != plain).any(-1))
     )
     near = np.minimum(np.hypot(columns, rows), np.hypot(columns - 5, rows))
     assert near.max() < 0.5

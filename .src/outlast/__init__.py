@@ -18,6 +18,8 @@ __version__ = "0.1.0"
 __all__ = ["ALIASES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
 
 _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
+    "Recording": "envs.recording",
+    "Replay": "envs.recording",
     "aec_env": "envs.parallel",
     "make_agents": "envs.agents",
     "make_puffer": "envs.puffer",

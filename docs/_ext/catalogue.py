@@ -1,6 +1,7 @@
 """What the code says of the game, as tables in Markdown: variants, numbers, spaces, components, the tick."""
 
 import dataclasses
+import inspect
 import math
 from typing import Any
 
@@ -11,6 +12,7 @@ from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
 from outlast.envs.spaces import published
+from outlast.envs.views.names import NAMES, OPTIONAL
 
 FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
 
@@ -50,6 +52,22 @@ def _numbers(kind: type[Module]) -> str:
         rows.append([code(key), shown(item.default), runs, limits(item.metadata), notes.get(item.name, "")])
     table = grid(["number", "default", "in the variants", "allowed", "note"], rows) if rows else ""
     return f"### {kind.__name__}\n\n{summary(kind)}\n\n{table}"
+
+
+def views() -> str:
+    """The views by the names that --views knows."""
+    rows = []
+    for name, view in NAMES.items():
+        headline = inspect.getdoc(type(view)) or ""
+        drawn = "on request" if name in OPTIONAL else "yes"
+        rows.append([code(name), drawn, code(_call(view)), headline.splitlines()[0]])
+    return grid(["name", "drawn", "in Python", "what it shows"], rows)
+
+
+def _call(view: Any) -> str:
+    """The call that makes an equal view."""
+    fields = [field for field in dataclasses.fields(view) if getattr(view, field.name) != field.default]
+    return f"{type(view).__name__}({', '.join(f'{field.name}={getattr(view, field.name)!r}' for field in fields)})"
 
 
 def shown(value: Any) -> str:

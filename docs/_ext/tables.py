@@ -31,6 +31,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.nouns,
         catalogue.phases,
         catalogue.schedule,
+        catalogue.views,
         evidence.rules,
         evidence.checks,
         evidence.compared,

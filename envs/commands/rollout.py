@@ -28,6 +28,7 @@ def add(commands: Any) -> None:
     add_policy(command)
     command.add_argument("--threads", type=positive, default=1)
     command.add_argument("--log-deaths", action="store_true", help="print a line for every death")
+    command.add_argument("--record", metavar="FILE", help="record it in a new file, for `outlast replay FILE`")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.add_argument(
         "--ray", nargs="?", const="", metavar="ADDRESS", help="on the Ray cluster at ADDRESS, or one on this machine"
@@ -49,14 +50,16 @@ def _here(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int
     env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
     policy = POLICIES[options.policy](env, options.seed)
     with contextlib.closing(env):
+        if options.record is not None:
+            env.record(options.record)
         yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress)
 
 
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    if options.threads > 1 or options.log_deaths:
-        raise ClusterError("--threads and --log-deaths are for one machine: leave them out with --ray")
+    if options.threads > 1 or options.log_deaths or options.record is not None:
+        raise ClusterError("--threads, --log-deaths and --record are for one machine: leave them out with --ray")
     try:
         from .. import cluster  # here, as Ray takes seconds to load
     except ModuleNotFoundError as error:
@@ -98,4 +101,9 @@ def _report(options: argparse.Namespace, summary: Summary, done: int, seconds: f
     print(f"{options.worlds} worlds x {options.steps} steps")
     print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
     print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
+    print_summary(summary)
+
+
+def print_summary(summary: Summary) -> None:
+    """How many episodes ended, and the table of their statistics."""
     print(f"{summary.episodes:,} episodes ended; those still running are not counted\n\n{summary}")

@@ -14,30 +14,21 @@ image = draw(env.worlds, 0, views=[*VIEWS, Marsh(), Cameras()])
 from .agents import Agents
 from .boxes import Boxes, BoxItems
 from .cameras import Cameras
+from .feed import KillFeed
 from .heals import Heals
 from .health import HealthBars
+from .ids import Ids
 from .inventory import Inventory
-from .melee import Melee
+from .melee import Hits, Melee
+from .names import NAMES, VIEWS, select
 from .room import Room, Walls
 from .scene import Scene
+from .steps import StepCounter
 from .view import Layer, View
 from .zone import SafeZone
 
-VIEWS: tuple[View, ...] = (
-    Room(),
-    SafeZone(),
-    Heals(),
-    BoxItems(),
-    Boxes(),
-    Walls(),
-    Melee(),
-    Agents(),
-    HealthBars(),
-    Inventory(),
-)
-"""What is drawn unless somebody says otherwise."""
-
 __all__ = [
+    "NAMES",
     "VIEWS",
     "Agents",
     "BoxItems",
@@ -45,12 +36,17 @@ __all__ = [
     "Cameras",
     "Heals",
     "HealthBars",
+    "Hits",
+    "Ids",
     "Inventory",
+    "KillFeed",
     "Layer",
     "Melee",
     "Room",
     "SafeZone",
     "Scene",
+    "StepCounter",
     "View",
     "Walls",
+    "select",
 ]

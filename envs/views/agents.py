@@ -1,11 +1,11 @@
-"""Agents: discs in the colour of their side, with a beak ahead and their number."""
+"""Agents: discs in the colour of their side, with a beak ahead."""
 
 from dataclasses import dataclass
 
 from outlast.components import Body, Shape, Side
 
 from ..canvas import Canvas
-from .palette import INK, ink_on, of_side
+from .palette import INK, of_side
 from .scene import Scene
 from .view import Layer, View
 
@@ -18,22 +18,16 @@ class Agents(View):
 
     layer = Layer.AGENTS
     needs = (Side,)
-    numbers: bool = True
     rim: float = 0.08  # metres
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """All of them, the first one lowest."""
-        alive = set(scene.living(Body, Shape, Side))
-        for i, e in enumerate(scene.rows(Side)):
-            if e in alive:
-                self._draw(canvas, scene, e, str(i))
+        for e in scene.living(Body, Shape, Side):
+            self._draw(canvas, scene, e)
 
-    def _draw(self, canvas: Canvas, scene: Scene, e: int, number: str) -> None:
+    def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
         x, y, radius = scene.body.x[e], scene.body.y[e], scene.shape.radius[e]
         cosine, sine = radius * scene.body.cosine[e], radius * scene.body.sine[e]
-        color = of_side(scene[Side].side[e])
         canvas.polygon([(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in BEAK], INK)
         canvas.circle(x, y, radius, INK)
-        canvas.circle(x, y, radius - self.rim, color)
-        if self.numbers:
-            canvas.text(x, y, number, 1.15 * radius, ink_on(color))
+        canvas.circle(x, y, radius - self.rim, of_side(scene[Side].side[e]))

@@ -9,6 +9,9 @@ from .palette import GREEN, INK, ORANGE, SKY, VERMILLION
 from .scene import Scene
 from .view import Layer, View
 
+VISIBLE = 0.5  # pixels, height of the lowest bar worth drawing
+FRAMED = 1.0  # pixels, height of the lowest bar with a frame
+
 
 @dataclass(frozen=True)
 class HealthBars(View):
@@ -20,7 +23,9 @@ class HealthBars(View):
     height: float = 0.18
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Bars of agents, whole or not, and of other bodies if they are not whole."""
+        """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
+        if self.height * canvas.scale < VISIBLE:
+            return
         points, whole, mortal = scene[Health].points, scene.birth(Health).points, scene[Health].mortal
         agents = set(scene.rows(Side))
         for e in scene.living(Body, Shape, Health):
@@ -28,7 +33,8 @@ class HealthBars(View):
                 self._draw(canvas, scene, e, points[e] / max(whole[e], 1))
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
-        height, half, edge = self.height, self.length / 2, 1 / canvas.scale
+        height, half = self.height, self.length / 2
+        edge = 1 / canvas.scale if height * canvas.scale >= FRAMED else 0
         left, lower = scene.body.x[e] - half, scene.body.y[e] + min(scene.shape.bound[e], 0.6) + 1.6 * height
         canvas.rectangle(left - edge, lower - edge, left + 2 * half + edge, lower + height + edge, INK)
         filled = 2 * half * min(max(share, 0), 1)

@@ -10,6 +10,8 @@ from .palette import BOX, HEAL, INK, of_box
 from .scene import Scene
 from .view import Layer, View
 
+VISIBLE = 1.0  # pixels, side of the smallest item worth drawing
+
 
 @dataclass(frozen=True)
 class Inventory(View):
@@ -21,6 +23,8 @@ class Inventory(View):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Heals are discs, broken boxes are squares, all others are grey discs."""
+        if 2 * self.half * canvas.scale < VISIBLE:
+            return
         bag, step = scene[Bag], 2.6 * self.half
         for e in scene.living(Body, Shape, Bag):
             count = bag.count[e]

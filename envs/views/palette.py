@@ -15,6 +15,7 @@ SIDES = (BLUE, VERMILLION, GREEN, ORANGE, SKY)
 HEAL, STRIKE = PURPLE, YELLOW
 INK = (38, 41, 48)  # outlines and writing
 WALL = (72, 77, 88)  # also what is beyond the room
+PAPER = (232, 233, 236)  # writing on it
 FLOOR, UNSAFE = (250, 249, 246), (190, 194, 204)
 RIM = (110, 118, 136)  # of the safe zone
 BOX = (116, 110, 102)  # that nobody owns

@@ -31,8 +31,13 @@ class Walls(View):
     needs = (Solid,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Their shapes, a pixel larger: two walls meet in a single point."""
+        """Their shapes, a pixel larger: two walls meet in a single point. Behind them there is nothing to see."""
         others = {*scene.rows(Side), *scene.rows(Box)}
-        for e in scene.living(Body, Shape, Solid):
-            if e not in others:
-                canvas.body(scene, e, WALL, 1 / canvas.scale)
+        walls = [e for e in scene.living(Body, Shape, Solid) if e not in others]
+        for e in walls:
+            canvas.body(scene, e, WALL, 1 / canvas.scale)
+        if walls and Floor in scene:
+            room, half = scene.room, scene.half
+            for left, lower, right, upper in ((-half, room, half, half), (room, -half, half, half)):
+                canvas.rectangle(left, lower, right, upper, WALL)
+                canvas.rectangle(-right, -upper, -left, -lower, WALL)

@@ -8,7 +8,7 @@ from outlast.components import Body, Floor, Shape
 from outlast.ecs import Component, Entity, Layout, Module, Worlds
 
 M = TypeVar("M", bound=Module)
-MARGIN = 1.06  # of the picture's side over the room's: bars of agents at a wall fit in
+MARGIN = 1.1  # of the picture's side over the room's: bars of agents at a wall fit in, or words
 
 
 class Scene:

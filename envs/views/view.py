@@ -20,6 +20,7 @@ class Layer(IntEnum):
     STRIKES = 50
     AGENTS = 60
     MARKS = 70
+    WORDS = 80
 
 
 class View:

@@ -1,0 +1,229 @@
+// The player: goes through a recording in time. State is where it is; everything on the page is drawn from that.
+(async () => {
+  const SPEEDS = [1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16, 32];
+  const KEYS = [
+    ["space", "play or pause"], ["← →", "a tick back or forward; with shift a second"],
+    ["P N", "to the event before or after"], ["Home End", "to the start or the end"], ["[ ]", "episode before or after"],
+    ["− +", "slower or faster"], ["0 – 9", "follow an agent, or let it go"], ["?", "this list"],
+  ];
+  const FRACTIONS = { 0.125: "⅛", 0.25: "¼", 0.5: "½" };
+  const $ = (id) => document.getElementById(id);
+  const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1 };
+
+  const recording = await Recording.open($("data").textContent);
+  const stage = Stage.build($("stage"), () => { timeline.show(episode(), Stage.theme()); redraw(); });
+  const views = Views.build($("views"), () => redraw());
+  const tip = $("tip");
+  tip.show = (event, x, y) => {
+    Panel.write(tip, `${episode().start + event.at}: ${Story.text(event, episode().description)}`);
+    const half = tip.offsetWidth / 2;
+    tip.style.left = `${Math.min(Math.max(x, half), tip.parentElement.clientWidth - half)}px`;
+    tip.style.top = `${y}px`;
+  };
+  const timeline = Timeline.build($("timeline"), tip, (k) => seek(k));
+  const chronicle = Chronicle.build($("events"), (k) => seek(k));
+  let updateCards = null, waiting = 0, before = 0, rest = 0;
+
+  const world = () => recording.worlds[state.world];
+  const episode = () => world().episodes[state.episode];
+  const row = () => Math.floor(state.at);
+
+  // ---- where we are
+
+  function choose(w, e, at = 0) {
+    episode().forget();
+    Object.assign(state, { world: w, episode: Math.min(Math.max(e, 0), recording.worlds[w].episodes.length - 1) });
+    state.at = Math.min(Math.max(at, 0), episode().length - 1);
+    const { description } = episode();
+    if (state.follow >= description.agents.length) state.follow = -1;
+    updateCards = Panel.build($("cards"), description, follow);
+    count(description);
+    chronicle.show(episode());
+    selectors();
+    timeline.show(episode(), Stage.theme());
+    redraw();
+  }
+
+  function seek(k) {
+    state.at = Math.min(Math.max(k, 0), episode().length - 1);
+    rest = 0;
+    redraw();
+  }
+
+  function step(ticks) {
+    pause();
+    const k = row() + ticks;
+    if (k >= episode().length && state.episode + 1 < world().episodes.length) choose(state.world, state.episode + 1);
+    else if (k < 0 && state.episode > 0) choose(state.world, state.episode - 1, Infinity);
+    else seek(k);
+  }
+
+  function jump(way) {
+    const places = episode().events.map(({ at }) => at);
+    const next = way > 0 ? places.find((at) => at > row()) : places.findLast((at) => at < row());
+    if (next !== undefined) seek(next);
+  }
+
+  function follow(i) {
+    state.follow = i < 0 || i === state.follow || i >= episode().description.agents.length ? -1 : i;
+    redraw();
+  }
+
+  // ---- time
+
+  const last = () => state.episode + 1 === world().episodes.length;
+
+  function play() {
+    if (state.at >= episode().length - 1 && last()) state.at = 0;
+    state.playing = true;
+    before = performance.now();
+    redraw();
+  }
+
+  function pause() {
+    state.playing = false;
+    state.at = row();
+    redraw();
+  }
+
+  function faster(way) {
+    state.speed = Math.min(Math.max(state.speed + way, 0), SPEEDS.length - 1);
+    redraw();
+  }
+
+  function advance(now) {
+    const seconds = Math.min(0.25, (now - before) / 1000), end = episode().length - 1;
+    before = now;
+    state.at = Math.min(end, state.at + seconds * SPEEDS[state.speed] / episode().description.seconds);
+    if (state.at < end) return;
+    rest += seconds;
+    if (last()) pause();
+    else if (rest > 1) [rest] = [0, choose(state.world, state.episode + 1)];
+  }
+
+  // ---- what is seen of it
+
+  function redraw() {
+    if (!waiting) waiting = requestAnimationFrame(paint);
+  }
+
+  function paint(now) {
+    waiting = 0;
+    if (state.playing) advance(now);
+    const shown = episode(), k = row(), { description } = shown, exact = shown.snapshot(k);
+    const share = Stage.still() ? 0 : state.at - k, moved = share && k + 1 < shown.length;
+    const snapshot = moved ? Recording.blend(exact, shown.snapshot(k + 1), share) : exact;
+    const view = { show: views.show, close: views.show.close, follow: state.follow, marks: Story.marks(shown, state.at) };
+    if (views.show.trails) view.trails = Story.trails(shown, k);
+    const moving = stage.draw(description, snapshot, view);
+    timeline.draw(state.at);
+    views.fit(description, state.follow);
+    updateCards(exact, state.follow, Story.tallies(shown, k));
+    facts(exact, description);
+    chronicle.mark(k);
+    if (state.playing || moving) redraw();
+  }
+
+  function facts({ tick, agents, things, zone }, description) {
+    Panel.write($("tick"), tick);
+    Panel.write($("length"), episode().start + episode().length - 1);
+    Panel.write($("seconds"), `${(tick * description.seconds).toFixed(1)} s`);
+    Panel.write($("speed"), `${FRACTIONS[SPEEDS[state.speed]] || SPEEDS[state.speed]}×`);
+    $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+    Panel.write($("alive"), agents.filter(({ alive }) => alive).length);
+    Panel.write($("agents"), agents.length);
+    Panel.write($("zone"), zone ? zone[2].toFixed(1) : "–");
+    for (const fact of $("facts").querySelectorAll("[data-role]")) {
+      Panel.write(fact, things.filter(({ here }, j) => here && description.things[j].role === fact.dataset.role).length);
+    }
+    $("timeline").setAttribute("aria-valuenow", tick);
+    $("timeline").setAttribute("aria-valuetext", `tick ${tick}`);
+  }
+
+  // What lies or stands around is counted by kind, as far as this scenario has it.
+  function count({ things, zone }) {
+    const roles = [["heal", "Heals"], ["box", "Boxes"], ["box_item", "Broken"], ["item", "Items"]];
+    $("facts").querySelectorAll("[data-role]").forEach((fact) => fact.closest("div").remove());
+    for (const [role, name] of roles.filter(([role]) => things.some((thing) => thing.role === role))) {
+      const fact = Panel.make("div", "", $("facts"));
+      Panel.make("dt", "", fact, name);
+      Panel.make("b", "", Panel.make("dd", "", fact)).dataset.role = role;
+    }
+    $("zone").closest("div").hidden = !zone;
+  }
+
+  // ---- choosing a world and an episode
+
+  function selectors() {
+    options($("world"), recording.worlds.map(({ world }) => `World ${world}`), state.world);
+    options($("episode"), world().episodes.map(({ number }) => `Episode ${number}`), state.episode);
+    const many = world().episodes.length > 1;
+    $("episodes").hidden = !many;
+    $("episodes").replaceChildren();
+    world().episodes.forEach(({ length, number }, e) => {
+      const button = Panel.make("button", "", $("episodes"));
+      button.type = "button";
+      button.style.flexGrow = length;
+      button.title = `Episode ${number}, ${length - 1} ticks`;
+      button.setAttribute("aria-label", button.title);
+      button.setAttribute("aria-current", e === state.episode);
+      button.addEventListener("click", () => choose(state.world, e));
+    });
+    $("timeline").setAttribute("aria-valuemin", episode().start);
+    $("timeline").setAttribute("aria-valuemax", episode().start + episode().length - 1);
+  }
+
+  function options(select, names, chosen) {
+    select.replaceChildren(...names.map((name, value) => new Option(name, value)));
+    select.value = chosen;
+    select.hidden = names.length < 2;
+  }
+
+  // ---- keys and buttons
+
+  const toggle = () => state.playing ? pause() : play();
+  const second = () => Math.round(1 / episode().description.seconds);
+  const deeds = {
+    " ": toggle, "k": toggle,
+    "ArrowLeft": (event) => step(event.shiftKey ? -second() : -1),
+    "ArrowRight": (event) => step(event.shiftKey ? second() : 1),
+    "Home": () => seek(0), "End": () => seek(Infinity), "n": () => jump(1), "p": () => jump(-1),
+    "[": () => choose(state.world, state.episode - 1), "]": () => choose(state.world, state.episode + 1),
+    "+": () => faster(1), "=": () => faster(1), "-": () => faster(-1), "_": () => faster(-1),
+    "Escape": () => follow(-1), "?": () => $("keys").showModal(),
+  };
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open || event.target.matches("select")) return;
+    if (event.key === " " && event.target.matches("button")) return; // it presses the button
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (key in deeds) deeds[key](event);
+    else if (key in views.byKey) views.toggle(views.byKey[key]);
+    else if (key >= "0" && key <= "9") follow(Number(key));
+    else return;
+    event.preventDefault();
+  });
+
+  // A pointer leaves no focus behind on buttons: the next space is meant to play.
+  document.addEventListener("click", (event) => {
+    if (event.detail && event.target.closest("button")) document.activeElement.blur();
+  });
+
+  for (const [id, deed] of [["play", toggle], ["first", () => seek(0)], ["back", () => step(-1)], ["forward", () => step(1)],
+    ["next", () => jump(1)], ["slower", () => faster(-1)], ["faster", () => faster(1)], ["help", deeds["?"]]]) {
+    $(id).addEventListener("click", deed);
+  }
+  $("stage").addEventListener("click", ({ clientX, clientY }) => {
+    follow(stage.agentAt(episode().description, episode().snapshot(row()), clientX, clientY));
+  });
+  $("world").addEventListener("change", ({ target }) => choose(Number(target.value), 0));
+  $("episode").addEventListener("change", ({ target }) => choose(state.world, Number(target.value)));
+  new ResizeObserver(() => { timeline.resize(); redraw(); }).observe(document.body);
+  Views.explain($("keys"), KEYS);
+  choose(0, 0);
+  if (!Stage.still()) play();
+  window.outlast = { state, seek, play, pause, follow, choose };
+})().catch((error) => {
+  document.body.textContent = `This recording cannot be played here: ${error.message}. A current browser is needed.`;
+  throw error;
+});

@@ -1,0 +1,116 @@
+// Recording.open reads what pack.py wrote; an episode then gives back the snapshots of trace.py, tick by tick.
+const Recording = (() => {
+  const MILLIMETRES = 1000, TENTHS = 10000, WORD = 16;
+  const ARRAYS = { 1: Int8Array, 2: Int16Array, 4: Int32Array };
+
+  async function open(base64) {
+    const packed = Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const buffer = await new Response(stream).arrayBuffer();
+    const size = new DataView(buffer).getUint32(0, true);
+    const { title, worlds } = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+    let at = 4 + size;
+    for (const world of worlds) {
+      world.episodes = world.episodes.map((header) => {
+        const episode = new Episode(header, buffer, at);
+        at += header.length * header.columns.reduce((sum, [, count, width]) => sum + count * width, 0);
+        return episode;
+      });
+    }
+    return { title, worlds };
+  }
+
+  class Episode {
+    constructor(header, buffer, offset) {
+      Object.assign(this, header); // description, number, start, length, events, columns
+      this.buffer = buffer;
+      this.offset = offset;
+      this.tables = null;
+    }
+
+    // Columns as {values, count}, entry by entry, each over all ticks; unpacked when first needed.
+    table(name) {
+      if (!this.tables) {
+        this.tables = {};
+        let at = this.offset;
+        for (const [column, count, width] of this.columns) {
+          const bytes = count * width * this.length;
+          const steps = new ARRAYS[width](this.buffer.slice(at, at + bytes));
+          this.tables[column] = { count, values: summed(steps, this.length) };
+          at += bytes;
+        }
+      }
+      return this.tables[name];
+    }
+
+    forget() { this.tables = null; }
+
+    // The numbers of a column after tick k.
+    row(name, k) {
+      const { count, values } = this.table(name);
+      return Array.from({ length: count }, (_, n) => values[n * this.length + k]);
+    }
+
+    // One number of a column over all ticks.
+    history(name, n) {
+      return this.table(name).values.subarray(n * this.length, (n + 1) * this.length);
+    }
+
+    snapshot(k) {
+      const { agents, things, slots, zone } = this.description;
+      const get = {};
+      for (const [name] of this.columns) get[name] = this.row(name, k);
+      const words = get["agent.sees"].length / (agents.length || 1);
+      const place = (who, i) => ({
+        x: get[`${who}.x`][i] / MILLIMETRES, y: get[`${who}.y`][i] / MILLIMETRES, angle: get[`${who}.angle`][i] / TENTHS,
+      });
+      return {
+        episode: this.number,
+        tick: this.start + k,
+        zone: zone ? get.zone.map((length) => length / MILLIMETRES) : null,
+        agents: agents.map((_, i) => ({
+          ...place("agent", i),
+          alive: get["agent.alive"][i] === 1,
+          health: get["agent.health"][i],
+          strike: get["agent.strike"][i],
+          target: get["agent.target"][i],
+          bag: get["agent.bag"].slice(i * slots, (i + 1) * slots).filter((thing) => thing >= 0),
+          sees: members(get["agent.sees"].slice(i * words, (i + 1) * words)),
+        })),
+        things: things.map((_, j) => ({
+          ...place("thing", j),
+          here: get["thing.here"][j] === 1,
+          owner: get["thing.owner"][j],
+          wound: get["thing.wound"][j],
+        })),
+      };
+    }
+  }
+
+  function summed(steps, length) {
+    const values = new Int32Array(steps.length);
+    for (let n = 0; n < steps.length; n++) values[n] = (n % length ? values[n - 1] : 0) + steps[n];
+    return values;
+  }
+
+  function members(words) {
+    if (words[0] === -1) return null;
+    return words.flatMap((word, g) => [...Array(WORD).keys()].filter((j) => word >> j & 1).map((j) => WORD * g + j));
+  }
+
+  // Between two snapshots: what is in the world in both has moved by this share of its way; all else is that of the first.
+  function blend(one, other, share) {
+    const mix = (a, b) => a + share * (b - a);
+    const moved = (a, b, both) => both && Math.hypot(b.x - a.x, b.y - a.y) < 1
+      ? { ...a, x: mix(a.x, b.x), y: mix(a.y, b.y), angle: mix(a.angle, b.angle) } : a;
+    return {
+      ...one,
+      zone: one.zone && one.zone[2] > 0 && other.zone[2] > 0
+        ? one.zone.map((length, n) => n < 3 ? mix(length, other.zone[n]) : length) : one.zone,
+      agents: one.agents.map((a, i) => moved(a, other.agents[i], a.alive && other.agents[i].alive)),
+      things: one.things.map((a, j) => moved(a, other.things[j], a.here && other.things[j].here)),
+    };
+  }
+
+  return { open, blend };
+})();

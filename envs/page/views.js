@@ -1,0 +1,66 @@
+// Views: what is shown and what is not, as buttons and keys; and the list of all keys.
+const Views = (() => {
+  const ALL = [
+    ["cones", "v", "Cones", "vision cones"],
+    ["lines", "l", "Lines of sight", "a line to everybody who is seen"],
+    ["zone", "z", "Zone", "the safe zone, and the next one in dashes"],
+    ["ids", "i", "Numbers", "numbers of agents"],
+    ["health", "h", "Health", "health bars"],
+    ["bags", "b", "Bags", "what agents carry"],
+    ["trails", "t", "Trails", "where agents came from"],
+    ["blind", "x", "As seen", "fade what the followed agent does not see"],
+    ["close", "c", "Close-up", "stay near the followed agent"],
+  ];
+  const AT_FIRST = ["cones", "zone", "ids", "health", "bags", "close"];
+  const NEEDS = { cones: "cone", lines: "cone", blind: "cone", zone: "zone", health: "health", bags: "slots" };
+
+  // Returns {show, toggle(name), fit(description, follow), byKey}; onChange() is called after every change.
+  function build(root, onChange) {
+    const show = Object.fromEntries(ALL.map(([name]) => [name, AT_FIRST.includes(name)])), buttons = {};
+    for (const [name, key, label, about] of ALL) {
+      const button = Panel.make("button", "", root, label);
+      button.type = "button";
+      button.dataset.view = name;
+      button.title = about;
+      Panel.make("kbd", "", button, key.toUpperCase()).setAttribute("aria-hidden", "true");
+      button.addEventListener("click", () => toggle(name));
+      buttons[name] = button;
+    }
+
+    function toggle(name) {
+      if (buttons[name].disabled) return;
+      show[name] = !show[name];
+      update();
+      onChange();
+    }
+
+    function update() {
+      for (const [name] of ALL) buttons[name].setAttribute("aria-pressed", show[name]);
+    }
+
+    function fit(description, follow) {
+      for (const [name] of ALL) buttons[name].disabled = name in NEEDS && !description[NEEDS[name]];
+      for (const name of ["blind", "close"]) buttons[name].disabled ||= follow < 0;
+    }
+
+    update();
+    return { show, toggle, fit, byKey: Object.fromEntries(ALL.map(([name, key]) => [key, name])) };
+  }
+
+  // Fills a dialog with the list of keys: those of the page, and those of the views.
+  function explain(dialog, keys) {
+    Panel.make("h2", "", dialog, "Keys");
+    const table = Panel.make("table", "", dialog);
+    for (const [key, about] of [...keys, ...ALL.map(([, key, , about]) => [key.toUpperCase(), about])]) {
+      const row = Panel.make("tr", "", table);
+      Panel.make("kbd", "", Panel.make("td", "", row), key);
+      Panel.make("td", "", row, about);
+    }
+    const form = Panel.make("form", "", dialog);
+    form.method = "dialog";
+    Panel.make("button", "", form, "Close");
+    dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
+  }
+
+  return { build, explain };
+})();

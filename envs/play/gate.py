@@ -1,0 +1,68 @@
+"""The gate: who may talk to the game. Only pages that this server gave out, on this machine, with its token.
+
+Other programs of this machine, other users and other web pages can reach a port on 127.0.0.1. The token keeps out
+whoever was not told the address; the Host header keeps out names that were made to point here (DNS rebinding); the
+Origin header keeps out other web pages, from which browsers let anybody open a websocket.
+"""
+
+import secrets
+from typing import Any
+
+HOST = "127.0.0.1"
+NAMES = (HOST, "localhost")
+LIVE = "live"  # the websocket's path, behind the token
+
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
+
+class Gate:
+    """Of a server at `port`. Its token is new and random, and is the first part of every path."""
+
+    def __init__(self, port: int) -> None:
+        self.port, self.token = port, secrets.token_urlsafe(24)
+
+    @property
+    def address(self) -> str:
+        """What to open."""
+        return f"http://{HOST}:{self.port}/{self.token}/"
+
+    def path(self, request: Any) -> str | None:
+        """The path behind the token; None if the request has no business here.
+
+        request: websockets.http11.Request. Only websockets must name their origin: browsers always do for them, and
+        never for a page that somebody opens.
+        """
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or hosts[0] not in self._names():
+            return None
+        token, slash, path = str(request.path).removeprefix("/").partition("/")
+        if not secrets.compare_digest(token.encode(), self.token.encode()) or not slash:
+            return None
+        if path == LIVE and not origins:
+            return None
+        return path if all(origin == f"http://{hosts[0]}" for origin in origins) else None
+
+    def headers(self) -> dict[str, str]:
+        """Of every answer. The page may load from, and talk to, this server only."""
+        live = " ".join(f"ws://{name}" for name in self._names())
+        policy = {
+            "default-src": "'none'",
+            "script-src": "'self'",
+            "style-src": "'self'",
+            "img-src": "'self' data:",
+            "connect-src": live,
+            "base-uri": "'none'",
+            "form-action": "'none'",
+            "frame-ancestors": "'none'",
+        }
+        return HEADERS | {"Content-Security-Policy": "; ".join(f"{key} {value}" for key, value in policy.items())}
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(f"{name}:{self.port}" for name in NAMES)

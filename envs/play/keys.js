@@ -1,0 +1,114 @@
+"use strict";
+// Keys and touch: what the person holds down, and what was just tapped, as actions by name (see messages.py).
+const Keys = (() => {
+  const BINDINGS = [ // action, value, keys by their place on the keyboard, what to call them, what it does
+    ["ahead", 1, ["KeyW", "ArrowUp"], "W ↑", "forward"],
+    ["ahead", -1, ["KeyS", "ArrowDown"], "S ↓", "back"],
+    ["left", 1, ["KeyA"], "A", "to the left"],
+    ["left", -1, ["KeyD"], "D", "to the right"],
+    ["turn", 1, ["KeyQ", "ArrowLeft"], "Q ←", "turn left"],
+    ["turn", -1, ["KeyE", "ArrowRight"], "E →", "turn right"],
+    ["attack", 1, ["Space"], "Space", "attack"],
+    ["use", 1, ["KeyF"], "F", "use item"],
+    ["give", 1, ["KeyG"], "G", "give item"],
+    ["drop", 1, ["KeyX"], "X", "drop item"],
+  ];
+  const ONCE = new Set(["use", "give", "drop"]); // one item for a press, however long it is
+  const TOUCH = { turn: ["⟲", "⟳"], attack: ["Strike"], use: ["Use"], give: ["Give"], drop: ["Drop"] };
+
+  let bindings = [];
+  let tell = () => {};
+  const down = new Map(); // what each key, button or stick wants: {action: value}
+
+  // Bind the actions that this world has; those of other mechanics get the digits. tell(held, tapped) hears of changes.
+  function bind(actions, listener) {
+    const known = new Set(BINDINGS.map(([name]) => name));
+    const others = Object.keys(actions).filter((name) => !known.has(name)).slice(0, 9);
+    bindings = [
+      ...BINDINGS.filter(([name]) => name in actions),
+      ...others.map((name, k) => [name, actions[name][1], [`Digit${k + 1}`], String(k + 1), name.replaceAll("_", " ")]),
+    ];
+    tell = listener;
+  }
+
+  function held() {
+    const wishes = Object.assign({}, ...down.values()); // of two that contradict each other, the later one
+    return Object.fromEntries(Object.entries(wishes).filter(([name, value]) => value && !ONCE.has(name)));
+  }
+
+  function press(source, wish) {
+    const before = down.get(source) || {};
+    down.delete(source);
+    down.set(source, wish);
+    tell(held(), Object.fromEntries(Object.entries(wish).filter(([name, value]) => value && before[name] !== value)));
+  }
+
+  function release(source) {
+    if (down.delete(source)) tell(held(), {});
+  }
+
+  function releaseAll() {
+    if (!down.size) return;
+    down.clear();
+    tell({}, {});
+  }
+
+  // True if the event was one of ours.
+  function keydown(event) {
+    const binding = bindings.find(([, , codes]) => codes.includes(event.code));
+    if (!binding) return false;
+    if (!down.has(event.code) && !event.repeat) press(event.code, { [binding[0]]: binding[1] });
+    return true;
+  }
+
+  const keyup = (event) => release(event.code);
+
+  // Fill a list with the keys and what they do.
+  function explain(list, more) {
+    const rows = [...bindings.map(([, , , keys, what]) => [keys, what]), ...more];
+    list.replaceChildren(...rows.flatMap(([keys, what]) => {
+      const term = document.createElement("dt"), meaning = document.createElement("dd");
+      keys.split(" ").forEach((key) => term.append(Object.assign(document.createElement("kbd"), { textContent: key })));
+      meaning.textContent = what;
+      return [term, meaning];
+    }));
+  }
+
+  // Buttons for all that the stick does not do.
+  function buttons(parent) {
+    const wanted = bindings.filter(([name]) => name !== "ahead" && name !== "left");
+    parent.replaceChildren(...wanted.map(([name, value, , , what]) => {
+      const words = TOUCH[name] || [what], button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: words[value < 0 ? 1 : 0], ariaLabel: what });
+      button.dataset.action = name;
+      const source = `touch ${name} ${value}`;
+      button.addEventListener("pointerdown", (event) => {
+        button.setPointerCapture(event.pointerId);
+        press(source, { [name]: value });
+      });
+      for (const end of ["pointerup", "pointercancel"]) button.addEventListener(end, () => release(source));
+      button.addEventListener("contextmenu", (event) => event.preventDefault());
+      return button;
+    }));
+  }
+
+  // A stick: up is ahead, as the agent's own directions are.
+  function stick(pad) {
+    const knob = pad.firstElementChild;
+    const move = (event) => {
+      const { left, top, width, height } = pad.getBoundingClientRect();
+      let x = 2 * (event.clientX - left) / width - 1, y = 1 - 2 * (event.clientY - top) / height;
+      const size = Math.hypot(x, y), sign = (value) => (Math.abs(value) > 0.3 ? Math.sign(value) : 0);
+      const wish = { ahead: sign(y), left: sign(-x) }, before = down.get("stick") || {};
+      if (wish.ahead !== before.ahead || wish.left !== before.left) press("stick", wish);
+      if (size > 1) [x, y] = [x / size, y / size];
+      knob.style.transform = `translate(${x * width / 4}px, ${-y * height / 4}px)`;
+    };
+    const end = () => { knob.style.transform = ""; release("stick"); };
+    pad.addEventListener("pointerdown", (event) => { pad.setPointerCapture(event.pointerId); move(event); });
+    pad.addEventListener("pointermove", (event) => { if (pad.hasPointerCapture(event.pointerId)) move(event); });
+    for (const name of ["pointerup", "pointercancel"]) pad.addEventListener(name, end);
+  }
+
+  return { bind, keydown, keyup, releaseAll, explain, buttons, stick };
+})();

@@ -1,0 +1,107 @@
+"""Digests: sixteen bits for each component, which differ if any byte of it differs in any of the worlds.
+
+A component's digest is that of its words of four bytes: each is summed over the worlds, times an odd number of the
+world's; the sums are mixed, times an odd number of the word's, and summed; upper and lower half are joined. A word that
+differs in one world always changes the last sum, and goes unseen once in 2**16 times when the halves are joined.
+"""
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Component, Signal, Worlds
+
+Array = np.ndarray[Any, Any]
+
+AT_ONCE = 64  # worlds in a digest, at most: those of larger batches take turns
+CLOSER = 8  # worlds of which a digest also sums the upper halves of words: they take turns
+SHIFT = np.uint32(15)
+
+
+class Digests:
+    """Digests of the state of `worlds`, and of what it signals. names: of the components, in the order of a digest.
+
+    Run number r tells of the worlds `span(r)`, at most `at_once`; after `repeat` runs it is made in the same way again.
+    Observations are not in it, as they are a function of the state.
+    """
+
+    def __init__(self, worlds: Worlds, at_once: int = AT_ONCE) -> None:
+        self._count, self._at_once = worlds.count, at_once
+        self.period = -(-worlds.count // at_once)
+        self._turns = -(-min(worlds.count, at_once) // CLOSER)
+        self.repeat = self.period * self._turns
+        kinds = [c for c in worlds.components if c.packed or issubclass(c, Signal)]
+        self._block = worlds.block.view(np.uint32)
+        whole, owners, self._shared, self._masks, sharers = _words(worlds, kinds)
+        signals = [(k, _rows(a)) for k, c in enumerate(kinds) if not c.packed for a in worlds[c]]
+        self._signals = [rows for _, rows in signals]
+        owners = np.concatenate([owners, sharers, *(np.full(rows.shape[1], k) for k, rows in signals)])
+        self._order = np.argsort(owners, kind="stable")
+        found, self._starts = np.unique(owners[self._order], return_index=True)
+        self.names = [kinds[k].__name__ for k in found]
+        numbers = _odd(len(owners), 1)
+        numbers[: len(whole)][~whole] = 0
+        self._numbers, self._weights, self._closer = numbers[self._order], _odd(worlds.count, 2), _odd(worlds.count, 3)
+        self._sums = np.zeros(len(owners), np.uint32)
+
+    def span(self, run: int) -> slice:
+        """The worlds that the digest of this run is of."""
+        start = run % self.period * self._at_once
+        return slice(start, min(start + self._at_once, self._count))
+
+    def take(self, run: int) -> Array:
+        """The digest after the run of this number: uint16 (components,)."""
+        span = self.span(run)
+        self._add(span, run // self.period % self._turns)
+        words = self._sums[self._order]
+        words ^= words >> SHIFT
+        words *= self._numbers
+        totals: Array = np.add.reduceat(words, self._starts)
+        digest: Array = (totals ^ totals >> np.uint32(16)).astype(np.uint16)
+        return digest
+
+    def _add(self, span: slice, turn: int) -> None:
+        """Sum every word over these worlds.
+
+        The topmost bit of a word, the sign of a number, counts only odd or even in a sum: some worlds see to that bit.
+        """
+        block, weights = self._block[span], self._weights[span]
+        whole = self._sums[: block.shape[1]]
+        np.einsum("wk,w->k", block, weights, out=whole)
+        some = slice(turn * CLOSER, turn * CLOSER + CLOSER)
+        whole += np.einsum("wk,w->k", block[some] >> SHIFT, self._closer[span][some])
+        parts = [block[:, self._shared] & self._masks, *(rows[span] for rows in self._signals)]
+        np.einsum("wk,w->k", np.concatenate(parts, 1), weights, out=self._sums[block.shape[1] :])
+
+
+def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, Array, Array, Array]:
+    """Which words of a world's block are whose.
+
+    Returns, for each word, whether it is one component's alone, and whose; then the words that are of several, once for
+    each of them, as: number of the word, mask of its bits, whose.
+    """
+    owner = np.full(worlds.layout.world_bytes, -1)
+    for place in worlds.layout.places:
+        if place.offset >= 0:
+            size = place.component.columns[place.name].dtype.itemsize * int(np.prod(place.shape))
+            owner[place.offset : place.offset + size] = kinds.index(place.component)
+    fours = owner.reshape(-1, 4)
+    owners = fours.max(1)
+    whole = ((fours == owners[:, None]) | (fours < 0)).all(1)
+    parts = [(k, c) for k in np.flatnonzero(~whole) for c in np.unique(fours[k]) if c >= 0]
+    masks = [(np.where(fours[k] == c, 0xFF, 0) << np.arange(0, 32, 8)).sum() for k, c in parts]
+    numbers, shares = (np.array([part[axis] for part in parts], np.intp) for axis in (0, 1))
+    return whole, np.maximum(owners, 0), numbers, np.array(masks, np.uint32), shares
+
+
+def _rows(array: Array) -> Array:
+    """A column's bytes as words of four bytes, or single ones if they do not come in fours: a row a world."""
+    rows = array.reshape(len(array), -1)
+    return rows.view(np.uint32 if rows.shape[1] * rows.itemsize % 4 == 0 else np.uint8)
+
+
+def _odd(count: int, stream: int) -> Array:
+    """Odd uint32 (count,), random and always the same."""
+    words = np.frombuffer(hashlib.shake_128(b"%d" % stream).digest(4 * count), "<u4")
+    return words.astype(np.uint32) | np.uint32(1)

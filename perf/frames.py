@@ -1,0 +1,87 @@
+"""Frames a second: drawing, and writing films.
+
+    python -m perf.frames [--save MACHINE]
+
+Worlds of teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual views, on one
+core, in processor time. The films are of frames drawn before, from the first byte to the film that has been read back,
+in wall time: FFmpeg takes all cores for .mp4 and .gif. Best of several rounds.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from outlast import make_vec
+from outlast.ecs import Worlds
+from outlast.envs.codecs import CODECS
+from outlast.envs.film import write
+from outlast.envs.policies import scripted_policy
+from outlast.envs.render import draw
+from outlast.envs.rollout import ticks
+from outlast.envs.views import VIEWS, View, select
+from perf.table import Table, options
+
+SIZES = (256, 512)  # pixels
+START, LENGTH = 300, 120  # ticks before, and frames of a film
+WORLDS = 16
+ROUNDS = 3
+
+
+def main() -> None:
+    """Draw, then write every format."""
+    given = options(__doc__).parse_args()
+    cv2.setNumThreads(1)
+    table = Table("frames", "frames a second", *(f"{size} pixels" for size in SIZES))
+    for name, views in (("draw", VIEWS), ("draw, vision and lines, too", select("+vision,+lines"))):
+        table.add(name, *(f"{drawing(size, views):,.0f}" for size in SIZES))
+    films = [filmed(size) for size in SIZES]
+    for suffix in tqdm(CODECS, unit="format"):
+        table.add(f"write {suffix or 'a folder of .png'}", *(f"{writing(film, suffix):,.0f}" for film in films))
+    table.finish(given.save)
+
+
+def drawing(size: int, views: Iterable[View]) -> float:
+    """Frames drawn in a second of processor time."""
+    worlds, shown = played(), list(views)
+    return rate(lambda k: draw(worlds, k % WORLDS, size, shown), 200, time.process_time)
+
+
+def writing(film: list[np.ndarray], suffix: str) -> float:
+    """Frames written and read back in a second."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"film{suffix}"
+        return len(film) * rate(lambda k: write(path, film, 30), 1, time.perf_counter)
+
+
+def rate(call: Callable[[int], object], count: int, clock: Callable[[], float]) -> float:
+    """Calls a second, the best of ROUNDS times `count`; one round to warm up is not counted."""
+    seconds = []
+    for _ in range(ROUNDS + 1):
+        start = clock()
+        for k in range(count):
+            call(k)
+        seconds.append(clock() - start)
+    return count / min(seconds[1:])
+
+
+def played() -> Worlds:
+    """Worlds in the middle of the game."""
+    env = make_vec("teams_3", WORLDS, seed=0)
+    for _ in ticks(env, scripted_policy(env), START):
+        pass
+    return env.worlds
+
+
+def filmed(size: int) -> list[np.ndarray]:
+    """Frames of one world, tick after tick."""
+    env = make_vec("teams_3", 1, seed=0)
+    return [draw(env.worlds, 0, size) for tick in ticks(env, scripted_policy(env), START + LENGTH - 1) if tick >= START]
+
+
+if __name__ == "__main__":
+    main()
