@@ -4,10 +4,10 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from .arguments import Array, check_count
+from .arguments import Array, check_choice, check_count
 from .face import Face
 from .frames import RENDER_MODES
-from .rows import check_choice, face_core, world_seeds
+from .rows import face_core, world_seeds
 from .scenario import Scenario
 
 

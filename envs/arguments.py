@@ -17,6 +17,12 @@ def check_count(name: str, value: Any, least: int) -> None:
         raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
 
 
+def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = "") -> None:
+    """ValueError unless `value` is one of those allowed."""
+    if not isinstance(value, (str, type(None))) or value not in allowed:
+        raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
+
+
 def autoreset_mode(value: Any) -> AutoresetMode:
     """The mode, or the one of that value; ValueError for anything else."""
     try:

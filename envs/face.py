@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from gymnasium.logger import warn
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -12,7 +11,7 @@ from outlast.ecs import Clock, Entity, Statistic
 
 from .arguments import Array, reset_mask
 from .errors import ClosedError, NotResetError
-from .frames import FPS, RENDER_MODES, Frames, painter
+from .frames import FPS, RENDER_MODES, Frames, Painter
 from .parallel_spaces import agent_spaces
 from .rows import checked_rows, world_mask, world_seeds
 from .spaces import published, statistics
@@ -53,7 +52,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._agents = core.worlds.span("agent")
         self.over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
-        self._moves = 0  # calls that changed the worlds: frames of an earlier one are stale
+        self._painter = Painter(core.worlds, render_mode)
 
     @property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -79,7 +78,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
             super().reset(seed=int(seed))  # for np_random_seed
         self.over &= ~mask
         self._started |= mask
-        self._moves += 1
+        self._painter.moved()
         return self._observe(), self._tell(mask)
 
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -91,7 +90,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._check_steppable()
         joint = self._joint(checked_rows(actions, self.num_envs, self.core.action_sizes, self.check_actions))
         _, reward, terminated, truncated, _ = self.core.step(joint)
-        self._moves += 1
+        self._painter.moved()
         terminated, truncated = self._ends(terminated, truncated)
         if self.over.any():  # NEXT_STEP, and this was the step that resets them
             self._restart(reward, terminated, truncated)
@@ -105,12 +104,9 @@ class Face(VectorEnv[Arrays, Actions, Array]):
 
         Read it before the next step or reset; list(env.render()) draws everything at once.
         """
-        if self.render_mode is None:
-            warn(f"render() draws nothing without a render_mode; make the environment with one of {RENDER_MODES}")
-            return None
-        self._check_started("render")
-        paint, moves = painter(self.render_mode), self._moves
-        return Frames(lambda w: paint(self.core.worlds, w), self.num_envs, self._each, lambda: self._moves == moves)
+        if self.render_mode is not None:
+            self._check_started("render")
+        return self._painter.frames(self.num_envs, self._each)
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -122,7 +118,7 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._started[:] = state.arrays["started"]
         self.over[:] = state.arrays["over"]
         self.over = np.logical_or(*self._ends(self.over, np.zeros(self.num_worlds, bool)))
-        self._moves += 1
+        self._painter.moved()
         return self._observe()
 
     def close_extras(self, **kwargs: Any) -> None:

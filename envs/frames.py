@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from gymnasium.logger import warn
+
 from outlast.ecs import Worlds
 
 RENDER_MODES = ("rgb_array", "ansi")
@@ -38,6 +40,28 @@ class Frames(Sequence[Any]):
                 )
             self._drawn[w] = self._draw(w)
         return self._drawn[w]
+
+
+class Painter:
+    """Draws worlds as a render_mode says: "rgb_array", "ansi", or None for nothing.
+
+    moved() is to be called whenever the worlds have changed: frames that were not read by then are gone.
+    """
+
+    def __init__(self, worlds: Worlds, render_mode: str | None) -> None:
+        self._worlds, self._mode, self._moves = worlds, render_mode, 0
+
+    def moved(self) -> None:
+        """The worlds have changed."""
+        self._moves += 1
+
+    def frames(self, count: int, each: int = 1) -> Frames | None:
+        """A frame for each of `count` sub-environments, `each` of them in a world; None without a mode."""
+        if self._mode is None:
+            warn(f"render() draws nothing without a render_mode; make the environment with one of {RENDER_MODES}")
+            return None
+        paint, moves = painter(self._mode), self._moves
+        return Frames(lambda w: paint(self._worlds, w), count, each, lambda: self._moves == moves)
 
 
 def painter(render_mode: str) -> Callable[[Worlds, int], Any]:

@@ -8,11 +8,11 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
 
-from .arguments import Array, check_count
+from .arguments import Array, check_choice, check_count
 from .face import Face
 from .frames import RENDER_MODES
 from .opponents import Opponents, Others, check_others
-from .rows import check_choice, face_core
+from .rows import face_core
 from .scenario import Scenario
 from .vector import SurvivalVectorEnv
 

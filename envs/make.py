@@ -12,8 +12,8 @@ def make_vec(scenario: str | Scenario, num_worlds: int, **options: Any) -> Survi
 
     >>> env = outlast.make_vec("teams_3", 4096, seed=0, threads=2)
 
-    options: seed, threads, autoreset, copy, check_actions, first_world; see SurvivalVectorEnv. Raises ScenarioError for
-    an unknown variant, and NumberError or ScheduleError for a scenario that cannot be.
+    options: seed, threads, autoreset, copy, check_actions, first_world, render_mode; see SurvivalVectorEnv. Raises
+    ScenarioError for an unknown variant, and NumberError or ScheduleError for a scenario that cannot be.
     """
     if isinstance(scenario, str):
         scenario = variant(scenario)

@@ -11,11 +11,10 @@ from outlast.components import End
 from outlast.ecs import Entity
 
 from . import frames
-from .arguments import Array, check_count
+from .arguments import Array, check_choice, check_count
 from .errors import ActionError, ClosedError, NotResetError
 from .make import make_vec
 from .parallel_spaces import Overview, agent_action, agent_spaces
-from .rows import check_choice
 from .scenario import Scenario
 from .state import State
 from .variants import variant

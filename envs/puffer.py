@@ -8,11 +8,11 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Entity
 
-from .arguments import Array
+from .arguments import Array, check_choice
 from .frames import RENDER_MODES, painter
 from .make import make_vec
 from .parallel_spaces import agent_spaces
-from .rows import check_choice, checked_rows
+from .rows import checked_rows
 from .scenario import Scenario
 from .vector import SurvivalVectorEnv
 

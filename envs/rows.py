@@ -22,12 +22,6 @@ def face_core(
     return make_vec(scenario, num_worlds, autoreset=inner, **options), mode
 
 
-def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = "") -> None:
-    """ValueError unless `value` is one of those allowed."""
-    if not isinstance(value, (str, type(None))) or value not in allowed:
-        raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
-
-
 def checked_rows(given: Any, count: int, sizes: Array, ranges: bool) -> Array:
     """`given` as an integer array (count, actions). ranges: check that each is below its size. Raises ActionError."""
     actions, shape = as_array(given), (count, len(sizes))

@@ -5,12 +5,11 @@ from typing import Any
 
 import gymnasium
 
-from .arguments import Array, as_array
+from .arguments import Array, as_array, check_choice
 from .errors import ActionError, NotResetError
 from .frames import FPS, RENDER_MODES
 from .learners import SurvivalLearnerVectorEnv
 from .opponents import Others
-from .rows import check_choice
 from .scenario import Scenario
 from .state import State
 from .window import Window

@@ -82,15 +82,17 @@ class State:
 
 def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> State:
     """The state of the worlds `where` (mask, indices or slice). faces: what a face keeps for each world."""
-    return State(identity(scenario), {name: array[where].copy() for name, array in _arrays(worlds, faces).items()})
+    rows = _rows(worlds, where)
+    return State(identity(scenario), {name: array[rows] for name, array in _arrays(worlds, faces).items()})
 
 
-def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Array) -> None:
-    """Make the worlds `where` (indices) go on from `state`: one for each of them, or one for all. Raises StateError."""
+def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> None:
+    """Make the worlds `where` go on from `state`: one for each of them, or one for all. Raises StateError."""
     if other := difference(state.scenario, identity(scenario)):
         raise StateError(f"the state is of another scenario {other}")
-    if len(state) not in (1, len(where)):
-        raise StateError(f"a state of {len(state)} worlds for {len(where)} worlds: one, or as many, are needed")
+    rows = _rows(worlds, where)
+    if len(state) not in (1, len(rows)):
+        raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, faces)
     for name, array in arrays.items():
         given = state.arrays.get(name)
@@ -98,7 +100,12 @@ def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array
             found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
             raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
     for name, array in arrays.items():
-        array[where] = state.arrays[name]
+        array[rows] = state.arrays[name]
+
+
+def _rows(worlds: Worlds, where: Any) -> Array:
+    """The numbers of the worlds `where`."""
+    return np.atleast_1d(np.arange(worlds.count)[where])
 
 
 def identity(scenario: Scenario) -> dict[str, Any]:

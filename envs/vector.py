@@ -1,7 +1,6 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import os
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +10,13 @@ from gymnasium.vector.utils import batch_space
 from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
-from .arguments import autoreset_mode, check_count, checked_actions, keys, reset_mask
+from .arguments import autoreset_mode, check_choice, check_count, checked_actions, keys, reset_mask
+from .background import Background
 from .buffers import copies, flat_size, locked, write
 from .deaths import log_deaths
 from .errors import ClosedError, PendingError, RecordingError
 from .faults import check_faults, check_playable, check_steppable
+from .frames import FPS, RENDER_MODES, Frames, Painter
 from .notice import announce_compilation
 from .scenario import Scenario
 from .spaces import action_space, observation_space, published, statistics
@@ -51,15 +52,19 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         copy: bool = False,
         check_actions: bool = True,
         first_world: int = 0,
+        render_mode: str | None = None,
     ) -> None:
         check_count("num_worlds", num_worlds, 1)
         check_count("threads", threads, 1)
         check_count("first_world", first_world, 0)
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset = autoreset_mode(autoreset)
-        self.metadata = {"render_modes": [], "render_fps": 30, "autoreset_mode": self.autoreset, "name": scenario.name}
+        self.autoreset, self.render_mode = autoreset_mode(autoreset), render_mode
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
+        self.metadata["autoreset_mode"] = self.autoreset
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         self._runner: Any = self.worlds  # or what also records it
+        self._background, self._painter = Background(), Painter(self.worlds, render_mode)
         check_playable(self.worlds, scenario.name)
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
@@ -75,8 +80,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
-        self._background: ThreadPoolExecutor | None = None
-        self._pending: Future[Any] | None = None
+        self._faces = {"over": self._over, "started": self._started}
         self._seed(seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1))
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(self._mode)  # nobody moves, but the tick gets compiled or loaded
@@ -104,7 +108,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if seed is not None:
             self._seed(seed, mask)
         self._mode[:] = np.where(mask, RESET, SKIP)
-        self._runner.run(self._mode)
+        self._run()
         self._over &= ~mask
         self._started |= mask
         return self._observe(), {}
@@ -125,7 +129,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._mode[:] = STEP
         if self.autoreset is AutoresetMode.NEXT_STEP:
             self._mode += self._over  # RESET is the number after STEP
-        self._runner.run(self._mode)
+        self._run()
         check_faults(self.worlds)
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
@@ -142,19 +146,16 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         arrays that the call before returned are overwritten while the step runs, unless copy=True.
         """
         self._check_open()
-        self._background = self._background or ThreadPoolExecutor(1, "outlast")
-        self._pending = self._background.submit(self._step, actions)
+        self._background.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """What `step` would have returned or raised for the actions that were sent."""
-        if self._pending is None:
-            raise PendingError("recv() without send()")
-        try:
-            result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._pending.result()
-            return result
-        finally:
-            if self._pending.done():  # it is not after Ctrl-C: then recv() can be called again
-                self._pending = None
+        result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._background.fetch()
+        return result
+
+    def render(self) -> Frames | None:  # type: ignore[override]
+        """A sequence of num_worlds frames, uint8 (height, width, 3), or texts: to be read before the next call."""
+        return self._painter.frames(self.num_worlds)
 
     def observe(self, out: Any = None) -> Arrays:
         """The observations as they are now; also written into `out`, if that is given (see envs.buffers).
@@ -174,7 +175,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
         self._check_open()
-        return take(self.scenario, self.worlds, self._faces, self._indices(where))
+        return take(self.scenario, self.worlds, self._faces, where)
 
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
         """Go on from `state` in the worlds `where`: one for each, or one for all of them. Returns the observations.
@@ -183,7 +184,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         as they would have: copies of a world see the same.
         """
         self._check_open("set_state")
-        put(state, self.scenario, self.worlds, self._faces, self._indices(where))
+        put(state, self.scenario, self.worlds, self._faces, where)
+        self._painter.moved()
         return self._observe()
 
     def record(self, path: str | os.PathLike[str]) -> "Recorder":
@@ -200,18 +202,10 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go, and end a recording."""
-        if background := getattr(self, "_background", None):
-            background.shutdown()
         if hasattr(self, "worlds"):  # it is not there when the constructor refused its arguments
+            self._background.close()
             self.worlds.close()
             self._runner.close()
-
-    def _indices(self, where: Any) -> Any:
-        return np.atleast_1d(np.arange(self.num_worlds)[where])
-
-    @property
-    def _faces(self) -> dict[str, Any]:
-        return {"over": self._over, "started": self._started}
 
     def _finish(self) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
@@ -220,9 +214,13 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             info |= {"final_obs": copies(self._observations, self._over), "_final_obs": self._over.copy()}
             info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": self._over.copy()}
             self._mode[:] = np.where(self._over, RESET, SKIP)
-            self._runner.run(self._mode)
+            self._run()
             self._over[:] = False
         return info
+
+    def _run(self) -> None:
+        self._runner.run(self._mode)
+        self._painter.moved()
 
     def _observe(self) -> Arrays:
         return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
@@ -235,7 +233,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """Raises ClosedError or PendingError; and RecordingError, for a call that is none of a recording's."""
         if self.closed:
             raise ClosedError("the environment is closed; make a new one")
-        if self._pending is not None:
+        if self._background.busy:
             raise PendingError("a step was sent and not received; call recv() first")
         if call and self._recording:
             raise RecordingError(f"{call}() while a recording goes on; close() that first")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import vector as wrappers
 
+import outlast
 from outlast.envs.frames import Frames
 from tests.conftest import scaled
 from tests.test_agents import MODES, SEED, STEPS, drawn, make, same
@@ -54,9 +55,32 @@ def test_sub_environments_show_their_world(mode: str) -> None:
         stale[0]  # type: ignore[index]
 
 
+@pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
+def test_worlds_show_themselves(mode: str) -> None:
+    from outlast.envs.render import draw, text
+
+    env = outlast.make_vec("ffa_3", 2, seed=SEED, render_mode=mode)
+    env.reset()
+    frames = env.render()
+    assert frames is not None
+    expected = [(draw if mode == "rgb_array" else text)(env.worlds, w) for w in (0, 1)]
+    assert all(np.array_equal(a, b) for a, b in zip(frames, expected, strict=True))
+    for move in (env.reset, lambda: env.set_state(env.get_state()), lambda: env.step(np.ones((2, 2, 6), int))):
+        stale = env.render()
+        move()
+        with pytest.raises(RuntimeError, match="moved on"):
+            stale[0]  # type: ignore[index]
+
+
 def test_without_a_render_mode_nothing_is_drawn() -> None:
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert make(worlds=1).render() is None
+    for env in (make(worlds=1), outlast.make_vec("ffa_3", 1)):
+        with pytest.warns(UserWarning, match="render_mode"):
+            assert env.render() is None
+
+
+def test_a_render_mode_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="'rgb_array', 'ansi'"):
+        outlast.make_vec("ffa_3", 1, render_mode="human")
 
 
 # ---- Gymnasium's wrappers
@@ -146,15 +170,16 @@ def test_observations_are_filtered_and_changed() -> None:
     assert set(env.step(drawn(env, 0))[0]) == {"self", "zone"}
 
 
-def test_videos_are_recorded(tmp_path: Any) -> None:
+@pytest.mark.parametrize("maker", [make, outlast.make_vec])
+def test_videos_are_recorded(tmp_path: Any, maker: Any) -> None:
     pytest.importorskip("moviepy", reason="gymnasium's RecordVideo needs moviepy")
     env = wrappers.RecordVideo(
-        make("ffa_3", 2, seed=SEED, render_mode="rgb_array"), str(tmp_path / "videos"), record_first_only=True,
+        maker("ffa_3", 2, seed=SEED, render_mode="rgb_array"), str(tmp_path / "videos"), record_first_only=True,
         video_length=5, step_trigger=lambda step: step == 0,
     )  # fmt: skip
     env.reset()
-    for tick in range(8):
-        env.step(drawn(env, tick))
+    for _ in range(8):
+        env.step(env.action_space.sample())
     env.close()
     (video,) = (tmp_path / "videos").glob("*.mp4")
     assert video.stat().st_size > 1000
