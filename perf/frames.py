@@ -18,8 +18,8 @@ from tqdm import tqdm
 
 from outlast import make_vec
 from outlast.ecs import Worlds
-from outlast.envs.codecs import CODECS
 from outlast.envs.film import write
+from outlast.envs.film.codecs import CODECS
 from outlast.envs.policies import scripted_policy
 from outlast.envs.render import draw
 from outlast.envs.rollout import ticks

@@ -10,8 +10,8 @@ from gymnasium.vector.utils import batch_space
 
 import outlast
 from outlast import ScenarioError, make_vec
-from outlast.envs.agents import SurvivalAgentVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from outlast.envs.faces.agents import SurvivalAgentVectorEnv
 from tests.conftest import scaled
 from tests.test_vector import equal, short
 

@@ -9,7 +9,7 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.envs import main as cli
-from outlast.envs.footage import footage
+from outlast.envs.film.footage import footage
 from outlast.envs.policies import POLICIES, scripted_policy
 from outlast.envs.rollout import ticks
 from outlast.envs.views import select

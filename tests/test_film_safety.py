@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
-from outlast.envs import codecs, film
 from outlast.envs.errors import FilmError
-from outlast.envs.film import write
+from outlast.envs.film import codecs, write, writer
 from tests.test_film import SUFFIXES, Image, frame, frames, needs
 
 # ---- mistakes
@@ -156,7 +155,7 @@ def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch:
         codec.write(path, given, fps)
         path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
 
-    monkeypatch.setitem(film.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
+    monkeypatch.setitem(writer.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
     with pytest.raises(FilmError, match="the film was not written whole"):
         write(tmp_path / f"film{suffix}", frames())
     assert os.listdir(tmp_path) == []

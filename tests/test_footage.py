@@ -10,7 +10,7 @@ import pytest
 from outlast import make_vec
 from outlast.ecs import Clock
 from outlast.envs.errors import FilmError
-from outlast.envs.footage import footage, near_square
+from outlast.envs.film.footage import footage, near_square
 from outlast.envs.policies import scripted_policy
 from outlast.envs.render import draw
 from outlast.envs.rollout import ticks

@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 
 from outlast import VARIANTS, ScenarioError, make_vec
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
-from outlast.envs.learners import SurvivalLearnerVectorEnv
-from outlast.envs.register import IDS
-from outlast.envs.single import SurvivalEnv
+from outlast.envs.faces.learners import SurvivalLearnerVectorEnv
+from outlast.envs.faces.register import IDS
+from outlast.envs.faces.single import SurvivalEnv
 from tests.conftest import scaled
 from tests.test_vector import equal, short
 
@@ -298,10 +298,11 @@ assert gymnasium.make_vec("outlast:outlast/FreeForAll1-v0", num_envs=2).spec.id 
     "a second import is silent, and what stands behind the ids is loaded late": """
 import importlib, sys
 import gymnasium, outlast
-importlib.reload(outlast.envs.register)
+importlib.reload(outlast.envs.faces.register)
 importlib.reload(outlast)
 assert sum(name.startswith("outlast/") for name in gymnasium.registry) == 10
-assert not {"outlast.envs.single", "outlast.envs.learners", "outlast.envs.agents", "cv2"} & set(sys.modules)
+late = ("outlast.envs.faces.single", "outlast.envs.faces.learners", "outlast.envs.faces.agents", "cv2")
+assert not set(late) & set(sys.modules)
 """,
 }
 

@@ -11,9 +11,9 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 import outlast
 from outlast import variant
 from outlast.envs.errors import ActionError, NotResetError
-from outlast.envs.learners import SurvivalLearnerVectorEnv
-from outlast.envs.opponents import Opponents
-from outlast.envs.single import SurvivalEnv
+from outlast.envs.faces.learners import SurvivalLearnerVectorEnv
+from outlast.envs.faces.opponents import Opponents
+from outlast.envs.faces.single import SurvivalEnv
 from tests.conftest import COMPILED, digest, scaled
 from tests.test_vector import equal, short
 

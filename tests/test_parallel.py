@@ -15,7 +15,7 @@ import pytest
 import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
-from outlast.envs import parallel
+from outlast.envs.faces import parallel
 from tests.conftest import COMPILED, scaled
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples

@@ -8,7 +8,7 @@ import pytest
 import outlast
 from outlast.components import Bag, Box, Health
 from outlast.ecs import Worlds
-from outlast.envs.parallel_spaces import Overview
+from outlast.envs.faces.parallel_spaces import Overview
 from outlast.systems import AutoPickup, GiveLast, Heals, Inventory, SafeZone
 from tests.conftest import scaled
 from tests.test_parallel import act, both, play, same, short

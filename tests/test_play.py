@@ -9,11 +9,11 @@ import outlast
 from outlast.components import Health, Side
 from outlast.ecs import Clock
 from outlast.envs.errors import PlayError
+from outlast.envs.faces.single import SurvivalEnv
 from outlast.envs.play.game import Game, Phase
 from outlast.envs.play.messages import Command, MessageError, Speed, Steer, parse
 from outlast.envs.play.words import tell
 from outlast.envs.policies import POLICIES
-from outlast.envs.single import SurvivalEnv
 from tests.conftest import digest
 from tests.players import MALFORMED
 

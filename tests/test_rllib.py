@@ -13,7 +13,7 @@ from ray.rllib.connectors.env_to_module import FlattenObservations  # noqa: E402
 from ray.rllib.env.env_context import EnvContext  # noqa: E402
 from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
 
-from outlast.envs.rllib import SurvivalMultiAgentEnv  # noqa: E402
+from outlast.envs.faces.rllib import SurvivalMultiAgentEnv  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 

@@ -8,11 +8,11 @@
 from importlib import import_module
 from typing import Any
 
+from .envs.faces.register import register as register_gymnasium
+from .envs.faces.zoo import register as register_pettingzoo
 from .envs.make import make_vec
-from .envs.register import register as register_gymnasium
 from .envs.scenario import Scenario, ScenarioError
 from .envs.variants import ALIASES, VARIANTS, variant
-from .envs.zoo import register as register_pettingzoo
 
 __version__ = "0.1.0"
 __all__ = ["ALIASES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
@@ -20,12 +20,12 @@ __all__ = ["ALIASES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "vari
 _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
     "Recording": "envs.recording",
     "Replay": "envs.recording",
-    "aec_env": "envs.parallel",
-    "make_agents": "envs.agents",
-    "make_puffer": "envs.puffer",
-    "make_sb3": "envs.sb3",
-    "parallel_env": "envs.parallel",
-    "SurvivalMultiAgentEnv": "envs.rllib",
+    "aec_env": "envs.faces.parallel",
+    "make_agents": "envs.faces.agents",
+    "make_puffer": "envs.faces.puffer",
+    "make_sb3": "envs.faces.sb3",
+    "parallel_env": "envs.faces.parallel",
+    "SurvivalMultiAgentEnv": "envs.faces.rllib",
 }
 
 

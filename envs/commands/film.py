@@ -53,8 +53,8 @@ def shoot(
 
     chosen: numbers of the worlds to show; None: all, or as many as the mosaic has room for.
     """
-    from ..film import write  # here, as OpenCV takes a while to load
-    from ..footage import footage
+    from ..film.footage import footage
+    from ..film.writer import write  # here, as OpenCV takes a while to load
     from ..views import select
 
     room = worlds.count if options.mosaic is None else options.mosaic[0] * options.mosaic[1]

@@ -9,7 +9,7 @@ import webbrowser
 from typing import Any
 
 from ..errors import PlayError
-from ..opponents import NAMES
+from ..faces.opponents import NAMES
 from .options import add_scenario, scenario, seed
 
 FASTEST = 1000  # ticks a second

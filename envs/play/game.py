@@ -13,8 +13,8 @@ from outlast.components.score import End, Episode
 from outlast.ecs import Action, Clock, Entity
 
 from ..errors import PlayError
+from ..faces.opponents import Opponents, Others
 from ..make import make_vec
-from ..opponents import Opponents, Others
 from ..page import describe, events, snapshot
 from ..scenario import Scenario
 from ..spaces import published

@@ -7,11 +7,11 @@ import numpy as np
 
 from outlast.ecs import Worlds
 
-from .canvas import LARGEST, SMALLEST, Image
-from .errors import FilmError
-from .render import draw
-from .views import View
-from .views.palette import BLACK
+from ..canvas import LARGEST, SMALLEST, Image
+from ..errors import FilmError
+from ..render import draw
+from ..views import View
+from ..views.palette import BLACK
 
 Grid = tuple[int, int]  # rows, columns
 WIDEST = 2**14  # pixels, sides of a mosaic: films can do no more

@@ -5,13 +5,13 @@ from typing import Any
 
 import gymnasium
 
-from .arguments import Array, as_array, check_choice
-from .errors import ActionError, NotResetError
-from .frames import FPS, RENDER_MODES
+from ..arguments import Array, as_array, check_choice
+from ..errors import ActionError, NotResetError
+from ..frames import FPS, RENDER_MODES
+from ..scenario import Scenario
+from ..state import State
 from .learners import SurvivalLearnerVectorEnv
 from .opponents import Others
-from .scenario import Scenario
-from .state import State
 from .window import Window
 
 Observation = dict[str, Array]

@@ -15,8 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..errors import FilmError
 from .apng import count_apng, write_apng
-from .errors import FilmError
 
 Image = np.ndarray[Any, Any]
 

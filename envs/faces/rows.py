@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from .arguments import Array, as_array, autoreset_mode
-from .errors import ActionError
-from .make import make_vec
-from .scenario import Scenario
-from .vector import SurvivalVectorEnv
+from ..arguments import Array, as_array, autoreset_mode
+from ..errors import ActionError
+from ..make import make_vec
+from ..scenario import Scenario
+from ..vector import SurvivalVectorEnv
 
 
 def face_core(

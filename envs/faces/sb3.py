@@ -9,13 +9,13 @@ from gymnasium.vector import AutoresetMode
 from outlast.components import Side
 from outlast.ecs import Entity, Statistic
 
-from .arguments import check_count, keys
-from .errors import ActionError, PendingError
-from .make import make_vec
+from ..arguments import check_count, keys
+from ..errors import ActionError, PendingError
+from ..make import make_vec
+from ..scenario import Scenario
+from ..spaces import published
+from ..vector import Arrays, SurvivalVectorEnv
 from .parallel_spaces import agent_spaces
-from .scenario import Scenario
-from .spaces import published
-from .vector import Arrays, SurvivalVectorEnv
 from .window import Window
 
 try:
@@ -193,7 +193,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         return [range(self.num_envs)[i] for i in self._get_indices(indices)]
 
     def _pictures(self, worlds: Iterable[int]) -> list[Array]:
-        from .render import draw  # with what draws, which training has no use for
+        from ..render import draw  # with what draws, which training has no use for
 
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")

@@ -4,11 +4,11 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from .arguments import Array, check_choice, check_count
+from ..arguments import Array, check_choice, check_count
+from ..frames import RENDER_MODES
+from ..scenario import Scenario
 from .face import Face
-from .frames import RENDER_MODES
 from .rows import face_core, world_seeds
-from .scenario import Scenario
 
 
 class SurvivalAgentVectorEnv(Face):

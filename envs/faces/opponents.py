@@ -7,10 +7,10 @@ import numpy as np
 
 from outlast.ecs import Clock
 
-from .arguments import Array, as_array
-from .errors import ActionError
-from .policies import GOLDEN, Policy, joint_actions, mixed, noop_policy, scripted_policy
-from .vector import SurvivalVectorEnv
+from ..arguments import Array, as_array
+from ..errors import ActionError
+from ..policies import GOLDEN, Policy, joint_actions, mixed, noop_policy, scripted_policy
+from ..vector import SurvivalVectorEnv
 
 Others = str | Policy
 NAMES = ("noop", "random", "scripted")

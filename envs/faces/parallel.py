@@ -10,14 +10,14 @@ from gymnasium import spaces
 from outlast.components import End
 from outlast.ecs import Entity
 
-from . import frames
-from .arguments import Array, check_choice, check_count
-from .errors import ActionError, ClosedError, NotResetError
-from .make import make_vec
+from .. import frames
+from ..arguments import Array, check_choice, check_count
+from ..errors import ActionError, ClosedError, NotResetError
+from ..make import make_vec
+from ..scenario import Scenario
+from ..state import State
+from ..variants import variant
 from .parallel_spaces import Overview, agent_action, agent_spaces
-from .scenario import Scenario
-from .state import State
-from .variants import variant
 from .window import Window
 
 try:
@@ -131,7 +131,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         self._check_started("render")
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
-        from .render import draw, text  # here, as OpenCV takes a while to load
+        from ..render import draw, text  # here, as OpenCV takes a while to load
 
         if self.render_mode == "ansi":
             return text(self.batch.worlds, 0)

@@ -9,14 +9,14 @@ from gymnasium.vector.utils import batch_space
 from outlast.components import Side
 from outlast.ecs import Clock, Entity, Statistic
 
-from .arguments import Array, reset_mask
-from .errors import ClosedError, NotResetError
-from .frames import FPS, RENDER_MODES, Frames, Painter
+from ..arguments import Array, reset_mask
+from ..errors import ClosedError, NotResetError
+from ..frames import FPS, RENDER_MODES, Frames, Painter
+from ..spaces import published, statistics
+from ..state import State
+from ..vector import Actions, Arrays, SurvivalVectorEnv
 from .parallel_spaces import agent_spaces
 from .rows import checked_rows, world_mask, world_seeds
-from .spaces import published, statistics
-from .state import State
-from .vector import Actions, Arrays, SurvivalVectorEnv
 
 
 class Face(VectorEnv[Arrays, Actions, Array]):

@@ -1,6 +1,6 @@
 """The variants in PettingZoo's registry: pettingzoo.make("parallel", "outlast/ffa_1-v0"), or "aec"."""
 
-from .variants import VARIANTS
+from ..variants import VARIANTS
 
 MAKERS = {"parallel": "parallel_env", "aec": "aec_env"}
 
@@ -14,5 +14,5 @@ def register() -> None:
     for kind, registry in (("parallel", parallel_registry), ("aec", aec_registry)):
         for name in VARIANTS:
             if f"outlast/{name}-v0" not in registry:  # the package was reloaded
-                entry_point = f"outlast.envs.parallel:{MAKERS[kind]}"
+                entry_point = f"outlast.envs.faces.parallel:{MAKERS[kind]}"
                 register(kind, f"outlast/{name}-v0", entry_point, kwargs={"scenario": name})

@@ -22,7 +22,7 @@ def register() -> None:
         if name not in gymnasium.registry:
             gymnasium.register(
                 name,
-                entry_point="outlast.envs.single:SurvivalEnv",
-                vector_entry_point="outlast.envs.learners:SurvivalLearnerVectorEnv",
+                entry_point="outlast.envs.faces.single:SurvivalEnv",
+                vector_entry_point="outlast.envs.faces.learners:SurvivalLearnerVectorEnv",
                 kwargs={"variant": variant},
             )

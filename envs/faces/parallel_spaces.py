@@ -8,10 +8,10 @@ from gymnasium import spaces
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, Zone
 from outlast.ecs import Entity, Worlds
 
-from .arguments import Array, as_array
-from .errors import ActionError
-from .spaces import LARGEST
-from .vector import SurvivalVectorEnv
+from ..arguments import Array, as_array
+from ..errors import ActionError
+from ..spaces import LARGEST
+from ..vector import SurvivalVectorEnv
 
 POSE = ("x", "y", "angle")
 

@@ -8,13 +8,13 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Entity
 
-from .arguments import Array, check_choice
-from .frames import RENDER_MODES, painter
-from .make import make_vec
+from ..arguments import Array, check_choice
+from ..frames import RENDER_MODES, painter
+from ..make import make_vec
+from ..scenario import Scenario
+from ..vector import SurvivalVectorEnv
 from .parallel_spaces import agent_spaces
 from .rows import checked_rows
-from .scenario import Scenario
-from .vector import SurvivalVectorEnv
 
 try:
     from pufferlib import PufferEnv

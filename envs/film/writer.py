@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import FilmError
 from .codecs import CODECS, Codec, find_ffmpeg
-from .errors import FilmError
 
 Image = np.ndarray[Any, Any]
 

@@ -8,13 +8,13 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
 
-from .arguments import Array, check_choice, check_count
+from ..arguments import Array, check_choice, check_count
+from ..frames import RENDER_MODES
+from ..scenario import Scenario
+from ..vector import SurvivalVectorEnv
 from .face import Face
-from .frames import RENDER_MODES
 from .opponents import Opponents, Others, check_others
 from .rows import face_core
-from .scenario import Scenario
-from .vector import SurvivalVectorEnv
 
 DEAD = ("end", "keep")
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
