@@ -34,7 +34,21 @@ FACES = (
     "learners",
     "packaging",
 )
-FACES += ("page*", "parallel*", "play*", "puffer", "ray", "readme", "rllib", "sb3*", "site", "supersuit", "torchrl")
+FACES += (
+    "page*",
+    "parallel*",
+    "play*",
+    "puffer",
+    "ray",
+    "readme",
+    "recording*",
+    "replay",
+    "rllib",
+    "sb3*",
+    "site",
+    "supersuit",
+    "torchrl",
+)
 FACES += ("training*",)
 WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES)
 NO_TESTS = 5  # pytest's exit code where nothing was selected
