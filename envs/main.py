@@ -1,18 +1,23 @@
-"""The command line. Its commands are in commands/, a file each."""
+"""The command line. Its commands are in commands/, a file each, and what other packages add: see PLUGINS."""
 
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 
 from outlast.ecs import EngineError
 
 from .commands import frames, listing, play, replay, rollout
-from .errors import ClusterError, FilmError, PageError, PlayError, RecordingError
+from .errors import ClusterError, FilmError, PageError, PlayError, RecordingError, StateError, TrainingError
 from .scenario import ScenarioError
 
 COMMANDS = (rollout, replay, play, frames, listing)
 # Told in one line, without a traceback.
-MISTAKES = (ScenarioError, EngineError, ClusterError, FilmError, PageError, PlayError, RecordingError)
+MISTAKES = (
+    *(ScenarioError, EngineError, ClusterError, FilmError, PageError),
+    *(PlayError, RecordingError, StateError, TrainingError),
+)
+PLUGINS = "outlast.commands"  # entry points of this group are modules like those of commands/; training has one
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
     top = argparse.ArgumentParser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    for command in COMMANDS:
+    for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
     return top
 

@@ -328,7 +328,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "a saved policy": (
         {"others": "policy.pt"},
         ValueError,
-        "'policy.pt': .*not loaded from its path: load it",
+        r"'policy.pt': .*outlast.load_policy\(path\) plays what",
     ),
     "no policy": ({"others": None}, ValueError, "others = None"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3"),

@@ -20,7 +20,7 @@ FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].ite
 
 LONGEST_FILE = 250
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
-TOP_LEVEL = {"ecs", "systems", "components", "envs"}
+TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 OPTIONAL = {
     "imageio_ffmpeg",
     "matplotlib",
@@ -30,6 +30,7 @@ OPTIONAL = {
     "pyarrow",
     "ray",
     "stable_baselines3",
+    "tensorboard",
     "torch",
     "websockets",
 }  # a module may need one that is not installed

@@ -21,6 +21,7 @@ _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded w
     "Recording": "envs.recording",
     "Replay": "envs.recording",
     "aec_env": "envs.faces.parallel",
+    "load_policy": "training.player",
     "make_agents": "envs.faces.agents",
     "make_puffer": "envs.faces.puffer",
     "make_sb3": "envs.faces.sb3",

@@ -69,7 +69,7 @@ def check_others(others: Any) -> None:
     if others in NAMES if isinstance(others, str) else callable(others):
         return
     names = ", ".join(map(repr, NAMES))
-    hint = "; a saved policy is not loaded from its path: load it yourself, and pass its function"
+    hint = "; others=outlast.load_policy(path) plays what `outlast train` saved"
     raise ValueError(
         f"others = {others!r}: {names} or a function (observations) -> actions is needed"
         f"{hint if isinstance(others, str | os.PathLike) else ''}"

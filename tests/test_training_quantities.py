@@ -1,0 +1,112 @@
+"""What a run logs of episodes and behaviour, counted again in plain Python in worlds that do the same."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.components import Item
+from outlast.ecs import Entity
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
+
+from outlast.training.ppo import SharedPPO  # noqa: E402
+from outlast.training.presets import preset  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+WORLDS, STEPS = 8, 200
+SHORT = {"agents_health": 60, "heals_amount": 10, "zone_radii": (4.0,), "zone_stand": 30, "zone_shrink": 20}
+CLOSE = {
+    "room_size": 8.0,
+    "give_reach": 4.0,
+    "give_nearest": "suitable",
+    "pickup_reach": 1.5,
+    "n_boxes": 1,
+    "rewards_death": -3.0,
+}
+CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
+
+
+def make() -> SharedPPO:
+    return SharedPPO(CROWD, preset("original"), worlds=WORLDS, steps=WORLDS * STEPS, seed=11)
+
+
+def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
+    rows, episodes = [], []
+    env = make_vec(model.core.scenario, WORLDS, autoreset="Disabled")
+    model.start()
+    observations = env.set_state(model.core.get_state())
+    model.collect()
+    agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
+    for actions in model.rollout_buffer.actions.reshape(STEPS, WORLDS, 4, -1):
+        alive = env.worlds[Entity].alive[:, agents] != 0
+        seen = {key: observations[key].copy() for key in ("self", "zone")}
+        before = env.worlds[Item].holder[:, heals].copy()
+        observations, _, terminated, truncated, info = env.step(actions)
+        after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
+        for w in range(WORLDS):
+            gifts = [h for h in range(15) if 0 <= before[w, h] != after[w, h] >= 0 and lives[w, before[w, h]]]
+            rows += [agent(seen, alive, actions, w, i) for i in range(4) if alive[w, i]]
+            episodes += [{key: values[w] for key, values in info["statistics"].items()}] if terminated[w] else []
+            rows.append({"given": len(gifts), "held": int((after[w] >= 0).sum())})
+        if terminated.any():
+            observations, _ = env.reset(options={"reset_mask": terminated})
+    assert not truncated.any()
+    return rows, episodes
+
+
+def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dict[str, Any]:
+    places = seen["self"][w, :, 3:5]
+    apart = [np.hypot(*(places[i] - places[j])) for j in range(4) if (j < 2) != (i < 2) and alive[w, j]]
+    distance = np.hypot(*(places[i] - seen["zone"][w, i, :2]))
+    return {"attack": actions[w, i, 3], "near": bool(apart) and min(apart) <= 2.5, "distance": distance}
+
+
+def test_behaviour_is_as_counted_in_plain_python() -> None:
+    model = make()
+    rows, _ = collected(model)
+    report = model.collector.behaviour.report(model.rollout_buffer)
+    living = [row for row in rows if "near" in row]
+    near, far = ([row["attack"] for row in living if row["near"] == which] for which in (True, False))
+    assert min(len(near), len(far)) > 100
+    given, held = (sum(row[key] for row in rows if key in row) for key in ("given", "held"))
+    assert min(given, held) > 0
+    expected = {
+        "alive": len(living) / (WORLDS * STEPS * 4),
+        "near": len(near) / len(living),
+        "attack_near": np.mean(near),
+        "attack_far": np.mean(far),
+        "zone_distance": np.mean([row["distance"] for row in living]),
+        "heals_held": held / len(living),
+        "heals_given": 1000 * given / len(living),
+    }
+    assert report == pytest.approx({f"behaviour/{key}": value for key, value in expected.items()}, rel=1e-4)
+
+
+def test_episodes_are_those_that_ended() -> None:
+    model = make()
+    _, episodes = collected(model)
+    report = model.collector.episodes.report()
+    assert len(episodes) == report["rollout/episodes"] > 3
+
+    def mean(key: str, index: Any = ()) -> float:
+        return float(np.mean([episode[key][index] for episode in episodes]))
+
+    assert "rollout/reward2" not in report
+    expected = {
+        "steps": mean("length"),
+        "reward0": mean("return", 0),
+        "reward1": mean("return", 2),  # of the first agent of the second team
+        "kills0": mean("kills", 0),
+        "kills1": mean("kills", 1),
+        "heals_used": mean("heals_used"),
+        "boxes_placed": mean("boxes_placed"),
+        "deaths_melee": mean("deaths_melee"),
+    }
+    assert {key: report[f"rollout/{key}"] for key in expected} == pytest.approx(expected)
+    assert expected["heals_used"] > 0
+    assert expected["reward0"] != expected["reward1"]
+    assert model.collector.episodes.report() == {"rollout/episodes": 0}

@@ -1,0 +1,82 @@
+"""What agents do, beyond the paper's quantities: means over the living agents of a rollout."""
+
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Item, Side
+from outlast.ecs import Entity
+from outlast.envs.vector import SurvivalVectorEnv
+
+from .buffer import Rollout
+
+Array = np.ndarray[Any, Any]
+
+
+class Behaviour:
+    """Watches the worlds tick by tick, where the rollout does not hold what is asked, and reports on a rollout."""
+
+    def __init__(self, core: SurvivalVectorEnv) -> None:
+        self.core, self.numbers = core, core.scenario.numbers()
+        self.heals = core.worlds.span("heal") if "heals" in core.scenario and Item in core.worlds else None
+        self.agents = core.worlds.span("agent")
+        self.names = [name for name, _ in core.action_columns]
+        self.held = self.given = 0
+        self.holder: Array = np.empty(0)
+
+    def before(self) -> None:
+        """Call before every step."""
+        if self.heals is not None:
+            self.holder = self.core.worlds[Item].holder[:, self.heals].copy()
+
+    def after(self) -> None:
+        """Count heals in bags, and those that went from one living agent to another. Call after every step."""
+        if self.heals is None:
+            return
+        now = self.core.worlds[Item].holder[:, self.heals]
+        self.held += int((now >= 0).sum())
+        moved = (self.holder >= 0) & (now >= 0) & (now != self.holder)
+        if moved.any():
+            worlds = np.nonzero(moved)[0]
+            self.given += int(self.core.worlds[Entity].alive[worlds, self.holder[moved]].sum())
+
+    def report(self, rollout: Rollout) -> dict[str, float]:
+        """Means over the living agents of the rollout, by tag; what was never the case is left out."""
+        shape = (rollout.buffer_size, self.core.num_worlds, self.core.num_agents)
+        views = rollout.layout.views(rollout.observations[:-1].reshape(*shape, -1))
+        alive, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
+        tags = {"behaviour/alive": float(rollout.alive.mean())}
+        teams = views["self"].shape[-1] - 8  # 1 if rows hold a team
+        place = views["self"][..., teams + 2 : teams + 4]
+        if "zone" in views:
+            tags["behaviour/zone_distance"] = _mean(_length(place - views["zone"][..., :2]), alive)
+        if "attack" in self.names:
+            attack = rollout.actions[..., self.names.index("attack")].reshape(shape)
+            near = self._near(place, alive)
+            tags["behaviour/attack_near"] = _mean(attack, alive & near)
+            tags["behaviour/attack_far"] = _mean(attack, alive & ~near)
+            tags["behaviour/near"] = _mean(near, alive)
+        if self.heals is not None:
+            tags["behaviour/heals_held"] = self.held / count
+            tags["behaviour/heals_given"] = 1000 * self.given / count  # in 1000 agent-steps
+        self.held = self.given = 0
+        return {tag: value for tag, value in tags.items() if not np.isnan(value)}
+
+    def _near(self, place: Array, alive: Array) -> Array:
+        """Whether a living enemy is near enough to be struck by who faces it: its centre, reach and radius."""
+        reach = self.numbers["melee_reach"] + self.numbers["agents_radius"]
+        sides = self.core.worlds[Side].side[0, self.agents]
+        enemies = sides[:, None] != sides
+        apart = _length(place[..., :, None, :] - place[..., None, :, :])
+        near: Array = ((apart <= reach) & enemies & alive[..., None, :]).any(-1)
+        return near
+
+
+def _mean(values: Array, where: Array) -> float:
+    """NaN where there is nothing."""
+    return float(values[where].mean()) if where.any() else float("nan")
+
+
+def _length(vectors: Array) -> Array:
+    length: Array = np.sqrt((vectors * vectors).sum(-1))
+    return length

@@ -1,0 +1,65 @@
+"""The rollout buffer: one contiguous array for each quantity, filled in place, of all agents of all worlds."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.type_aliases import RolloutBufferSamples
+
+from .layout import Layout
+
+Array = np.ndarray[Any, Any]
+
+
+class Rollout(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
+    """Stable-Baselines3's rollout buffer, whose arrays (steps, agents of all worlds, ...) are allocated once.
+
+    observations: packed, float32; one step more than the others, so that the last one starts the next rollout.
+    alive: bool; whether the agent lived when it observed. With dead = "drop" only those samples are trained on.
+    """
+
+    def __init__(self, *args: Any, layout: Layout, dead: str, generator: torch.Generator, **options: Any) -> None:
+        self.layout, self.dead, self.generator = layout, dead, generator
+        self._allocated = False
+        super().__init__(*args, **options)
+
+    def reset(self) -> None:
+        """Begin a new rollout where the last one ended."""
+        if not self._allocated:
+            self._allocate()
+        self.pos, self.full, self.generator_ready = 0, False, False
+
+    def _allocate(self) -> None:
+        shape = (self.buffer_size, self.n_envs)
+        self.observations = np.zeros((self.buffer_size + 1, self.n_envs, self.layout.size), np.float32)
+        self.actions = np.zeros((*shape, self.action_dim), np.int64)
+        for name in ("rewards", "returns", "episode_starts", "values", "log_probs", "advantages"):
+            setattr(self, name, np.zeros(shape, np.float32))
+        self.alive = np.ones(shape, bool)
+        self._allocated = True
+
+    def get(self, batch_size: int) -> Iterator[RolloutBufferSamples]:
+        """Minibatches of one epoch: every sample once, in random order, in parts of about equal size."""
+        if not self.generator_ready:
+            self._gather()
+        chosen = self._chosen[torch.randperm(len(self._chosen), generator=self.generator)].to(self.device)
+        for part in chosen.tensor_split(max(1, round(len(chosen) / batch_size))):
+            yield RolloutBufferSamples(*(flat.index_select(0, part) for flat in self._flat))
+
+    def _gather(self) -> None:
+        """Once for a rollout: all samples as flat tensors, views of the arrays where the network runs on the CPU."""
+        arrays = (
+            self.observations[:-1],
+            self.actions,
+            self.values,
+            self.log_probs,
+            self.advantages,
+            self.returns,
+        )
+        count = self.buffer_size * self.n_envs
+        self._flat = [torch.from_numpy(each.reshape(count, *each.shape[2:])).to(self.device) for each in arrays]
+        kept = self.alive if self.dead == "drop" else np.ones_like(self.alive)
+        self._chosen = torch.from_numpy(np.flatnonzero(kept))
+        self.generator_ready = True

@@ -1,0 +1,80 @@
+"""Logs of a run: a CSV file in the form of the paper's curves, and TensorBoard. Both go on where a run goes on."""
+
+import csv
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.logger import KVWriter, Logger
+from torch.utils.tensorboard import SummaryWriter
+
+from outlast.envs.errors import TrainingError
+
+HEADER = ("tag", "step", "value")
+
+
+class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
+    """Appends rows tag,step,value to a file; step counts agent-steps."""
+
+    def __init__(self, path: Path) -> None:
+        self.file = path.open("a", newline="")
+        if self.file.tell() == 0:
+            self.file.write(",".join(HEADER) + "\n")
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        """One row for each tag, in order of tags, written at once."""
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(key_values.items()))
+        self.file.write(text.getvalue())
+        self.file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+
+class Board(KVWriter):  # type: ignore[misc]
+    """Writes scalars for TensorBoard; those of an earlier part of the run at `step` or later are hidden."""
+
+    def __init__(self, folder: Path, step: int) -> None:
+        self.writer = SummaryWriter(str(folder), purge_step=step or None)
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        """All values, as scalars."""
+        for tag, value in key_values.items():
+            self.writer.add_scalar(tag, float(value), step)
+        self.writer.flush()
+
+    def close(self) -> None:
+        """Close the event file."""
+        self.writer.close()
+
+
+def open_logs(folder: Path, steps: int) -> Logger:
+    """The logs of a run that has done so many agent-steps: what they hold of later ones is taken out."""
+    cut(folder / "log.csv", steps)
+    return Logger(str(folder), [Curves(folder / "log.csv"), Board(folder, steps + 1 if steps else 0)])
+
+
+def cut(path: Path, steps: int) -> None:
+    """Take the rows after so many steps out of a CSV file, and a last row that was not written whole."""
+    if not path.exists():
+        return
+    lines = path.read_text().splitlines(keepends=True)
+    if lines and lines[0].strip() != ",".join(HEADER):
+        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
+    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text("".join([*lines[:1], *kept]))
+    os.replace(temporary, path)
+
+
+def read(path: Path) -> dict[str, list[tuple[int, float]]]:
+    """The points (step, value) of each tag of a log, or of one of the paper's curves."""
+    points: dict[str, list[tuple[int, float]]] = {}
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            points.setdefault(row["tag"], []).append((int(row["step"]), float(row["value"])))
+    return points

@@ -1,0 +1,69 @@
+"""Trained policies as functions (observations) -> actions, as every face takes them for opponents."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from outlast.envs.errors import TrainingError
+from outlast.envs.scenario import Scenario
+
+from . import checkpoint
+from .layout import Layout, scales
+from .policy import Policy
+from .presets import preset
+
+Array = np.ndarray[Any, Any]
+
+
+class Player:
+    """The policy of a checkpoint: a function of observations, a dict of float32 (..., agents, ...), to actions.
+
+    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with what it was trained to be told
+    >>> env = gymnasium.make("outlast/FreeForAll2-v0", variant=duel, others=player)
+
+    Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed.
+    """
+
+    def __init__(self, path: str | Path, seed: int | None = 0) -> None:
+        """Reads tensors and numbers only; nothing in the file is executed. Raises TrainingError."""
+        files = checkpoint.read(Path(path))
+        self.about = checkpoint.about(files)
+        self.shapes = {key: tuple(shape) for key, shape in self.about["observations"].items()}
+        self.layout, self.preset = Layout(self.shapes), preset(self.about["preset"])
+        sizes = scales(self.layout, self.about["scenario"]["numbers"])
+        self.policy = Policy(self.about["actions"], lambda _: 0.0, layout=self.layout, preset=self.preset, scales=sizes)
+        checkpoint.fill(self.policy, files)
+        self.generator = None if seed is None else torch.Generator().manual_seed(seed)
+
+    def scenario(self, scenario: Scenario) -> Scenario:
+        """The scenario in which agents are told what this one was trained with."""
+        return self.preset.scenario(scenario)
+
+    def __call__(self, observations: dict[str, Array]) -> Array:
+        """Raises TrainingError where observations are not like those of the training."""
+        self._check(observations)
+        batch = observations["self"].shape[:-1]
+        packed = np.zeros((*batch, self.layout.size), np.float32)
+        for key, view in self.layout.views(packed).items():
+            view[...] = observations[key].reshape(view.shape)
+        with torch.inference_mode():
+            rows = torch.from_numpy(packed).view(-1, self.layout.size)
+            actions: Array = self.policy.act(rows, self.generator).numpy()
+        return actions.reshape(*batch, -1)
+
+    def _check(self, observations: dict[str, Array]) -> None:
+        given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
+        if given != self.shapes:
+            differ = sorted(key for key in given.keys() | self.shapes.keys() if given.get(key) != self.shapes.get(key))
+            told = ", ".join(f"{key} {given.get(key)}, not {self.shapes.get(key)}" for key in differ)
+            raise TrainingError(f"the policy was trained on {self.about['scenario']['name']}; here are {told}")
+
+
+def load_policy(path: str | Path, seed: int | None = 0) -> Player:
+    """The policy of a checkpoint of `outlast train`, to play with or against: see Player. Raises TrainingError.
+
+    >>> env = gymnasium.make("outlast/FreeForAll2-v0", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
+    """
+    return Player(path, seed)
