@@ -68,7 +68,7 @@ def rollout(task: Task, worlds: int, progress: Callable[[int], None] = lambda wo
         raise KeyboardInterrupt(_merged(done)) from None
     finally:
         for reference in waiting:
-            ray.cancel(reference, force=True)
+            ray.cancel(reference)  # by force, Ray 2.60 ends this very process if the result arrives at that moment
     return _merged(done)
 
 
