@@ -16,7 +16,7 @@ SMALL = {  # the same commands, with less to do: of an option that is given twic
     "replay": ["--quiet"],
     "rollout": ["--worlds", "5", "--steps", "310", "--quiet"],
 }
-ELSEWHERE = {"play", "train"}  # a game without end, and a run of an hour: their own tests run them shortened
+ELSEWHERE = {"play", "train", "plot"}  # a game without end, a run of an hour and what needs it: they have own tests
 
 
 def shown(page: Path) -> list[list[str]]:

@@ -22,6 +22,7 @@ LONGEST_FILE = 250
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 OPTIONAL = {
+    "PIL",
     "imageio_ffmpeg",
     "matplotlib",
     "minari",
@@ -54,7 +55,7 @@ def tracked() -> list[Path]:
     return sorted(path for path in files if path.is_file() and not path.is_symlink())
 
 
-SHIPPED = (".css", ".html", ".js", ".py")
+SHIPPED = (".css", ".csv", ".html", ".js", ".py")
 
 
 def sources() -> dict[str, Path]:
@@ -191,7 +192,8 @@ def test_other_uses_of_numba_are_not_taken_for_one() -> None:
 
 
 def test_files_are_short_enough_to_read() -> None:
-    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in sources().items()}
+    written = {name: path for name, path in sources().items() if path.suffix != ".csv"}
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in written.items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_FILE}
 
 

@@ -19,7 +19,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint, command, logs  # noqa: E402
+from outlast.training import checkpoint, command, curves  # noqa: E402
 from outlast.training.train import Plan, Run  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -35,7 +35,7 @@ def plan(steps: int, **changes: Any) -> Plan:
 
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """What a log says, but for times."""
-    return {tag: values for tag, values in logs.read(folder / "log.csv").items() if not tag.startswith("time/")}
+    return {tag: values for tag, values in curves.read(folder / "log.csv").items() if not tag.startswith("time/")}
 
 
 def names(folder: Path) -> list[str]:

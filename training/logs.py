@@ -11,7 +11,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from outlast.envs.errors import TrainingError
 
-HEADER = ("tag", "step", "value")
+from .curves import HEADER
 
 
 class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
@@ -69,12 +69,3 @@ def cut(path: Path, steps: int) -> None:
     temporary = path.with_suffix(".tmp")
     temporary.write_text("".join([*lines[:1], *kept]))
     os.replace(temporary, path)
-
-
-def read(path: Path) -> dict[str, list[tuple[int, float]]]:
-    """The points (step, value) of each tag of a log, or of one of the paper's curves."""
-    points: dict[str, list[tuple[int, float]]] = {}
-    with path.open(newline="") as file:
-        for row in csv.DictReader(file):
-            points.setdefault(row["tag"], []).append((int(row["step"]), float(row["value"])))
-    return points

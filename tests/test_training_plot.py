@@ -1,0 +1,230 @@
+"""outlast plot: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
+
+import argparse
+import csv
+import io
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from outlast import variant
+from outlast.envs.errors import TrainingError
+from outlast.training import paper, plot
+from outlast.training.claims import claims
+from outlast.training.curves import Curves, kept
+from outlast.training.endings import average, smooth
+from outlast.training.results import Group, grouped, load
+
+matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
+
+from PIL import Image  # noqa: E402
+
+from outlast.training import figures  # noqa: E402
+
+PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
+
+
+def keep(folder: Path, name: str, seed: int = 0, factor: float = 1.0, points: int = 1000, **plan: Any) -> Path:
+    """The paper's own curves, times a factor, as a result of ours."""
+    theirs = paper.curves(name)
+    values = {tag: (factor * value[:points]).astype(np.float32) for tag, value in theirs.values.items()}
+    about = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
+    path = folder / f"{name}-{about['plan']['preset']}-{seed}.csv"  # type: ignore[index]
+    path.write_text(kept(about, Curves(theirs.steps[:points], values)))
+    return path
+
+
+def group(*paths: Path) -> Group:
+    (found,) = grouped(load(paths))
+    return found
+
+
+def drawn(of: Group) -> Any:
+    with matplotlib.rc_context(figures.STYLE):
+        return figures.draw(of)
+
+
+def outlast_plot(*arguments: object) -> int:
+    parser = argparse.ArgumentParser()
+    plot.add(parser.add_subparsers())
+    options = parser.parse_args(["plot", *map(str, arguments)])
+    return int(options.run(options))
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+# ---- figures
+
+
+def test_a_figure_shows_the_averages_and_the_papers_points(tmp_path: Path) -> None:
+    shown = group(keep(tmp_path, "ffa_3", 0, 0.8), keep(tmp_path, "ffa_3", 1, 1.2), keep(tmp_path, "ffa_3", 2, 0.7))
+    panels = drawn(shown).axes
+    assert [axes.get_title("left").split(",")[0] for axes in panels] == [
+        "return",
+        "heals used",
+        "kills",
+        "boxes placed",
+    ]
+    theirs = shown.paper.values["rollout/boxes_placed"]
+    lines = {line.get_linewidth(): [] for line in panels[3].lines}  # type: ignore[var-annotated]
+    for line in panels[3].lines:
+        assert np.asarray(line.get_xdata()).tolist() == (shown.paper.steps / 1e6).tolist()
+        lines[line.get_linewidth()].append((line.get_color(), np.asarray(line.get_ydata(), float)))
+    (points,), averages = lines[0.5], dict(lines[1.6])
+    np.testing.assert_array_equal(points[1], theirs)
+    np.testing.assert_allclose(averages[figures.THEIRS], smooth(theirs), rtol=1e-6)
+    np.testing.assert_allclose(averages[figures.OURS], 0.9 * smooth(theirs), rtol=1e-5)
+    assert len(panels[2].lines) == 2 + 2 + 2  # averages of both agents, ours and theirs, and the paper's points
+    (band,) = panels[3].collections
+    reach = average([run.curves for run in shown.runs], "rollout/boxes_placed")
+    assert band.get_paths()[0].get_extents().ymax == pytest.approx(reach.high.max())
+
+
+def test_without_boxes_the_length_is_shown(tmp_path: Path) -> None:
+    panels = drawn(group(keep(tmp_path, "teams_2"))).axes
+    assert panels[1].get_title("left") == "episode length"
+    assert panels[0].get_title("left") == "return, each team"
+
+
+def test_a_figure_says_what_is_unlike_the_paper(tmp_path: Path) -> None:
+    shown = group(keep(tmp_path, "ffa_2", 3, points=60, dead="drop"), keep(tmp_path, "ffa_2", 5, dead="drop"))
+    told = "\n".join(text.get_text() for text in drawn(shown).texts)
+    assert "Unfinished: seed 3 (2.0 million agent-steps); not counted in end values" in told
+    assert "Unlike the paper: dead = drop" in told
+    assert "averages over 5 % of the points (of ours 15)" in told
+
+
+def test_pictures_are_the_same_each_time_and_name_what_they_show(tmp_path: Path) -> None:
+    shown = group(keep(tmp_path, "ffa_1"))
+    png, svg = first = [figures.picture(shown, form) for form in plot.FORMS]
+    assert [figures.picture(shown, form) for form in plot.FORMS] == first
+    image: Any = Image.open(io.BytesIO(png))
+    assert image.text == {"Title": "ffa_1-original", "Source": figures.digest(shown)}
+    assert image.size == (1140, 855)
+    assert len(png) < 100_000
+    found = {tuple(pixel) for pixel in np.asarray(image.convert("RGB")).reshape(-1, 3)}
+    for ink in (figures.OURS, figures.THEIRS):
+        wanted = [int(ink[k : k + 2], 16) for k in (1, 3, 5)]
+        assert min(max(abs(int(a) - b) for a, b in zip(pixel, wanted)) for pixel in found) < 8
+    assert figures.digest(shown).encode() in svg
+    assert ElementTree.fromstring(svg).tag.endswith("svg")
+    assert figures.digest(group(keep(tmp_path, "ffa_1", factor=1.01))) != figures.digest(shown)
+
+
+# ---- tables and claims
+
+
+def test_the_table_has_the_ends_of_both(tmp_path: Path) -> None:
+    keep(tmp_path, "teams_2", 0, 1.1), keep(tmp_path, "teams_2", 1, 1.3), keep(tmp_path, "ffa_4", 0, 0.9)
+    assert outlast_plot(tmp_path, "--out", tmp_path / "out") == 0
+    assert files(tmp_path / "out") == ["ends.csv", "ends.md", "ffa_4-original.png", "teams_2-original.png"]
+    with (tmp_path / "out/ends.csv").open() as file:
+        rows = {(row["variant"], row["quantity"], row["agent or team"]): row for row in csv.DictReader(file)}
+    length = rows["teams_2", "episode length", ""]
+    numbers = [float(length[key]) for key in ("paper", "outlast", "lowest seed", "highest seed", "apart")]
+    assert numbers == pytest.approx([403.870, 484.644, 444.257, 525.031, 0.2], rel=1e-5)
+    assert (length["within 15%"], length["seeds"], length["agent-steps"]) == ("no", "0 1", "10027008")
+    assert rows["ffa_4", "return", "1"]["within 15%"] == "yes"
+    assert rows["ffa_4", "kills", "1"]["within 15%"] == ""
+    text = (tmp_path / "out/ends.md").read_text()
+    assert "| episode length | 404 ± 23 | 485 ± 27 | 444 to 525 | +20% | no | 532 at 3.6 M | 639 at 3.6 M |" in text
+    assert "- Differs: returns and episode length end at most 20% from the paper's (asked: 15%)." in text
+    assert "- Agrees: returns and episode length end at most 10% from the paper's (asked: 15%)." in text
+
+
+def test_it_is_too_early_for_unfinished_runs(tmp_path: Path) -> None:
+    shown = group(keep(tmp_path, "ffa_2", points=305))  # the rollout that ends after 10 million is missing
+    text = plot.report([shown])
+    assert "seed 0. Unfinished: seed 0 (10.0 million agent-steps)." in text
+    assert "| 1,049 ± 74 | 1,047 ± 74 | −0% | too early |" in text
+    assert not list(claims(shown))
+    assert list(claims(group(keep(tmp_path, "ffa_2", points=306))))
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "holds"),
+    [
+        ("ffa_1", {}, [True]),
+        ("ffa_2", {}, [True, True]),
+        ("ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.03}, [True, False]),
+        ("ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.01}, [True, True]),
+        ("teams_2", {}, [True, True]),
+        ("teams_2", {"rollout/reward1": 380.0}, [True, False]),
+        ("teams_2", {"rollout/reward1": 300.0}, [False, False]),
+    ],
+)
+def test_claims_hold_for_the_paper_and_fail_for_others(
+    tmp_path: Path, name: str, spoil: dict[str, float], holds: list[bool]
+) -> None:
+    """spoil: curves that stay at one height."""
+    (run,) = group(keep(tmp_path, name)).runs
+    flat = {tag: np.full(len(run.curves.steps), value, np.float32) for tag, value in spoil.items()}
+    spoilt = replace(run, curves=Curves(run.curves.steps, run.curves.values | flat))
+    assert [claim.holds for claim in claims(Group((spoilt,)))] == holds
+
+
+# ---- the command
+
+
+def test_kept_results_make_the_same_figures(tmp_path: Path) -> None:
+    keep(tmp_path, "ffa_2", 7)
+    for out in ("a", "b"):
+        source = tmp_path / "ffa_2-original-7.csv" if out == "a" else tmp_path / "kept"
+        assert outlast_plot(source, "--out", tmp_path / out, "--keep", tmp_path / "kept", "--format", "svg") == 0
+    assert files(tmp_path / "a") == ["ends.csv", "ends.md", "ffa_2-original.svg"]
+    assert files(tmp_path / "kept") == ["ffa_2-original-7.csv"]
+    for name in files(tmp_path / "a"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir(), (tmp_path / "kept").mkdir()
+    before = keep(tmp_path / "kept", "ffa_2", dead="drop")
+    content = before.read_bytes()
+    mine = keep(tmp_path / "one", "ffa_2")
+    with pytest.raises(
+        TrainingError, match=r"keeps another run: dead is drop in .*kept.* and keep in .*one.*: choose another"
+    ):
+        outlast_plot(mine, "--out", tmp_path / "out", "--keep", tmp_path / "kept")
+    with pytest.raises(TrainingError, match="dead is keep in"):
+        outlast_plot(mine, before, "--out", tmp_path / "out")
+    with pytest.raises(TrainingError, match="cannot be written"):
+        outlast_plot(mine, "--out", mine)
+    assert files(tmp_path) == ["kept", "one"]
+    assert before.read_bytes() == content
+
+
+def test_the_command_needs_no_torch() -> None:
+    text = (
+        "import sys; from outlast.training import plot; assert 'matplotlib' not in sys.modules\n"
+        "from outlast.training import figures; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", text], check=True)
+
+
+@pytest.mark.usefixtures("one_torch_thread")
+def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
+    for library in ("torch", "stable_baselines3", "tensorboard"):
+        pytest.importorskip(library, reason=f"needs {library}: outlast[train]")
+    from outlast.training.train import Plan, Run
+
+    scenario = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
+    settings = {"batch_size": 64, "n_epochs": 1}
+    for seed in (1, 2):
+        plan = Plan(scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings)
+        Run(plan, tmp_path / "runs" / str(seed)).go()
+    assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
+    assert files(tmp_path / "kept") == ["ffa_1-original-1.csv", "ffa_1-original-2.csv"]
+    unlike = "rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
+    assert f"Unlike the paper: {unlike}" in (tmp_path / "out/ends.md").read_text()
+    shown = group(tmp_path / "kept")
+    assert figures.digest(group(tmp_path / "runs")) == figures.digest(shown)
+    assert [run.steps for run in shown.runs] == [2304, 2304]

@@ -1,0 +1,157 @@
+"""Curves of a run: read out of the log of a run, kept in small files, read back. Needs numpy only."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.envs.errors import TrainingError
+
+HEADER = ("tag", "step", "value")
+Array = np.ndarray[Any, Any]
+Points = dict[str, list[tuple[int, float]]]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One of the paper's quantities. tag: of TensorBoard; sided: one for each agent or team, tag0, tag1 and so on."""
+
+    name: str
+    tag: str
+    sided: bool = False
+
+    def has(self, tag: str) -> bool:
+        """Whether the tag is one of this quantity's."""
+        return tag == self.tag or (self.sided and tag.startswith(self.tag) and tag[len(self.tag) :].isdecimal())
+
+    def side(self, tag: str) -> int:
+        """The number of the agent or team; -1 if it is of all."""
+        return int(tag[len(self.tag) :]) if self.sided else -1
+
+
+RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")
+HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
+BOXES = Quantity("boxes placed", "rollout/boxes_placed")
+QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Curves over the same points.
+
+    steps: agent-steps, int64 (points,), ascending. values: by tag, float32 (points,), NaN where a rollout has none.
+    """
+
+    steps: Array
+    values: dict[str, Array]
+
+    def tags(self, quantity: Quantity) -> list[str]:
+        """The tags of a quantity that there are, in order of sides."""
+        return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
+
+
+def read(path: Path) -> Points:
+    """The points (agent-steps, value) of each tag of a log. Raises TrainingError for what is not a log.
+
+    A last row that is not whole is left out: a run may be writing it.
+    """
+    lines = text_of(path).splitlines(keepends=True)
+    if not lines or lines[0].strip() != ",".join(HEADER):
+        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
+    points: Points = {}
+    for number, line in enumerate(lines[1:], 2):
+        if line.endswith("\n"):
+            try:
+                tag, step, value = line.split(",")
+                row = (int(step), float(value))
+            except ValueError:
+                raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value") from None
+            before = points.setdefault(tag, [])
+            if before and row[0] <= before[-1][0]:
+                told = f"{tag} at step {row[0]} comes after that at step {before[-1][0]}"
+                raise TrainingError(f"{path}, line {number}: {told}: these are several runs in one file")
+            before.append(row)
+    return points
+
+
+def of_log(path: Path) -> Curves:
+    """The paper's quantities out of the log of a run. Raises TrainingError."""
+    points = {tag: rows for tag, rows in read(path).items() if any(quantity.has(tag) for quantity in QUANTITIES)}
+    for tag in (LENGTH.tag, RETURN.tag + "0"):
+        if tag not in points:
+            raise TrainingError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")
+    for tag, rows in points.items():
+        if bad := [step for step, value in rows if not np.isfinite(value)]:
+            raise TrainingError(f"{path} is broken: {tag} at step {bad[0]} is not a finite number")
+    steps = np.array(sorted({step for rows in points.values() for step, _ in rows}), np.int64)
+    return Curves(steps, {tag: _spread(rows, steps) for tag, rows in sorted(points.items())})
+
+
+def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
+    """The values at all steps, NaN where there is none."""
+    values = np.full(len(steps), np.nan, np.float32)
+    values[np.searchsorted(steps, [step for step, _ in rows])] = [value for _, value in rows]
+    return values
+
+
+def kept(about: dict[str, Any], curves: Curves) -> str:
+    """Curves as the text of a file: a comment that says what they are, as JSON, and a column a tag.
+
+    Numbers are the shortest that give the same float32.
+    """
+    text = io.StringIO()
+    text.write(f"# {json.dumps(about)}\n")
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["step", *curves.values])
+    columns = [[_short(value) for value in values] for values in curves.values.values()]
+    rows.writerows(zip(curves.steps.tolist(), *columns, strict=True))
+    return text.getvalue()
+
+
+def _short(value: Any) -> str:
+    return "" if np.isnan(value) else np.format_float_positional(value, trim="-")
+
+
+def read_kept(path: Path) -> tuple[dict[str, Any], Curves]:
+    """What `kept` wrote: what the curves are, and the curves. Raises TrainingError for anything else."""
+    first, _, rest = text_of(path).partition("\n")
+    try:
+        if not first.startswith("# "):
+            raise ValueError("its first line does not say what it holds")
+        about = json.loads(first[2:])
+        heads, *rows = csv.reader(io.StringIO(rest), strict=True)
+        return about, _columns(heads, rows)
+    except (ValueError, csv.Error) as error:
+        raise TrainingError(f"{path} does not hold the curves of a run: {error}") from None
+
+
+def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
+    """Curves out of a table of texts."""
+    columns = list(zip(*rows, strict=True))
+    if heads[:1] != ["step"] or len(columns) != len(heads) or len(set(heads)) < len(heads):
+        raise ValueError("its columns are not step and tags, or it has no rows")
+    steps, *values = (np.array(list(_numbers(column)), np.float64) for column in columns)
+    if not (np.isfinite(steps).all() and (np.diff(steps) > 0).all()):
+        raise ValueError("its steps do not ascend")
+    return Curves(steps.astype(np.int64), {tag: value.astype(np.float32) for tag, value in zip(heads[1:], values)})
+
+
+def _numbers(column: Iterable[str]) -> Iterator[float]:
+    for text in column:
+        number = float(text or "nan")
+        if text and not np.isfinite(number):
+            raise ValueError(f"{text} is not a finite number")
+        yield number
+
+
+def text_of(path: Path) -> str:
+    """What a file of text holds. Raises TrainingError if that cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise TrainingError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from error
