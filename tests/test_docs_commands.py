@@ -16,7 +16,7 @@ SMALL = {  # the same commands, with less to do: of an option that is given twic
     "replay": ["--quiet"],
     "rollout": ["--worlds", "5", "--steps", "310", "--quiet"],
 }
-ELSEWHERE = {"play", "train", "plot"}  # a game without end, a run of an hour and what needs it: they have own tests
+ELSEWHERE = {"play", "train", "plot", "evaluate"}  # a game without end, a run of an hour, what needs it: own tests
 
 
 def shown(page: Path) -> list[list[str]]:

@@ -47,7 +47,7 @@ def test_a_taken_port_is_told_in_one_line(capsys):
         ("--fps", "nan", "a number above 0"),
         ("--fps", "1e9", "a number above 0"),
         ("--agent", "-1", "an integer of at least 0"),
-        ("--others", "best", "invalid choice"),
+        ("--others", "best", "a saved policy, FILE.zip, is needed"),
     ],
 )
 def test_numbers_that_cannot_be_are_refused(capsys, option, value, words):

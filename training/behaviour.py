@@ -45,22 +45,31 @@ class Behaviour:
         shape = (rollout.buffer_size, self.core.num_worlds, self.core.num_agents)
         views = rollout.layout.views(rollout.observations[:-1].reshape(*shape, -1))
         alive, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
+        found = self.quantities(views, rollout.actions.reshape(*shape, -1), alive)
         tags = {"behaviour/alive": float(rollout.alive.mean())}
-        teams = views["self"].shape[-1] - 8  # 1 if rows hold a team
-        place = views["self"][..., teams + 2 : teams + 4]
-        if "zone" in views:
-            tags["behaviour/zone_distance"] = _mean(_length(place - views["zone"][..., :2]), alive)
-        if "attack" in self.names:
-            attack = rollout.actions[..., self.names.index("attack")].reshape(shape)
-            near = self._near(place, alive)
-            tags["behaviour/attack_near"] = _mean(attack, alive & near)
-            tags["behaviour/attack_far"] = _mean(attack, alive & ~near)
-            tags["behaviour/near"] = _mean(near, alive)
+        tags |= {f"behaviour/{name}": _mean(values, where) for name, (values, where) in found.items()}
         if self.heals is not None:
             tags["behaviour/heals_held"] = self.held / count
             tags["behaviour/heals_given"] = 1000 * self.given / count  # in 1000 agent-steps
         self.held = self.given = 0
         return {tag: value for tag, value in tags.items() if not np.isnan(value)}
+
+    def quantities(self, views: dict[str, Array], actions: Array, alive: Array) -> dict[str, tuple[Array, Array]]:
+        """By name: values (..., worlds, agents), and for whom they count, bool of the same shape.
+
+        views: observations by key. actions: (..., worlds, agents, actions). attack_near and attack_far: whether it
+        attacks, with a living enemy in reach and without; near: whether there is one.
+        """
+        found = {}
+        teams = views["self"].shape[-1] - 8  # 1 if rows hold a team
+        place = views["self"][..., teams + 2 : teams + 4]
+        if "zone" in views:
+            found["zone_distance"] = _length(place - views["zone"][..., :2]), alive
+        if "attack" in self.names:
+            attack, near = actions[..., self.names.index("attack")], self._near(place, alive)
+            found |= {"attack_near": (attack, alive & near), "attack_far": (attack, alive & ~near)}
+            found["near"] = near, alive
+        return found
 
     def _near(self, place: Array, alive: Array) -> Array:
         """Whether a living enemy is near enough to be struck by who faces it: its centre, reach and radius."""

@@ -68,6 +68,8 @@ def read(path: Path) -> dict[str, bytes]:
     version = about(files).get("version")
     if version != VERSION:
         raise TrainingError(f"{path} has version {version}: {VERSION} is needed")
+    if missing := {"observations", "actions", "preset", "scenario"} - about(files).keys():
+        raise TrainingError(f"{path} is not a checkpoint: it does not say its {', '.join(sorted(missing))}")
     return files
 
 

@@ -4,12 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from outlast.envs.errors import TrainingError
 from outlast.envs.scenario import Scenario
+from outlast.envs.vector import SurvivalVectorEnv
 
-from . import checkpoint
+try:
+    import torch
+
+    from . import checkpoint
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
+
 from .layout import Layout, scales
 from .policy import Policy
 from .presets import preset
@@ -40,6 +46,13 @@ class Player:
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario in which agents are told what this one was trained with."""
         return self.preset.scenario(scenario)
+
+    def check(self, env: SurvivalVectorEnv) -> None:
+        """Raises TrainingError where it cannot play, before anything is played."""
+        self._check(env.observe())
+        known, asked = self.about["actions"], [int(size) for size in env.action_sizes]
+        if known != asked:
+            raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
 
     def __call__(self, observations: dict[str, Array]) -> Array:
         """Raises TrainingError where observations are not like those of the training."""

@@ -5,10 +5,9 @@ import contextlib
 from typing import Any
 
 from ..make import make_vec
-from ..policies import POLICIES
 from ..rollout import ticks
 from . import film
-from .options import add_policy, add_scenario, positive, scenario
+from .options import add_policy, add_scenario, cast, positive
 
 
 def add(commands: Any) -> None:
@@ -27,6 +26,7 @@ def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
     rows, columns = options.mosaic or (1, 1)
     worlds = options.worlds or rows * columns
-    with contextlib.closing(make_vec(scenario(options), worlds, seed=options.seed, check_actions=False)) as env:
-        policy = POLICIES[options.policy](env, options.seed)
+    scenario, make_policy = cast(options)
+    with contextlib.closing(make_vec(scenario, worlds, seed=options.seed, check_actions=False)) as env:
+        policy = make_policy(env, options.seed)
         return film.shoot(options, env.worlds, ticks(env, policy, options.steps), options.steps)

@@ -1,10 +1,17 @@
 """What the options of several commands mean."""
 
 import argparse
+import contextlib
+from collections.abc import Callable
 
-from ..policies import POLICIES
+from ..errors import TrainingError
+from ..make import make_vec
+from ..policies import POLICIES, Policy
 from ..scenario import Scenario
 from ..variants import variant
+from ..vector import SurvivalVectorEnv
+
+SAVED = ".zip"  # what a saved policy's file ends in
 
 
 def add_scenario(command: argparse.ArgumentParser) -> None:
@@ -21,9 +28,50 @@ def scenario(options: argparse.Namespace) -> Scenario:
 
 
 def add_policy(command: argparse.ArgumentParser) -> None:
-    """--policy and --seed."""
-    command.add_argument("--policy", choices=sorted(POLICIES), default="random")
+    """--policy and --seed; `cast` reads them."""
+    command.add_argument(
+        "--policy",
+        type=policy,
+        default="random",
+        help=f"{', '.join(POLICIES)}, or what `outlast train` saved, FILE.zip",
+    )
     command.add_argument("--seed", type=seed, default=0, help="same seed, same episodes (default 0)")
+
+
+def policy(text: str) -> str:
+    """The name of a policy, or the path of a saved one."""
+    if text not in POLICIES and not text.endswith(SAVED):
+        raise argparse.ArgumentTypeError(f"{text}: {', '.join(POLICIES)} or a saved policy, FILE{SAVED}, is needed")
+    return text
+
+
+def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
+    """The scenario that the options name, and what makes the policy for it: see POLICIES.
+
+    Raises ScenarioError, TrainingError.
+    """
+    asked = scenario(options)
+    if options.policy in POLICIES:
+        return asked, POLICIES[options.policy]
+    fitting, player = saved(options.policy, asked, options.seed)
+    return fitting, lambda env, seed: player
+
+
+def saved(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
+    """The scenario in which agents are told what that saved policy was trained with, and the policy.
+
+    Raises TrainingError if it cannot play there, or if there is no PyTorch.
+    """
+    import outlast  # here: the package knows of training, envs do not
+
+    try:
+        player = outlast.load_policy(path, seed)
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
+    fitting = player.scenario(asked)
+    with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
+        player.check(env)
+    return fitting, player
 
 
 def positive(text: str) -> int:

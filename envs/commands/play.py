@@ -9,8 +9,8 @@ import webbrowser
 from typing import Any
 
 from ..errors import PlayError
-from ..faces.opponents import NAMES
-from .options import add_scenario, scenario, seed
+from ..policies import POLICIES
+from .options import add_scenario, policy, saved, scenario, seed
 
 FASTEST = 1000  # ticks a second
 
@@ -20,7 +20,9 @@ def add(commands: Any) -> None:
     command = commands.add_parser("play", help="steer an agent with the keyboard, in the browser, against policies")
     add_scenario(command)
     command.add_argument("--agent", type=seed, default=0, metavar="NUMBER", help="the one that you steer (default 0)")
-    command.add_argument("--others", choices=NAMES, default="scripted", help="who plays the others (default scripted)")
+    command.add_argument(
+        "--others", type=policy, default="scripted", help="who plays the others; FILE.zip: a saved policy"
+    )
     command.add_argument("--seed", type=seed, default=0, help="same seed, same episodes (default 0)")
     command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
     command.add_argument("--port", type=_port, default=0, help="of 127.0.0.1 (default 0: a free one)")
@@ -37,8 +39,10 @@ def run(options: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
-    who = {"agent": options.agent, "others": options.others, "seed": options.seed}
-    game = Game(scenario(options), **who, record=options.record)
+    world, others = scenario(options), options.others
+    if others not in POLICIES:
+        world, others = saved(others, world, options.seed)
+    game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
 
     def opened(address: str) -> None:
         print(f"{options.variant}: you are agent {options.agent} at {address}\nCtrl-C ends the game.", flush=True)

@@ -11,12 +11,14 @@ from tqdm import tqdm
 
 from ..errors import ClusterError
 from ..make import make_vec
-from ..policies import POLICIES
+from ..policies import POLICIES, Policy
 from ..rollout import Summary, Task, rollout
 from ..scenario import Scenario
-from .options import add_policy, add_scenario, positive, scenario
+from ..vector import SurvivalVectorEnv
+from .options import add_policy, add_scenario, cast, positive
 
 Work = Callable[[Callable[[int], None]], Summary]  # rolls out, and tells how many world-steps are done
+MakePolicy = Callable[[SurvivalVectorEnv, int], Policy]
 
 
 def add(commands: Any) -> None:
@@ -40,15 +42,15 @@ def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
     if options.log_deaths:
         logging.basicConfig(level=logging.INFO, format="%(message)s")
-    with (_here if options.ray is None else _on_ray)(options, scenario(options)) as (agents, work):
+    with (_here if options.ray is None else _on_ray)(options, *cast(options)) as (agents, work):
         return _watched(options, agents, work)
 
 
 @contextlib.contextmanager
-def _here(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
     env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
-    policy = POLICIES[options.policy](env, options.seed)
+    policy = make_policy(env, options.seed)
     with contextlib.closing(env):
         if options.record is not None:
             env.record(options.record)
@@ -56,17 +58,19 @@ def _here(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int
 
 
 @contextlib.contextmanager
-def _on_ray(options: argparse.Namespace, scenario: Scenario) -> Iterator[tuple[int, Work]]:
+def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
     if options.threads > 1 or options.log_deaths or options.record is not None:
         raise ClusterError("--threads, --log-deaths and --record are for one machine: leave them out with --ray")
+    if options.policy not in POLICIES:
+        raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")
     try:
         from .. import cluster  # here, as Ray takes seconds to load
     except ModuleNotFoundError as error:
         raise ClusterError(str(error)) from error
     with contextlib.closing(make_vec(scenario, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
         agents = env.num_agents
-    task = Task(scenario, POLICIES[options.policy], options.steps, options.seed)
+    task = Task(scenario, make_policy, options.steps, options.seed)
     with cluster.connected(options.ray):
         yield agents, lambda progress: cluster.rollout(task, options.worlds, progress)
 
