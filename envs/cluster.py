@@ -3,6 +3,7 @@
 import contextlib
 import os
 import socket
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -18,6 +19,7 @@ except ImportError as error:
     raise ModuleNotFoundError("--ray needs Ray: pip install 'outlast[ray]'", name="ray") from error
 
 RETRIES = 5  # how often a block starts anew after it lost its worker
+GRACE = 2.0  # seconds that running blocks have to end before they are stopped
 PATIENCE = 10.0  # seconds that the head of a cluster has to answer
 
 
@@ -52,14 +54,16 @@ def rollout(task: Task, worlds: int, progress: Callable[[int], None] = lambda wo
     raising KeyboardInterrupt with it as its argument. Raises ClusterError if a block loses too many workers, and
     whatever a worker raises.
     """
-    remote = ray.remote(max_retries=RETRIES)(_play)
-    parts = blocks(worlds, max(1, int(ray.cluster_resources().get("CPU", 1))))
-    waiting: dict[Any, tuple[int, int]] = {}  # blocks by Ray's references to their results
+    remote, room = ray.remote(max_retries=RETRIES)(_play), max(1, int(ray.cluster_resources().get("CPU", 1)))
+    ahead = deque(blocks(worlds, room))
+    waiting: dict[Any, tuple[int, int]] = {}  # blocks by Ray's references to their results, one for each core
     done: dict[tuple[int, int], Summary] = {}
     try:
-        waiting.update((remote.remote(outlast.__version__, task, *part), part) for part in parts)
-        while waiting:
-            ready, _ = ray.wait(list(waiting), num_returns=len(waiting), timeout=1)
+        while ahead or waiting:
+            while ahead and len(waiting) < room:
+                part = ahead.popleft()
+                waiting[remote.remote(outlast.__version__, task, *part)] = part
+            ready, _ = ray.wait(list(waiting), timeout=1)
             for reference in ready:
                 done[waiting[reference]] = _result(reference, *waiting[reference])
                 del waiting[reference]
@@ -67,9 +71,16 @@ def rollout(task: Task, worlds: int, progress: Callable[[int], None] = lambda wo
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_merged(done)) from None
     finally:
-        for reference in waiting:
-            ray.cancel(reference)  # by force, Ray 2.60 ends this very process if the result arrives at that moment
+        _stop(list(waiting))
     return _merged(done)
+
+
+def _stop(references: list[Any]) -> None:
+    """Stop what runs. Ray 2.60 ends this very process if a task is cancelled that has not begun, or just ends."""
+    if references:
+        _, running = ray.wait(references, num_returns=len(references), timeout=GRACE)
+        for reference in running:
+            ray.cancel(reference)
 
 
 def _knock(address: str) -> None:
