@@ -7,7 +7,6 @@ and signals, and whether they run. Whatever continues from it is bit-identical t
 import hashlib
 import json
 import os
-import tempfile
 import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from outlast.ecs import Worlds
 
+from .drafts import draft
 from .errors import StateError
 from .scenario import Scenario
 
@@ -48,16 +48,9 @@ class State:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all."""
         header = {"version": VERSION, "scenario": self.scenario, "checksum": _checksum(self.arrays)}
-        target = Path(path)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
-                np.savez(file, **named)
-            os.replace(temporary, target)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
+        with draft(Path(path)) as place, place.open("wb") as file:
+            np.savez(file, **named)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":

@@ -6,7 +6,6 @@ run.json, which says what the policy was trained in and how.
 
 import io
 import json
-import os
 import tempfile
 import zipfile
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import torch
 
+from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
 from outlast.envs.state import State, identity
 
@@ -45,15 +45,9 @@ def capture(model: SharedPPO, about: dict[str, Any]) -> dict[str, bytes]:
 
 def write(path: Path, files: dict[str, bytes]) -> None:
     """Write a checkpoint; whole or not at all."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w") as archive:
-            for name, content in files.items():
-                archive.writestr(name, content)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with draft(path) as place, zipfile.ZipFile(place, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
 
 
 def read(path: Path) -> dict[str, bytes]:

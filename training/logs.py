@@ -2,13 +2,13 @@
 
 import csv
 import io
-import os
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
 from torch.utils.tensorboard import SummaryWriter
 
+from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
 
 from .curves import HEADER
@@ -66,6 +66,5 @@ def cut(path: Path, steps: int) -> None:
     if lines and lines[0].strip() != ",".join(HEADER):
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
     kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text("".join([*lines[:1], *kept]))
-    os.replace(temporary, path)
+    with draft(path) as place:
+        place.write_text("".join([*lines[:1], *kept]))

@@ -1,11 +1,11 @@
 """outlast plot: the paper's figures from the logs of runs, and a table of where they end. Needs no PyTorch."""
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
 
 from .claims import sentences
@@ -61,15 +61,7 @@ def write(contents: Mapping[Path, bytes]) -> None:
     for path, content in contents.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _replace(path, content)
+            with draft(path) as place:
+                place.write_bytes(content)
         except OSError as error:
             raise TrainingError(f"{path} cannot be written: {error.strerror}") from error
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

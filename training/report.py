@@ -3,14 +3,13 @@
 import csv
 import io
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from outlast.envs.drafts import draft
 from outlast.envs.state import identity
 
 from .evaluate import Evaluation, Figures, Meeting
@@ -40,7 +39,8 @@ def write(evaluation: Evaluation, folder: Path) -> list[Path]:
         "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
     }
     for name, content in contents.items():
-        _replace(folder / name, content)
+        with draft(folder / name) as place:
+            place.write_text(content, encoding="utf-8", newline="\n")
     return [folder / name for name in contents]
 
 
@@ -145,16 +145,3 @@ def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     file = io.StringIO()
     csv.writer(file, lineterminator="\n").writerows([head, *rows])
     return file.getvalue()
-
-
-def _replace(path: Path, content: str) -> None:
-    """Write beside the target, then move it there."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -2,13 +2,13 @@
 
 import base64
 import os
-import secrets
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from outlast.components import Side
 from outlast.ecs import Clock, Worlds
 
+from ..drafts import draft
 from ..errors import PageError
 from .assets import DRAWING, assemble
 from .events import events
@@ -31,7 +31,8 @@ def write(
     recorded = record(worlds, ticks, chosen)
     if not any(recorded.values()):
         raise PageError("there is nothing to show: not one tick")
-    _replace(target, render(recorded, title))
+    with draft(target) as place:
+        place.write_text(render(recorded, title), encoding="utf-8", newline="\n")
 
 
 def render(recorded: dict[int, list[Episode]], title: str) -> str:
@@ -76,13 +77,3 @@ def _checked(path: str | os.PathLike[str]) -> Path:
     if target.is_dir() or not target.parent.is_dir():
         raise PageError(f"{target} cannot be written: give a file name in a folder that is there")
     return target
-
-
-def _replace(target: Path, content: str) -> None:
-    """Write beside the target, then move it there."""
-    draft = target.with_name(f".{target.name}-{secrets.token_hex(4)}.tmp")
-    try:
-        draft.write_text(content, encoding="utf-8", newline="\n")
-        os.replace(draft, target)
-    finally:
-        draft.unlink(missing_ok=True)

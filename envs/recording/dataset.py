@@ -1,10 +1,6 @@
 """Data sets: the samples of a recording in files that others read."""
 
-import os
-import secrets
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -90,17 +86,3 @@ def batches(replay: Replay, wish: Wish) -> Iterator[Samples]:
             waiting, size = [], 0
     if waiting:
         yield joined(waiting)
-
-
-@contextmanager
-def draft(target: Path) -> Iterator[Path]:
-    """A path beside the target that takes its place if all goes well, and else vanishes."""
-    path = target.with_name(f".{target.name}-{secrets.token_hex(4)}.tmp")
-    try:
-        yield path
-        os.rename(path, target)
-    finally:
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)

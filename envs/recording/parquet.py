@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ..drafts import draft
 from ..errors import RecordingError
-from .dataset import batches, draft, manifest
+from .dataset import batches, manifest
 from .replay import Replay
 from .samples import Samples, Wish
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .dataset import batches, draft, manifest
+from ..drafts import draft
+from .dataset import batches, manifest
 from .replay import Replay
 from .samples import Wish
 
