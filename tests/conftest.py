@@ -1,7 +1,7 @@
 """What all tests share: how they run, and what it means that two environments are the same."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numba
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Worlds
+from outlast.envs.policies import Policy, noop_policy
 from outlast.envs.vector import SurvivalVectorEnv
 
 COMPILED = not numba.config.DISABLE_JIT
@@ -34,6 +35,22 @@ def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray
     """Uniformly random actions for every agent of every world."""
     sizes = env.single_action_space.nvec
     return rng.integers(0, sizes, (env.num_worlds, *sizes.shape))
+
+
+def interrupted_after(calls: int) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """A policy for POLICIES that does nothing, and at its next call after so many is as if Ctrl-C were pressed."""
+
+    def make(env: SurvivalVectorEnv, seed: int) -> Policy:
+        left, idle = iter(range(calls)), noop_policy(env, seed)
+
+        def act(observations: Any) -> Any:
+            if next(left, None) is None:
+                raise KeyboardInterrupt
+            return idle(observations)
+
+        return act
+
+    return make
 
 
 @pytest.fixture

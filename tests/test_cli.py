@@ -4,6 +4,7 @@ import pytest
 
 from outlast.envs import main as cli
 from outlast.envs.policies import POLICIES
+from tests.conftest import interrupted_after
 
 
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -72,18 +73,7 @@ def test_numbers_that_cannot_be_are_refused(capsys, option, value, least):
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
-    def interrupted(env, seed):
-        steps = iter(range(110))
-        idle = POLICIES["noop"](env, seed)
-
-        def act(observations):
-            if next(steps, None) is None:
-                raise KeyboardInterrupt
-            return idle(observations)
-
-        return act
-
-    monkeypatch.setitem(POLICIES, "random", interrupted)
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(110))
     arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100", *quiet)
     status, out, _ = run(capsys, *arguments)
     assert status == 130

@@ -13,6 +13,7 @@ from outlast.envs.film.footage import footage
 from outlast.envs.policies import POLICIES, scripted_policy
 from outlast.envs.rollout import ticks
 from outlast.envs.views import select
+from tests.conftest import interrupted_after
 
 SMALL = ("--size", "64", "--steps", "4", "--quiet")
 
@@ -113,17 +114,7 @@ def test_mosaics_that_cannot_be(capsys, text: str) -> None:
 
 
 def test_ctrl_c_leaves_nothing(capsys, tmp_path: Path, monkeypatch) -> None:
-    def interrupted(env, seed):
-        raise_at, idle = iter(range(3)), POLICIES["noop"](env, seed)
-
-        def act(observations):
-            if next(raise_at, None) is None:
-                raise KeyboardInterrupt
-            return idle(observations)
-
-        return act
-
-    monkeypatch.setitem(POLICIES, "random", interrupted)
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(3))
     status, _, err = run(capsys, "frames", "ffa_3", "--out", tmp_path / "film.webm", "--policy", "random", "--quiet")
     assert status == 130
     assert "film.webm was not written" in err

@@ -19,6 +19,7 @@ from outlast.envs.commands import options
 from outlast.envs.play.game import Game
 from outlast.envs.policies import POLICIES
 from outlast.envs.rollout import rollout
+from tests.conftest import interrupted_after
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
@@ -89,18 +90,7 @@ def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) ->
 
 
 def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, monkeypatch, tmp_path: Path) -> None:
-    def interrupted(env, seed):
-        steps = iter(range(20))
-        idle = POLICIES["noop"](env, seed)
-
-        def act(observations):
-            if next(steps, None) is None:
-                raise KeyboardInterrupt
-            return idle(observations)
-
-        return act
-
-    monkeypatch.setitem(POLICIES, "random", interrupted)
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path / "out")
     assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
     printed = capsys.readouterr()
