@@ -7,7 +7,7 @@ from .heal import Heal, HealsUsed, HealView
 from .health import Death, Guard, Health
 from .inventory import Bag, Drop, Gift, Give, Item, Use
 from .melee import Attack, Weapon
-from .motor import Drive
+from .motor import Drive, Steer
 from .phase import Phase
 from .score import End, Episode, Reward, Score
 from .sight import Sight, Told
@@ -49,6 +49,7 @@ __all__ = [
     "Sight",
     "Solid",
     "Spawned",
+    "Steer",
     "Told",
     "Use",
     "Weapon",

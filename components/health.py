@@ -6,7 +6,7 @@ from outlast.ecs import Array, Component, column, kernel
 
 
 class Health(Component):
-    """Hit points; at zero or below the entity dies at the next check. There is no maximum."""
+    """Hit points; at zero or below the entity dies at the next check. A maximum is up to Mortality."""
 
     points: Array = column("i4", fill=100)
     mortal: Array = column("u1", fill=1)  # 1: this row has health at all

@@ -1,4 +1,4 @@
-"""What agents want of their motors."""
+"""What agents want of their motors: one of the two, as the mechanic that moves them has it."""
 
 from outlast.ecs import Action, Array, column
 
@@ -9,3 +9,11 @@ class Drive(Action, order=0):
     ahead: Array = column("i1", "agents", low=-1, high=1)
     left: Array = column("i1", "agents", low=-1, high=1)
     turn: Array = column("i1", "agents", low=-1, high=1)
+
+
+class Steer(Action, order=0):
+    """Speed in the agent's own frame, in thirds of the most: ahead, to the left, and counter-clockwise."""
+
+    ahead: Array = column("i1", "agents", low=-3, high=3)
+    left: Array = column("i1", "agents", low=-3, high=3)
+    turn: Array = column("i1", "agents", low=-3, high=3)

@@ -41,7 +41,7 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile."""
-    keys = [key for key, _ in env.action_columns]
+    levels = {key: -low for key, low in env.action_columns}  # each way
     teams = env.worlds.dims["features"] - 8  # 1 if rows hold a team
 
     def act(observations: Arrays) -> Actions:
@@ -65,16 +65,16 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
         view = _turned(enemy - place, -angle)
         error = np.where(met, np.arctan2(view[1], view[0]), 1.0)  # nobody in sight: keep turning
         choice = {
-            "ahead": 1 + _sign(ahead, 0.3),
-            "left": 1 + _sign(left, 0.3),
-            "turn": 1 + _sign(4 * error - 3 * omega, 0.2),
+            "ahead": _level(ahead / 0.6, levels.get("ahead", 0)),
+            "left": _level(left / 0.6, levels.get("left", 0)),
+            "turn": _level((4 * error - 3 * omega) / 0.4, levels.get("turn", 0)),
             "attack": met & (_length(enemy - place) < REACH + 0.5),
             "use": (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0)
             if "heal_slot" in observations
             else 0,
         }
         zeros = np.zeros(health.shape, np.int8)
-        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in keys], axis=-1)
+        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in levels], axis=-1)
 
     return act
 
@@ -109,9 +109,9 @@ def _length(vectors: Any) -> Any:
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
-def _sign(values: Any, dead: float) -> Any:
-    """-1, 0 or 1; 0 within the dead band."""
-    return (values > dead).astype(np.int8) - (values < -dead).astype(np.int8)
+def _level(values: Any, most: int) -> Any:
+    """The action for a wish that is a whole number of levels, or nearly: `most` is to do nothing."""
+    return most + np.clip(np.rint(values), -most, most).astype(np.int8)
 
 
 def _turned(vectors: Any, angle: Any) -> tuple[Any, Any]:

@@ -29,6 +29,7 @@ from outlast.systems import (
     Teams,
 )
 
+from .fixes import fixed
 from .scenario import Scenario, ScenarioError
 
 BASE = Scenario(
@@ -76,12 +77,21 @@ VARIANTS = {name: Scenario(name, base.replace(**numbers).modules, about) for nam
 ALIASES = {original: name for name, original, *_ in _ROWS}
 
 
+def base(name: str) -> str:
+    """The name of a variant without its fixes."""
+    return name.partition("+")[0]
+
+
 def variant(name: str) -> Scenario:
-    """The paper's variant of that name or of its original name; an unknown one is a ScenarioError that lists all."""
-    found = VARIANTS.get(ALIASES.get(name, name))
+    """The paper's variant of that name or of its original name, with flaws mended: "teams_2+health_cap", see FIXES.
+
+    An unknown name is a ScenarioError that lists all.
+    """
+    plain, *fixes = str(name).split("+")
+    found = VARIANTS.get(ALIASES.get(plain, plain))
     if found is None:
-        near = difflib.get_close_matches(str(name), [*VARIANTS, *ALIASES], 2)
+        near = difflib.get_close_matches(plain, [*VARIANTS, *ALIASES], 2)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
-        raise ScenarioError(f"there is no variant '{name}'; {hint}known: {known}")
-    return found
+        raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
+    return fixed(found, fixes) if fixes else found

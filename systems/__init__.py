@@ -11,7 +11,7 @@ from .heals import Heals
 from .health import Mortality
 from .inventory import Inventory
 from .melee import Melee
-from .motors import Motors
+from .motors import Motors, Steering
 from .physics import Contacts
 from .pickup import AutoPickup
 from .record import Record
@@ -42,5 +42,6 @@ __all__ = [
     "Room",
     "SafeZone",
     "SpawnGrid",
+    "Steering",
     "Teams",
 ]

@@ -32,7 +32,7 @@ class Heals(Module):
 
 @Heals.system(Phase.EFFECT)
 def cure(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read[Heal], heals: Rows[Heal]) -> None:
-    """The user gains hit points; there is no maximum."""
+    """The user gains hit points."""
     for thing in heals:
         if item.user[thing] >= 0:
             health.points[item.user[thing]] += heal.amount[thing]

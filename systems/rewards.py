@@ -2,17 +2,26 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from outlast.components import Phase, Reward, Score, Side
-from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number
+
+MEMBERS = 1  # index into the choices of Rewards.basis
 
 
 @dataclass(frozen=True)
 class Rewards(Module):
     """R = alive or dead, + kills * kill, + deaths * death, of an agent's side (paper, section 3.5).
 
-    A side is alive while one of its members is. posthumous: whether a side that is dead after the tick is still paid
-    for its kills in it; in the paper's free-for-all runs it was not (reference rules, section 5).
+    posthumous: whether a side that is dead after the tick is still paid for its kills in it; in the paper's
+    free-for-all runs it was not (reference rules, section 5).
+
+    Two numbers are for what the paper names as flaws 2 and 3 (section 5). basis: what `alive` and `dead` are paid
+    for. "side": a side is alive while one of its members is, as in the paper. "members": the mean over its members,
+    so that a dead one costs. outlive: paid to a living side for each other one that dies out, whoever did it.
     """
 
     alive: float = number(1.0)
@@ -20,9 +29,20 @@ class Rewards(Module):
     kill: float = number(0.0)
     death: float = number(0.0)
     posthumous: bool = number(True)
+    basis: str = number("side", choices=("side", "members"))
+    outlive: float = number(0.0)
 
     def singletons(self) -> Iterable[Singleton]:
         return [Reward()]
+
+
+@kernel
+def members(side: Any, agents: Any, s: int) -> int:
+    """How many agents side `s` has, dead or alive."""
+    count = 0
+    for e in agents:
+        count += side.side[e] == s
+    return count
 
 
 @Rewards.system(Phase.REWARD, after="ending.count")
@@ -37,12 +57,22 @@ def pay(
     kill: float,
     death: float,
     posthumous: bool,
+    basis: int,
+    outlive: float,
 ) -> None:
     """Every member gets what its side gets; nothing in the tick that starts an episode."""
+    gone = 0
+    for s in range(score.alive.size):
+        gone += score.deaths[s] > 0 and score.alive[s] == 0
     for i in range(agents.size):
         s = side.side[agents[i]]
         pay = alive if score.alive[s] > 0 else dead
+        if basis == MEMBERS:
+            share: Any = np.float32(score.alive[s]) / np.float32(members(side, agents, s))
+            pay = share * alive + (np.float32(1) - share) * dead
         if posthumous or score.alive[s] > 0:
             pay += score.kills[s] * kill
+        if score.alive[s] > 0:
+            pay += gone * outlive
         pay += score.deaths[s] * death
         reward.reward[i] = pay if clock.tick[0] > 0 else 0

@@ -105,8 +105,14 @@ def killed(world: World, side: int) -> int:
 def reward(world: World, i: int) -> float:
     """Of agent `i` for this tick: its side's (paper, section 3.5)."""
     side = world.of("agent")[i].side
-    pay = {name: world.numbers[f"rewards_{name}"] for name in ("alive", "dead", "kill", "death", "posthumous")}
+    pay = {name.removeprefix("rewards_"): value for name, value in world.numbers.items() if name.startswith("rewards_")}
     total = pay["alive"] if alive(world, side) else pay["dead"]
+    if pay["basis"] == "members":
+        mates = [agent for agent in world.of("agent") if agent.side == side]
+        total = sum(pay["alive"] if agent.here else pay["dead"] for agent in mates) / len(mates)
+    if alive(world, side):
+        fallen = {world.of("agent")[victim].side for victim, _, _ in world.deaths}
+        total += pay["outlive"] * sum(not alive(world, other) for other in fallen)
     if alive(world, side) or pay["posthumous"]:
         total += pay["kill"] * killed(world, side)
     return total + pay["death"] * sum(world.of("agent")[victim].side == side for victim, _, _ in world.deaths)

@@ -31,6 +31,17 @@ TEXT = RUNS | {
 }  # fmt: skip
 KINDS = {
     "ffa as run": ("ffa_4", RUNS),
+    "teams mended": (
+        "teams_4",
+        RUNS
+        | {
+            "agents_count": 6,
+            "sides_count": 3,
+            "rewards_basis": "members",
+            "rewards_outlive": 7.0,
+            "health_limit": 110,
+        },
+    ),
     "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
     "teams as run": ("teams_4", RUNS | {"agents_count": 6, "sides_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),

@@ -104,6 +104,8 @@ def use(world: World, actions: Actions) -> None:
             box.vx = box.vy = box.omega = 0.0
             box.health, box.losses = world.numbers["boxes_toughness"], []
             world.statistics["boxes_placed"] += 1
+    for agent in world.of("agent"):
+        agent.health = min(agent.health, world.numbers["health_limit"] or math.inf)
 
 
 def give(world: World, actions: Actions) -> None:

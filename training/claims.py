@@ -23,8 +23,8 @@ class Claim:
 
 
 def claims(group: Group) -> Iterator[Claim]:
-    """Of a group whose runs are as long as the paper's; nothing of others."""
-    if not all(run.done for run in group.ended):
+    """Of a group whose runs are of the paper's game and as long as the paper's; nothing of others."""
+    if group.mended or not all(run.done for run in group.ended):
         return
     found = [row for row in rows(group) if row.theirs]
     yield _close(found)

@@ -64,7 +64,7 @@ def rows(group: Group) -> Iterator[Row]:
 
 def verdict(group: Group, row: Row) -> str:
     """Whether the ends are close: yes, no, or that it is too early to say; empty where it is not asked."""
-    if row.apart is None:
+    if row.apart is None or group.mended:
         return ""
     if not all(run.done for run in group.ended):
         return "too early"

@@ -11,7 +11,7 @@ from typing import Any
 from outlast.envs.errors import TrainingError
 from outlast.envs.scenario import Scenario, ScenarioError
 from outlast.envs.state import identity
-from outlast.envs.variants import variant
+from outlast.envs.variants import base, variant
 
 from . import paper
 from .curves import Curves, kept, of_log, read_kept
@@ -28,7 +28,7 @@ LACKING, USUALLY = "not there", "as usual"
 class Result:
     """A run: where it was found, what was trained and how, its curves.
 
-    variant: a name. plan: Plan.about() of train.py. changed: numbers of the scenario other than the variant's own.
+    variant: a name, with fixes. plan: Plan.about() of train.py. changed: numbers other than those of the paper.
     """
 
     origin: Path
@@ -107,8 +107,13 @@ class Group:
 
     @cached_property
     def paper(self) -> Curves:
-        """The paper's own."""
-        return paper.curves(self.variant)
+        """The paper's own, of the variant without fixes."""
+        return paper.curves(base(self.variant))
+
+    @property
+    def mended(self) -> bool:
+        """Whether flaws of the variant are mended, so that it is another game than the paper's."""
+        return base(self.variant) != self.variant
 
     def notes(self) -> list[str]:
         """Sentences on what sets these runs apart from the paper's: shorter ones, other settings."""
@@ -157,8 +162,8 @@ def _of_folder(folder: Path) -> Result:
 
 
 def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
-    """Numbers other than those of the variant as agents of the preset see it."""
-    scenario: Scenario = preset(of).scenario(variant(name))
+    """Numbers other than those of the paper's variant as agents of the preset see it."""
+    scenario: Scenario = preset(of).scenario(variant(base(name)))
     own = identity(scenario)["numbers"]
     keys = sorted(own.keys() | numbers.keys())
     pairs = {key: (numbers.get(key, LACKING), own.get(key, LACKING)) for key in keys}

@@ -10,12 +10,13 @@ from typing import Any
 
 from .envs.faces.register import register as register_gymnasium
 from .envs.faces.zoo import register as register_pettingzoo
+from .envs.fixes import FIXES
 from .envs.make import make_vec
 from .envs.scenario import Scenario, ScenarioError
 from .envs.variants import ALIASES, VARIANTS, variant
 
 __version__ = "0.1.0"
-__all__ = ["ALIASES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
+__all__ = ["ALIASES", "FIXES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
 
 _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
     "Recording": "envs.recording",

@@ -37,6 +37,16 @@ def variants() -> str:
     return grid(["variant", "original name", "in words", *map(code, keys)], rows)
 
 
+def fixes() -> str:
+    """The fixes: what each changes in teams_4, which has every mechanic that one could need."""
+    plain, rows = outlast.VARIANTS["teams_4"].numbers(), []
+    for name, fix in outlast.FIXES.items():
+        mended = outlast.variant(f"teams_4+{name}").numbers()
+        changed = ", ".join(code(f"{key} = {value}") for key, value in mended.items() if plain.get(key) != value)
+        rows.append([code(name), str(fix.flaw), fix.about, changed])
+    return grid(["fix", "flaw", "in words", "changes in teams_4"], rows)
+
+
 def numbers(*names: str) -> str:
     """The numbers of the mechanics `names` (all, if none): by default, in the paper's runs, and allowed."""
     kinds = [getattr(systems, name) for name in names or systems.__all__]

@@ -24,6 +24,7 @@ TABLES: dict[str, Callable[..., str]] = {
     made.__name__: made
     for made in (
         catalogue.variants,
+        catalogue.fixes,
         catalogue.numbers,
         catalogue.actions,
         catalogue.observations,

@@ -17,19 +17,23 @@ const Keys = (() => {
   const TOUCH = { turn: ["⟲", "⟳"], attack: ["Strike"], use: ["Use"], give: ["Give"], drop: ["Drop"] };
 
   let bindings = [];
+  let ranges = {}; // least and most of each action
   let tell = () => {};
   const down = new Map(); // what each key, button or stick wants: {action: value}
 
   // Bind the actions that this world has; those of other mechanics get the digits. tell(held, tapped) hears of changes.
   function bind(actions, listener) {
+    ranges = actions;
     const known = new Set(BINDINGS.map(([name]) => name));
     const others = Object.keys(actions).filter((name) => !known.has(name)).slice(0, 9);
     bindings = [
-      ...BINDINGS.filter(([name]) => name in actions),
+      ...BINDINGS.filter(([name]) => name in actions).map(([name, value, ...rest]) => [name, full(name, value), ...rest]),
       ...others.map((name, k) => [name, actions[name][1], [`Digit${k + 1}`], String(k + 1), name.replaceAll("_", " ")]),
     ];
     tell = listener;
   }
+
+  const full = (name, sign) => (sign && name in ranges ? ranges[name][sign < 0 ? 0 : 1] : 0);
 
   function held() {
     const wishes = Object.assign({}, ...down.values()); // of two that contradict each other, the later one
@@ -99,7 +103,7 @@ const Keys = (() => {
       const { left, top, width, height } = pad.getBoundingClientRect();
       let x = 2 * (event.clientX - left) / width - 1, y = 1 - 2 * (event.clientY - top) / height;
       const size = Math.hypot(x, y), sign = (value) => (Math.abs(value) > 0.3 ? Math.sign(value) : 0);
-      const wish = { ahead: sign(y), left: sign(-x) }, before = down.get("stick") || {};
+      const wish = { ahead: full("ahead", sign(y)), left: full("left", sign(-x)) }, before = down.get("stick") || {};
       if (wish.ahead !== before.ahead || wish.left !== before.left) press("stick", wish);
       if (size > 1) [x, y] = [x / size, y / size];
       knob.style.transform = `translate(${x * width / 4}px, ${-y * height / 4}px)`;
