@@ -8,12 +8,14 @@ import pytest
 from outlast import make_vec, variant
 from outlast.components import Item
 from outlast.ecs import Entity
+from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
+from outlast.training.watch import Watch  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
@@ -110,3 +112,28 @@ def test_episodes_are_those_that_ended() -> None:
     assert expected["heals_used"] > 0
     assert expected["reward0"] != expected["reward1"]
     assert model.collector.episodes.report() == {"rollout/episodes": 0}
+
+
+def test_an_evaluation_counts_gifts_by_giver() -> None:
+    env = make_vec(CROWD, WORLDS, seed=4, autoreset="Disabled")
+    env.reset()
+    watch, rng = Watch(env), np.random.default_rng(4)
+    agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
+    expected = np.zeros((WORLDS, 4))
+    for _ in range(STEPS):
+        before = env.worlds[Item].holder[:, heals].copy()
+        actions = draw_actions(env, rng)
+        watch.before(actions)
+        _, _, terminated, _, _ = env.step(actions)
+        watch.after()
+        after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
+        for w in range(WORLDS):
+            for was, now in zip(before[w].tolist(), after[w].tolist(), strict=True):
+                expected[w, was - agents.start] += 0 <= was != now >= 0 and lives[w, was]
+        if terminated.any():
+            env.reset(options={"reset_mask": terminated})
+            watch.forget(terminated)
+            expected[terminated] = 0
+    env.close()
+    assert (watch.totals["heals_given"] == expected).all()
+    assert (expected > 0).any(1).sum() > 1

@@ -30,15 +30,19 @@ class Behaviour:
             self.holder = self.core.worlds[Item].holder[:, self.heals].copy()
 
     def after(self) -> None:
-        """Count heals in bags, and those that went from one living agent to another. Call after every step."""
-        if self.heals is None:
-            return
-        now = self.core.worlds[Item].holder[:, self.heals]
-        self.held += int((now >= 0).sum())
-        moved = (self.holder >= 0) & (now >= 0) & (now != self.holder)
-        if moved.any():
-            worlds = np.nonzero(moved)[0]
-            self.given += int(self.core.worlds[Entity].alive[worlds, self.holder[moved]].sum())
+        """Count heals in bags, and those that were given. Call after every step."""
+        if self.heals is not None:
+            self.held += int((self.core.worlds[Item].holder[:, self.heals] >= 0).sum())
+            self.given += int(self.gifts().sum())
+
+    def gifts(self) -> Array:
+        """Heals that each agent gave to another since `before`, int (worlds, agents); of those who live still."""
+        worlds, given = self.core.worlds, np.zeros((self.core.num_worlds, self.core.num_agents), int)
+        now = worlds[Item].holder[:, self.heals]
+        moved = np.nonzero((self.holder >= 0) & (now >= 0) & (now != self.holder))
+        givers = self.holder[moved]
+        np.add.at(given, (moved[0], givers - self.agents.start), worlds[Entity].alive[moved[0], givers])
+        return given
 
     def report(self, rollout: Rollout) -> dict[str, float]:
         """Means over the living agents of the rollout, by tag; what was never the case is left out."""

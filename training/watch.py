@@ -16,8 +16,8 @@ Array = np.ndarray[Any, Any]
 class Watch:
     """Sums over the running episode of every world; make it when the worlds have been reset.
 
-    totals: float64 (worlds, agents) by name. life: ticks to whose end the agent's side lived; deaths_CAUSE. rates:
-    float64 (worlds, agents, 2), sums over the ticks that the agent lived in, and how many ticks those are: see
+    totals: float64 (worlds, agents) by name. life: ticks to whose end its side lived; deaths_CAUSE; heals_given.
+    rates: float64 (worlds, agents, 2), sums over the ticks that the agent lived in, and how many ticks those are: see
     Behaviour.quantities, and heals_held.
     """
 
@@ -25,7 +25,8 @@ class Watch:
         self.core, self.behaviour = core, Behaviour(core)
         self.agents = core.worlds.span("agent")
         self.sides = core.worlds[Side].side[0, self.agents].copy()
-        names = ("life", *(f"deaths_{cause}" for cause in core.worlds.layout.causes))
+        names = ["life", *(f"deaths_{cause}" for cause in core.worlds.layout.causes)]
+        names += ["heals_given"] * (self.behaviour.heals is not None)
         self.totals = {name: np.zeros((core.num_worlds, core.num_agents)) for name in names}
         self.rates: dict[str, Array] = {}
 
@@ -33,6 +34,7 @@ class Watch:
         """Count what agents are about to do. Call before every step."""
         alive = self.core.worlds[Entity].alive[:, self.agents] != 0
         found = self.behaviour.quantities(self.core.observe(), actions, alive)
+        self.behaviour.before()
         if self.behaviour.heals is not None:
             holder, rows = self.core.worlds[Item].holder[:, self.behaviour.heals], np.r_[self.agents]
             found["heals_held"] = (holder[:, :, None] == rows).sum(1), alive
@@ -42,13 +44,15 @@ class Watch:
             rate[..., 1] += where
 
     def after(self) -> None:
-        """Count who lives and who died. Call after every step."""
+        """Count who lives, who died, who gave. Call after every step."""
         death = self.core.worlds[Death]
         now, cause = death.now[:, self.agents] != 0, death.cause[:, self.agents]
         self.totals["life"] += self.core.worlds[Score].alive[:, self.sides] > 0
         if now.any():
             for k, name in enumerate(self.core.worlds.layout.causes):
                 self.totals[f"deaths_{name}"] += now & (cause == k)
+        if self.behaviour.heals is not None:
+            self.totals["heals_given"] += self.behaviour.gifts()
 
     def forget(self, where: Array) -> None:
         """Begin anew in the worlds `where`."""
