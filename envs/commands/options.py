@@ -14,17 +14,17 @@ from ..vector import SurvivalVectorEnv
 SAVED = ".zip"  # what a saved policy's file ends in
 
 
-def add_scenario(command: argparse.ArgumentParser) -> None:
-    """VARIANT and --set; `scenario` reads them."""
-    command.add_argument("variant", help="see `outlast variants`")
+def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
+    """VARIANT, or several, and --set; `scenario` reads them."""
+    command.add_argument("variant", nargs="+" if several else None, help="see `outlast variants`")
     command.add_argument(
         "--set", action="append", default=[], metavar="NUMBER=VALUE", help="change a number: n_agents=10"
     )
 
 
-def scenario(options: argparse.Namespace) -> Scenario:
-    """The scenario that the options name. Raises ScenarioError."""
-    return variant(options.variant).replace(**dict(_assignment(text) for text in options.set))
+def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
+    """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
+    return variant(name or options.variant).replace(**dict(_assignment(text) for text in options.set))
 
 
 def add_policy(command: argparse.ArgumentParser) -> None:
