@@ -33,7 +33,7 @@ from outlast.ecs.jit import compiled
 from outlast.ecs.lanes import LANES, bits, flags, lanes
 
 from .box2d import native, portable
-from .box2d.scene import COLUMNS, LIMIT, LONGEST, SOLVED, IncompatibleBox2D, Settings
+from .box2d.scene import COLUMNS, LIMIT, LONGEST, REACH, SOLVED, IncompatibleBox2D, Settings
 from .box2d.staging import stage, unstage
 from .inner.broad import gap, travel
 from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, present, row, within, without
@@ -189,6 +189,7 @@ def collider(solve: Any) -> Any:
             for e in range(solid.near.size):
                 solid.near[e] = entities.alive[e]
             count = stage(scene, extent, body, shape, push, solid, entities, solids, substeps)
+            scene[:count, REACH] = np.inf  # there is nobody left to run into
             fault.physics[0] = solve(arena, settings, scene, count) != SOLVED
         unstage(scene, body, solid, entities, solids)
 
@@ -224,18 +225,18 @@ def fly(
             left &= left - 1
             if not solid.near[e]:
                 for _ in range(substeps):
-                    integrate(body, push, e, dt, slow, calm, substeps)
+                    integrate(body, push, e, dt, slow, calm, np.float32(substeps))
             body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
             if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
                 fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
 
 
 @kernel
-def integrate(body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, substeps: int) -> None:
-    """One substep of b2Island::Solve for a body that touches nothing."""
-    vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / substeps)) * slow
-    vy = (body.vy[e] + push.inverse_mass[e] * (push.y[e] / substeps)) * slow
-    omega = (body.omega[e] + push.inverse_inertia[e] * (push.turn[e] / substeps)) * calm
+def integrate(body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, parts: Real) -> None:
+    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32."""
+    vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / parts)) * slow
+    vy = (body.vy[e] + push.inverse_mass[e] * (push.y[e] / parts)) * slow
+    omega = (body.omega[e] + push.inverse_inertia[e] * (push.turn[e] / parts)) * calm
     x, y = dt * vx, dt * vy
     if x * x + y * y > LONGEST * LONGEST:
         ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))

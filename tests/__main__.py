@@ -3,7 +3,7 @@
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
 The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python; the last
 two without the tests of the faces.
-`--quick` leaves out the slow tests and the last two ways.
+`--quick` leaves out the slow tests and the last two ways. `--nightly` runs those tests, compiled, that take minutes.
 """
 
 import importlib.util
@@ -67,12 +67,14 @@ def checks() -> list[Stage]:
     ]
 
 
-def suites(quick: bool) -> list[Stage]:
+def suites(quick: bool, nightly: bool) -> list[Stage]:
     """The ways in which the tests run."""
+    if nightly:
+        return [Stage("pytest nightly", ("-m", "nightly"))]
     if quick:
         return [Stage("pytest compiled", ())]
     return [
-        Stage("pytest compiled", ("-m", "")),
+        Stage("pytest compiled", ("-m", "not nightly")),
         Stage("pytest bounds-checked", WITHOUT_FACES, "NUMBA_BOUNDSCHECK"),
         Stage("pytest not compiled", WITHOUT_FACES, "NUMBA_DISABLE_JIT"),
     ]
@@ -155,14 +157,15 @@ def main() -> int:
     ours, theirs = divided(sys.argv[1:])
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
-    quick = parser.parse_args(ours).quick
+    parser.add_argument("--nightly", action="store_true", help="the tests that take minutes, and nothing else")
+    asked = parser.parse_args(ours)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
     results = []
-    for stage in checks():
+    for stage in [] if asked.nightly else checks():
         results.append(check(stage))
         print(results[-1], flush=True)
-    for stage in suites(quick):
+    for stage in suites(asked.quick, asked.nightly):
         results.append(suite(stage, theirs))
         print(results[-1], flush=True)
     return summary(results)

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import Box2D
-import naive
 import numba
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from hypothesis import strategies as st
 from outlast.ecs import kernel
 from outlast.ecs.jit import entry
 from outlast.systems.inner import geometry
+from tests import naive
 
 COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
 TOLERANCE = 1e-5

@@ -3,8 +3,13 @@
 import math
 
 import pytest
-from twin_scenes import COUNT, KINDS, disagreements, play
-from twin_world import TOLERANCE
+
+from tests import reference, twin_faces, twins
+from tests.reference_dice import scattered
+from tests.reference_physics import move
+from tests.twin_doubts import noting
+from tests.twin_scenes import COUNT, KINDS, disagreements, play
+from tests.twin_world import TOLERANCE
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 
@@ -27,7 +32,7 @@ def test_who_has_no_health_at_the_check_is_dead(kind: str) -> None:
 
 @kinds
 def test_items_of_the_dead_lie_around_them(kind: str) -> None:
-    """On the rim of the circle, or anywhere in it; in which direction is up to chance."""
+    """On the rim of the circle, or anywhere in it; the test after the next says in which direction."""
     for tick in play(kind):
         for item, agent in tick.want.fallen:
             one, other, numbers = tick.after.things[item], tick.after.things[agent], tick.after.numbers
@@ -45,11 +50,12 @@ def test_bags_hold_what_was_picked_up_given_and_not_used(kind: str) -> None:
 
 @kinds
 def test_items_lie_where_they_fell_until_somebody_takes_them(kind: str) -> None:
+    """Those of the dead where numpy's dice say."""
     assert disagreements(kind, ["heal", "box_item"], "here") == []
     for tick in play(kind):
         pairs = zip(tick.after.of("heal", "box_item"), tick.want.of("heal", "box_item"), strict=True)
         for got, want in pairs:
-            assert not want.here or (got.x, got.y) == (want.x, want.y)
+            assert not want.here or (got.x, got.y) == pytest.approx((want.x, want.y), abs=TOLERANCE)
 
 
 @kinds
@@ -60,6 +66,23 @@ def test_boxes_break_become_items_and_are_set_up_again(kind: str) -> None:
             if want.here:
                 assert (got.health, got.angle) == (want.health, pytest.approx(want.angle, abs=TOLERANCE))
                 assert (got.x, got.y) == pytest.approx((want.x, want.y), abs=TOLERANCE)
+
+
+@kinds
+def test_bodies_move_as_in_a_box2d_world_of_all_of_them(kind: str) -> None:
+    """The tick hands over to Box2D only who may touch something.
+
+    Where three overlap at once, or a box is set up on somebody, the order of contacts or the last bit of its place
+    decides about where they are pushed: that happens, and seldom.
+    """
+    gaps = []
+    for tick in play(kind):
+        with noting():
+            want = twins.tick(tick.before, tick.actions, move, scattered, twin_faces.see)
+        pairs = zip(tick.after.of("agent", "box"), want.of("agent", "box"), strict=True)
+        gaps += [max(abs(getattr(a, c) - getattr(b, c)) for c in reference.MOTION) for a, b in pairs if b.here]
+    assert sum(gap > 1e-6 for gap in gaps) <= 0.01 * len(gaps)
+    assert len(gaps) > COUNT
 
 
 @kinds

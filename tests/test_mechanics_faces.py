@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-import twin_faces
-from twin_scenes import KINDS, play
-from twin_world import TOLERANCE
+
+from tests import twin_faces
+from tests.twin_scenes import KINDS, play
+from tests.twin_world import TOLERANCE
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 

@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import twin_faces
-import twins
-from conftest import COMPILED, draw_actions, scaled
-from twin_scenes import RUNS
-from twin_world import TOLERANCE, read
 
 import outlast
 from outlast.components import Bag, Body, Drop, Item, Shape
 from outlast.ecs import Component, Entity, Module
 from outlast.envs.vector import SurvivalVectorEnv
 from outlast.systems import DropLast, drop_last
+from tests import twin_faces, twins
+from tests.conftest import COMPILED, draw_actions, scaled
+from tests.twin_scenes import RUNS
+from tests.twin_world import TOLERANCE, read
 
 COUNT = scaled(2000, least=20)
 

@@ -3,9 +3,10 @@
 import math
 from typing import Any
 
-from naive import in_kite, in_sector
-from twin_world import Thing, World
-from twins import Unsure, distance, entry, surely
+from tests.naive import in_kite, in_sector
+from tests.twin_doubts import doubt, surely
+from tests.twin_world import Thing, World
+from tests.twins import distance, entry
 
 STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
 
@@ -25,7 +26,7 @@ def sees(world: World, me: Thing, thing: Thing) -> bool:
     if place == eye:
         return False
     if distance(me, thing) < 1e-3:
-        raise Unsure
+        doubt("two at nearly the same place")
     if not surely(lambda hair: cone(place, eye, me.angle, depth + hair, fov / 2 + hair)):
         return False
     kinds = ("agent", "box", "wall") + (("box_item", "heal") if world.numbers["cameras_items_occlude"] else ())

@@ -78,6 +78,7 @@ class World:
     zone: list[float]
     deaths: list[tuple[int, int, int]]
     statistics: dict[str, Any]
+    key: tuple[int, int, int]  # of its dice: seed, world, episode
     used: list[int] = field(default_factory=list)  # items used in this tick
     fallen: list[tuple[int, int]] = field(default_factory=list)  # (item, agent that dropped it dying) in this tick
     seen: list[set[int]] = field(default_factory=list)  # by agent: rows that its camera sees
@@ -126,16 +127,17 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
                 thing.bag = bag["items"][row][: bag["count"][row]]
             thing.owner, thing.broken, thing.holder = guard["heeds"][row], broken[row] == 1, item["holder"][row]
             things.append(thing)
-    zone = _rows(tables[Zone], w)
+    zone, clock = _rows(tables[Zone], w), _rows(tables[Clock], w)
     return World(
         things,
-        int(tables[Clock].tick[w, 0]),
+        int(clock["tick"][0]),
         env.scenario.numbers(),
         tables.layout.causes,
         [tuple(centre) for centre in zone.pop("centres")],
         [value[0] for value in zone.values()],
         _deaths(env, w),
         _statistics(env, w),
+        (int(clock["seed"][0]), int(clock["world"][0]), int(clock["episode"][0])),
     )
 
 

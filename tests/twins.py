@@ -1,35 +1,21 @@
 """Plain-Python twins of the mechanics, from the reference rules: one thing at a time, float64, nothing clever.
 
 Each takes a World and changes it as the tick should. Where a hair's breadth decides, which float32 may see
-otherwise, they raise Unsure. What Box2D and chance decide is taken from the world that came out of the tick.
+otherwise, they raise Unsure (or note it: see twin_doubts). How bodies move and where items of the dead fall is up to
+two functions that `tick` is given.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
-from naive import MISS, ray_box, ray_circle
-from twin_world import TOLERANCE, Loss, Thing, World
+from tests.naive import MISS, ray_box, ray_circle
+from tests.twin_doubts import doubt, surely, within
+from tests.twin_world import TOLERANCE, Loss, Thing, World
 
-Answer = TypeVar("Answer")
 Actions = Sequence[dict[str, int]]
-
-
-class Unsure(Exception):
-    """Too close to call in float32."""
-
-
-def surely(ask: Callable[[float], Answer], hair: float = TOLERANCE) -> Answer:
-    """The answer, if it is the same with everything a hair larger and a hair smaller."""
-    answer = ask(0.0)
-    if ask(hair) != answer or ask(-hair) != answer:
-        raise Unsure
-    return answer
-
-
-def within(a: float, b: float) -> bool:
-    """a <= b; numbers that are equal to the bit are, others must not be too close."""
-    return a == b or surely(lambda hair: a < b + hair)
+Move = Callable[[World, Actions], None]  # of all bodies
+Fall = Callable[[World, Thing, Thing], tuple[float, float]]  # of an item, from an agent that dies: where to
 
 
 def distance(a: Any, b: Any) -> float:
@@ -37,13 +23,18 @@ def distance(a: Any, b: Any) -> float:
 
 
 def ahead(thing: Thing, far: float) -> tuple[float, float]:
-    return far * math.cos(thing.angle), far * math.sin(thing.angle)
+    """The way straight ahead; a right angle is one, though float32 has none."""
+    return far * _whole(math.cos(thing.angle)), far * _whole(math.sin(thing.angle))
+
+
+def _whole(number: float) -> float:
+    return round(number) if abs(number - round(number)) < 1e-7 else number
 
 
 def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, hair: float = 0.0) -> float:
     """Fraction at which the ray enters the thing, were it a hair larger; MISS if it does not, or starts inside."""
     if 0 < math.hypot(*ray) < 1e-3:
-        raise Unsure
+        doubt("a short ray")
     if thing.radius > 0:
         return ray_circle(origin, ray, (thing.x, thing.y), thing.radius + hair)
     half = thing.half_width + hair, thing.half_height + hair
@@ -132,7 +123,7 @@ def choose_taker(world: World, giver: Thing) -> Thing | None:
     nearest = min(near, key=lambda thing: distance(giver, thing))
     for thing in near:
         if thing is not nearest and 0 < distance(giver, thing) - distance(giver, nearest) < TOLERANCE:
-            raise Unsure
+            doubt("two are equally near")
     return nearest if suits(nearest) else None
 
 
@@ -161,14 +152,6 @@ def in_the_way(world: World, agent: Thing) -> list[Thing]:
     return [thing for thing in others if thing.health is not None and not is_immune(world, thing, agent.side)]
 
 
-def move(world: World, after: World) -> None:
-    """As Box2D did."""
-    for thing, moved in zip(world.things, after.things, strict=True):
-        if thing.kind == "agent" or (thing.kind == "box" and thing.here and world.numbers["boxes_dynamic"]):
-            thing.x, thing.y, thing.angle = moved.x, moved.y, moved.angle
-            thing.vx, thing.vy, thing.omega = moved.vx, moved.vy, moved.omega
-
-
 def break_boxes(world: World) -> None:
     """Who breaks a box first owns it."""
     for box in world.live("box"):
@@ -178,8 +161,8 @@ def break_boxes(world: World) -> None:
                 box.owner = box.source
 
 
-def die(world: World, after: World) -> None:
-    """Agents without health are gone. Their items fall, the last one first; where, chance has decided."""
+def die(world: World, fall: Fall) -> None:
+    """Agents without health are gone. Their items fall, the last one first."""
     for agent in world.live("agent"):
         if agent.health > 0:
             continue
@@ -188,15 +171,18 @@ def die(world: World, after: World) -> None:
         while agent.bag:
             item = world.things[agent.bag.pop()]
             item.holder, item.here = -1, True
-            item.x, item.y = after.things[item.row].x, after.things[item.row].y
+            item.x, item.y = fall(world, item, agent)
             world.fallen.append((item.row, agent.row))
 
 
 def pick_up(world: World) -> None:
     """Everybody takes what is in reach, while there is room."""
+    fallen = [row for row, _ in world.fallen]
     for agent in world.live("agent"):
         for item in world.live("box_item", "heal"):
             reach = world.numbers["pickup_reach"] + (item.radius if world.numbers["pickup_touch"] else 0)
+            if item.row in fallen and abs(distance(agent, item) - reach) < TOLERANCE:
+                doubt("an item fell to where reach ends")
             if within(distance(agent, item), reach) and len(agent.bag) < world.numbers["inventory_slots"]:
                 agent.bag.append(item.row)
                 item.here, item.holder = False, agent.row
@@ -224,19 +210,19 @@ def burn(world: World) -> None:
             hurt(world, agent, world.numbers["zone_harm"], "zone", -1)
 
 
-def tick(world: World, actions: Actions, after: World, see: Callable[[World], list[set[int]]]) -> World:
+def tick(world: World, actions: Actions, move: Move, fall: Fall, see: Callable[[World], list[set[int]]]) -> World:
     """What comes out of `world` by one step, in the order of section 2 of the rules."""
     world = world.copy()
     world.tick += 1
-    world.deaths = []
+    world.deaths, world.used, world.fallen = [], [], []
     respawn_items(world)
     use(world, actions)
     give(world, actions)
     melee(world, actions)
-    move(world, after)
+    move(world, actions)
     break_boxes(world)
     world.seen = see(world)
-    die(world, after)
+    die(world, fall)
     pick_up(world)
     burn(world)
     world.zone = zone_at(world, world.tick)

@@ -1,0 +1,55 @@
+"""Physics by pybox2d's public interface: all bodies of a world are built, pushed, stepped and read, in every tick."""
+
+from typing import Any
+
+import Box2D
+
+from tests import twins
+from tests.twin_world import Thing, World
+
+
+def move(world: World, actions: twins.Actions) -> None:
+    """Two substeps of a Box2D world in which everything stands that can be touched. Nothing is kept between ticks."""
+    numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
+    box2d.continuousPhysics = numbers["physics_continuous"]
+    bodies = [(thing, build(box2d, thing, numbers)) for thing in world.live("agent", "box", "wall")]
+    agents = [(body, actions[thing.index]) for thing, body in bodies if thing.kind == "agent"]
+    evenly = numbers["motors_give"] == "evenly"
+    pushes = [push(body, wish, numbers) for body, wish in agents]
+    for substep in range(numbers["physics_substeps"]):
+        if evenly or substep == 0:
+            for (body, _), (force, turn) in zip(agents, pushes, strict=True):
+                share = 1 / numbers["physics_substeps"] if evenly else 1
+                body.ApplyLinearImpulse((force.x * share, force.y * share), body.worldCenter, True)
+                body.ApplyAngularImpulse(turn * share, True)
+        iterations = numbers["physics_velocity_iterations"], numbers["physics_position_iterations"]
+        box2d.Step(1 / numbers["physics_rate"], *iterations)
+    for thing, body in bodies:
+        if body.type == Box2D.b2_dynamicBody:
+            (thing.x, thing.y), thing.angle = body.position, body.angle
+            (thing.vx, thing.vy), thing.omega = body.linearVelocity, body.angularVelocity
+
+
+def build(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
+    """The thing as a body with one fixture."""
+    moves = thing.kind == "agent" or (thing.kind == "box" and numbers["boxes_dynamic"])
+    body = (box2d.CreateDynamicBody if moves else box2d.CreateStaticBody)(
+        position=(thing.x, thing.y),
+        angle=thing.angle,
+        linearVelocity=(thing.vx, thing.vy),
+        angularVelocity=thing.omega,
+        linearDamping=numbers["physics_linear_damping"],
+        angularDamping=numbers["physics_angular_damping"],
+    )
+    half = thing.half_width, thing.half_height
+    shape = Box2D.b2CircleShape(radius=thing.radius) if thing.radius else Box2D.b2PolygonShape(box=half)
+    density = numbers["agents_density"] if thing.kind == "agent" else numbers["physics_density"]
+    friction, restitution = numbers["physics_friction"], numbers["physics_restitution"]
+    body.CreateFixture(shape=shape, density=density, friction=friction, restitution=restitution)
+    return body
+
+
+def push(body: Any, wish: dict[str, int], numbers: dict[str, Any]) -> tuple[Any, float]:
+    """What motors give in a tick: an impulse in the world's frame, and one that turns."""
+    ahead, left = numbers["motors_ahead"] * wish["ahead"], numbers["motors_left"] * wish["left"]
+    return body.GetWorldVector((ahead, left)), numbers["motors_turn"] * wish["turn"]

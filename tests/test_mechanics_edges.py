@@ -1,0 +1,107 @@
+"""One tick of degenerate worlds, which hypothesis makes up, against the twins; on a grid, where nothing is rounded."""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from outlast import make_vec, variant
+from outlast.systems.box2d.scene import LONGEST
+from tests import reference
+from tests.conftest import COMPILED, scaled
+from tests.reference import Told, facts
+from tests.twin_edges import CASES, SLOTS, Sketch, build, sketches
+from tests.twin_scenes import TEXT, moved_as_in
+from tests.twin_world import TOLERANCE, read
+
+KEEP = ("agents_count", "boxes_count", "heals_count", "inventory_slots", "rewards_kill", "rewards_death")
+AS_WRITTEN = {key: value for key, value in TEXT.items() if key not in KEEP} | {"boxes_least": 0.003}
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "ffa as run": ("ffa_4", {}),
+    "teams as run": ("teams_4", {}),
+    "ffa as written": ("ffa_4", AS_WRITTEN),
+    "teams as written": ("teams_4", AS_WRITTEN | {"health_limit": 100, "cameras_mode": "masked"}),
+}
+SOME = settings(max_examples=200 if COMPILED else 20, deadline=None, derandomize=True)
+EVENTS: dict[str, Callable[[Told, Told], bool]] = {
+    "several at the same place": lambda got, want: len(set(places(want))) < len(places(want)),
+    "nobody lives": lambda got, want: not any(agent.here for agent in got.world.of("agent")),
+    "a full bag": lambda got, want: any(len(agent.bag) == SLOTS for agent in got.world.of("agent")),
+    "the void": lambda got, want: got.world.zone[2] == 0,
+    "a death": lambda got, want: bool(got.world.deaths),
+    "a blow": lambda got, want: any(agent.losses[-1:] and agent.source >= 0 for agent in want.world.of("agent")),
+    "a close call": lambda got, want: bool(want.doubts),
+    "a box broke": lambda got, want: any(box.broken for box in got.world.of("box")),
+    "an item was used": lambda got, want: bool(want.world.used),
+}
+
+
+def places(told: Told) -> list[tuple[float, float]]:
+    return [(thing.x, thing.y) for thing in told.world.things if thing.here]
+
+
+def played(sketch: Sketch, name: str) -> tuple[Told, Told, bool]:
+    """What the engine and what the twins make of a tick; and whether all stayed on the grid.
+
+    Contacts move agents off it, and what the dead drop lies anywhere.
+    """
+    variant, numbers = SCENES[name]
+    stage = build(sketch, variant, **numbers)
+    before = read(stage.env, 0)
+    wishes = [dict(zip(reference.KEYS, (0, 0, 0, *agent.acts), strict=True)) for agent in sketch.agents]
+    observations, *_ = stage.env.step(np.array([[(1, 1, 1, *agent.acts) for agent in sketch.agents]]))
+    got = reference.seen(stage.env, 0, observations)
+    want = reference.step(before, wishes, moved_as_in(got.world))
+    still = all((a.x, a.y) == (b.x, b.y) for a, b in zip(before.of("agent"), got.world.of("agent"), strict=True))
+    return got, want, still and not want.world.fallen
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_comes_out_of_degenerate_worlds_is_what_the_twins_say(name: str) -> None:
+    """All of these things must have happened, and often."""
+    counts: Counter[str] = Counter()
+
+    @SOME
+    @given(sketches)
+    def run(sketch: Sketch) -> None:
+        counts.update(check(*played(sketch, name)))
+
+    run()
+    if COMPILED:
+        assert len(counts) == len(EVENTS) + 2
+        assert min(counts.values()) >= 4, counts
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("words", CASES)
+def test_what_comes_out_of_this_world_is_what_the_twins_say(words: str, name: str) -> None:
+    """What hypothesis might not find: each hits an edge to the bit."""
+    got, want, _ = played(CASES[words], name)
+    check(got, want, on_grid=True)
+
+
+def check(got: Told, want: Told, on_grid: bool) -> list[str]:
+    """Whole numbers are equal on the grid, or where nothing was close; what is told, in the latter case only."""
+    events = [event for event, happened in EVENTS.items() if happened(got, want)]
+    if on_grid or not want.doubts:
+        assert facts(got, want) == []
+        events.append("facts were compared")
+    if not want.doubts:
+        events.append("what is told was compared")
+        for key, value in want.observation.items():
+            np.testing.assert_allclose(got.observation[key], value, atol=TOLERANCE, err_msg=key)
+    return events
+
+
+def test_bodies_may_be_pushed_far() -> None:
+    """Boxes as large as half the room lie on top of agents, which Box2D pushes out by more than it lets them fly."""
+    sides = {f"boxes_{name}": value for name in ("width", "height") for value in (12.0,)}
+    spread = {"boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0}
+    env = make_vec(variant("ffa_3").replace(**sides, **spread), scaled(100, least=20), seed=0)
+    before = env.reset()[0]["self"][..., 2:4].copy()
+    after = env.step(np.tile([1, 1, 1, 0, 0, 0], (env.num_worlds, 2, 1)))[0]["self"][..., 2:4]
+    env.close()
+    assert np.hypot(*np.moveaxis(after - before, -1, 0)).max() > 2 * LONGEST

@@ -1,0 +1,106 @@
+"""How an episode begins, draw by draw: cells, boxes and zones against numpy's own Philox."""
+
+import math
+
+import pytest
+
+import outlast
+from outlast.components import Guard, Shape, Side
+from tests.conftest import scaled
+from tests.reference_dice import identity, uniform2, words
+from tests.twin_scenes import RUNS
+from tests.twin_world import TOLERANCE, World, read
+
+COUNT = scaled(40, least=3)
+CASES = {
+    "as run": ("teams_4", RUNS),
+    "paper": ("ffa_1", {}),
+    "every cell is taken": ("ffa_4", {"n_agents": 9, "n_boxes": 7, "n_heals": 9, "spawn_cells": 5}),
+    "boxes of one size, zones in the middle": ("teams_3", {
+        "boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0, "zone_centres": "middle", "zone_radii": (3.0,),
+    }),
+    "nearly all boxes as small as can be": ("ffa_3", {"boxes_width": 0.004, "boxes_least": 0.003}),
+}  # fmt: skip
+
+
+def fresh(name: str) -> list[World]:
+    """Worlds in their second episode, as reset leaves them."""
+    variant, numbers = CASES[name]
+    env = outlast.make_vec(outlast.variant(variant).replace(**numbers), COUNT, seed=2**63 + 11, first_world=5)
+    env.reset()
+    env.reset()
+    worlds = [read(env, w) for w in range(COUNT)]
+    env.close()
+    return worlds
+
+
+def cells(world: World) -> list[tuple[float, float]]:
+    """Centres for agents, boxes and heals in this order: each draws one of the cells that are left."""
+    side, size = world.numbers["spawn_cells"], world.numbers["room_size"]
+    left, places = list(range(side**2)), []
+    for k, thing in enumerate(world.of("agent", "box", "heal")):
+        pick = k + (words(world, "spawn.place", identity(thing))[0] * (side**2 - k) >> 64)
+        left[k], left[pick] = left[pick], left[k]
+        places.append(tuple(size * ((index + 0.5) / side - 0.5) for index in (left[k] % side, left[k] // side)))
+    return places
+
+
+def normal(world: World, index: int) -> float:
+    """Box and Muller's, of the first two words."""
+    first, second, *_ = words(world, "boxes.shape_boxes", index)
+    distance, turn = ((first >> 11) + 1) / 2**53, (second >> 11) / 2**53
+    return math.sqrt(-2 * math.log(distance)) * math.cos(2 * math.pi * turn)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_everybody_gets_the_cell_that_the_dice_say(name: str) -> None:
+    for world in fresh(name):
+        got = [(thing.x, thing.y) for thing in world.of("agent", "box", "heal")]
+        assert got == [pytest.approx(place, abs=TOLERANCE) for place in cells(world)]
+        assert world.key[2] == 2
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != "paper"])
+def test_boxes_have_the_sides_that_the_dice_say(name: str) -> None:
+    for world in fresh(name):
+        numbers = world.numbers
+        for k, box in enumerate(world.of("box")):
+            for half, side, index in ((box.half_width, "width", 2 * k), (box.half_height, "height", 2 * k + 1)):
+                drawn = numbers[f"boxes_{side}"] + numbers[f"boxes_{side}_deviation"] * normal(world, index)
+                assert 2 * half == pytest.approx(max(numbers["boxes_least"], drawn), abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_zones_have_the_centres_that_the_dice_say(name: str) -> None:
+    for world in fresh(name):
+        radii = [*world.numbers["zone_radii"], 0.0]
+        for k, (centre, radius) in enumerate(zip(world.centres, radii, strict=True)):
+            room = world.numbers["room_size"] - 2 * radius if world.numbers["zone_centres"] == "random" else 0.0
+            drawn = [room * (share - 0.5) for share in uniform2(world, "zone.draw", k)]
+            assert centre == pytest.approx(tuple(drawn), abs=TOLERANCE)
+
+
+@pytest.mark.parametrize("agents", [1, 2, 3, 7, 8])
+def test_sides_are_teams_as_even_as_it_goes_or_everybody(agents: int) -> None:
+    for teams in [None, *range(1, min(agents, 4) + 1)]:
+        scenario = outlast.variant("ffa_1" if teams is None else "teams_2")
+        counts = {"n_agents": agents} | ({} if teams is None else {"sides_count": teams})
+        env = outlast.make_vec(scenario.replace(**counts), 1, seed=0)
+        env.reset()
+        span = env.worlds.span("agent")
+        sides, ignores = (column[0, span].tolist() for column in (env.worlds[Side].side, env.worlds[Guard].ignores))
+        if teams is None:
+            assert (sides, ignores) == (list(range(agents)), [-1] * agents)
+        else:
+            sizes = [sides.count(side) for side in range(teams)]
+            assert sides == ignores == sorted(sides)
+            assert sizes == [agents // teams] * (teams - agents % teams) + [agents // teams + 1] * (agents % teams)
+
+
+def test_the_circle_around_a_body_holds_all_of_it() -> None:
+    env = outlast.make_vec(outlast.variant("teams_4").replace(**RUNS), COUNT, seed=4)
+    env.reset()
+    shape, things = env.worlds[Shape], [thing for w in range(COUNT) for thing in read(env, w).things]
+    bounds = shape.bound.ravel().tolist()
+    corners = [max(thing.radius, math.hypot(thing.half_width, thing.half_height)) for thing in things]
+    assert bounds == pytest.approx(corners, rel=1e-6)

@@ -1,0 +1,129 @@
+"""The ends of episodes: autoreset in all modes, statistics, and the time limit."""
+
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.ecs import Clock
+from outlast.envs.errors import NotResetError
+from tests.conftest import digest, scaled
+from tests.digests import numbered_actions
+from tests.ways import equal, short
+
+WORLDS = scaled(40, least=4)
+
+
+def test_next_step_resets_in_a_step_of_its_own() -> None:
+    """It ignores the actions, pays nothing, ends nothing, and shows the new episode."""
+    env, other = make_vec(short("teams_3"), WORLDS, seed=0), make_vec(short("teams_3"), WORLDS, seed=0)
+    env.reset()
+    other.reset()
+    over, resets = np.zeros(WORLDS, bool), 0
+    for tick in range(80):
+        actions = numbered_actions(env, tick)
+        observations, reward, terminated, truncated, _ = env.step(actions)
+        actions[over] = (actions[over] + 1) % 2
+        other.step(actions)
+        assert np.array_equal(env.worlds.block, other.worlds.block)
+        assert not reward[over].any()
+        assert not (terminated | truncated)[over].any()
+        assert (env.worlds[Clock].tick[over] == 0).all()
+        assert (observations["self"][over, :, 2] == 10).all()
+        resets += over.sum()
+        over = terminated | truncated
+    assert resets >= WORLDS
+
+
+def test_same_step_shows_both_episodes_at_once() -> None:
+    """Beside NEXT_STEP: final_obs is the observation of its last step, and the observation that of its reset step."""
+    same, following = (make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode) for mode in ("SameStep", "NextStep"))
+    same.reset()
+    following.reset()
+    over = np.zeros(1, bool)
+    while not over.any():
+        actions = numbered_actions(same, 0)
+        observations, *outcome, info = same.step(actions)
+        buffers, *expected, expected_info = following.step(actions)
+        last = {key: values.copy() for key, values in buffers.items()}
+        assert all(np.array_equal(mine, theirs) for mine, theirs in zip(outcome, expected, strict=True))
+        over = outcome[1] | outcome[2]
+    assert not over.all()
+    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == over.tolist()
+    assert equal(info["final_info"]["statistics"], expected_info["statistics"])
+    fresh, *_ = following.step(actions)
+    for w in range(WORLDS):
+        if over[w]:
+            assert all(np.array_equal(info["final_obs"][w][key], last[key][w]) for key in last)
+            assert all(np.array_equal(observations[key][w], fresh[key][w]) for key in fresh)
+        else:
+            assert info["final_obs"][w] is None
+            assert all(np.array_equal(observations[key][w], last[key][w]) for key in last)
+    assert (same.worlds[Clock].tick[over] == 0).all()
+    same.step(actions)  # and on without a pause
+    assert (same.worlds[Clock].tick[over] == 1).all()
+
+
+def test_disabled_waits_for_a_reset_of_what_ended() -> None:
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env.reset()
+    for tick in range(80):
+        _, _, terminated, truncated, _ = env.step(actions := numbered_actions(env, tick))
+        if (over := terminated | truncated).any():
+            break
+    before = digest(env.worlds)
+    with pytest.raises(NotResetError, match=rf"worlds \[{np.flatnonzero(over)[0]}.* have ended.*reset_mask"):
+        env.step(actions)
+    assert digest(env.worlds) == before
+    others = digest(env.worlds, ~over)
+    env.reset(options={"reset_mask": over})
+    assert digest(env.worlds, ~over) == others
+    env.step(actions)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
+    """Lengths and returns as counted here; rows of worlds that go on are zero."""
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode)
+    env.reset()
+    length, returns, count = np.zeros(WORLDS, int), np.zeros((WORLDS, 4)), 0
+    fresh = np.zeros(WORLDS, bool)
+    for tick in range(80):
+        _, reward, terminated, truncated, info = env.step(numbered_actions(env, tick))
+        length += ~fresh
+        returns += reward
+        over = terminated | truncated
+        assert bool(info) == over.any()
+        if info:
+            found = info["statistics"]
+            assert info["_statistics"].tolist() == over.tolist()
+            assert np.array_equal(found["length"], np.where(over, length, 0))
+            assert np.array_equal(found["return"], np.where(over[:, None], returns, 0))
+            dead = found["deaths_melee"] + found["deaths_zone"]
+            assert (dead[over & terminated] >= 2).all()  # one team of two, or both
+            assert (dead[~over] == 0).all()
+            assert ((found["first_death"] <= found["length"]) | ~over).all()
+            if mode == "SameStep":
+                assert found is info["final_info"]["statistics"]
+            count += over.sum()
+        length[over], returns[over] = 0, 0
+        fresh = over if mode == "NextStep" else fresh
+    assert count >= WORLDS
+    assert {"heals_used", "boxes_placed", "kills"} < found.keys()
+
+
+def test_the_time_limit_truncates() -> None:
+    """Exactly at the limit; a world that ends by its rule in that very tick is terminated instead."""
+    scenario = variant("teams_3").replace(agents_health=11, zone_radii=(8.0,))  # who is outside dies in tick 12
+    limited = make_vec(scenario.replace(ending_limit=12), scaled(200, least=16), seed=0)
+    unlimited = make_vec(scenario, limited.num_worlds, seed=0)
+    idle = np.tile([1, 1, 1, 0, 0, 0], (limited.num_worlds, 4, 1))
+    limited.reset()
+    unlimited.reset()
+    for tick in range(1, 13):
+        *_, terminated, truncated, _ = limited.step(idle)
+        *_, ended, cut, _ = unlimited.step(idle)
+        assert np.array_equal(terminated, ended)
+        assert truncated.tolist() == (~terminated & (tick == 12)).tolist()
+        assert not cut.any()
+    assert terminated.any()
+    assert truncated.any()
