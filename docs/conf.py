@@ -13,7 +13,7 @@ version = release = outlast.__version__
 html_title = f"outlast {version}"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "replay", "tables"]
-exclude_patterns = ["_build", "examples"]
+exclude_patterns = ["_build", "examples", "training"]
 default_role = "code"  # single backticks, in docstrings
 html_theme = "furo"
 html_copy_source = False

@@ -21,13 +21,16 @@ PLUGINS = "outlast.commands"  # entry points of this group are modules like thos
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status. Errors of use are one line on stderr and status 2."""
+    """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
     options = parser().parse_args(arguments)
     try:
         return int(options.run(options))
     except MISTAKES as error:
         print(f"outlast: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
+        print("stopped", file=sys.stderr)
+        return 130
     except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
         return 0
 

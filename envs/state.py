@@ -7,22 +7,22 @@ and signals, and whether they run. Whatever continues from it is bit-identical t
 import hashlib
 import json
 import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from outlast.ecs import Worlds
 
+from . import archive, soundness
 from .drafts import draft
 from .errors import StateError
 from .scenario import Scenario
 
 VERSION = 1
 HEADER = "header"  # the entry of a file that says what the others are: JSON as bytes
-LARGEST = 2**40  # bytes that a header may announce
+LONGEST = 200  # characters of a name
 
 Array = np.ndarray[Any, Any]
 
@@ -54,23 +54,36 @@ class State:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
-        """Read what `save` wrote; StateError with a reason for anything else."""
+        """Read what `save` wrote; StateError with a reason for anything else.
+
+        What it holds is checked where it is put, as only a scenario tells what can be: see `put`.
+        """
         try:
-            with zipfile.ZipFile(path) as file:
-                arrays = {entry.filename.removesuffix(".npy"): _read(file, entry) for entry in file.infolist()}
-            header = json.loads(arrays.pop(HEADER).tobytes())
-            version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
+            with open(path, "rb") as file:
+                return read(file, os.fspath(path))
         except FileNotFoundError:
             raise
-        except (zipfile.BadZipFile, KeyError, TypeError, ValueError, EOFError, OSError, NotImplementedError) as error:
-            raise StateError(f"{path} is not a saved state: {str(error) or type(error).__name__}") from None
-        if version != VERSION:
-            raise StateError(f"{path} has version {version!r} of the format: this outlast reads version {VERSION}")
-        if checksum != _checksum(arrays):
-            raise StateError(f"{path} is damaged: its checksum does not fit")
-        if "world" not in arrays or len({len(array) for array in arrays.values() if array.ndim}) != 1:
-            raise StateError(f"{path} is not a saved state: its arrays are not rows of the same worlds")
-        return cls(scenario, arrays)
+        except OSError as error:
+            raise StateError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
+
+
+def read(file: BinaryIO, name: str) -> State:
+    """The state in a file, which errors call by that name. Raises StateError."""
+    try:
+        arrays = {key.removesuffix(".npy"): archive.array(content) for key, content in archive.entries(file).items()}
+        header = json.loads(arrays.pop(HEADER).tobytes())
+        version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
+    except archive.BROKEN as error:
+        raise StateError(f"{name} is not a saved state: {str(error) or type(error).__name__}") from None
+    if version != VERSION:
+        raise StateError(f"{name} has version {version!r:.20} of the format: this outlast reads version {VERSION}")
+    if checksum != _checksum(arrays):
+        raise StateError(f"{name} is damaged: its checksum does not fit")
+    if "world" not in arrays or len({array.shape[:1] for array in arrays.values()}) != 1 or not arrays["world"].ndim:
+        raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
+    if not is_identity(scenario):
+        raise StateError(f"{name} is not a saved state: it does not say of which scenario")
+    return State(scenario, arrays)
 
 
 def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> State:
@@ -80,7 +93,10 @@ def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any
 
 
 def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> None:
-    """Make the worlds `where` go on from `state`: one for each of them, or one for all. Raises StateError."""
+    """Make the worlds `where` go on from `state`: one for each of them, or one for all.
+
+    Raises StateError, before anything is written, if it is of another scenario or not sound (see soundness).
+    """
     if other := difference(state.scenario, identity(scenario)):
         raise StateError(f"the state is of another scenario {other}")
     rows = _rows(worlds, where)
@@ -89,9 +105,12 @@ def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array
     arrays = _arrays(worlds, faces)
     for name, array in arrays.items():
         given = state.arrays.get(name)
-        if given is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
+        if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
             found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
             raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
+        if len(given) != len(state):
+            raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
+    soundness.check(worlds.layout, {name: state.arrays[name] for name in arrays})
     for name, array in arrays.items():
         array[rows] = state.arrays[name]
 
@@ -102,9 +121,29 @@ def _rows(worlds: Worlds, where: Any) -> Array:
 
 
 def identity(scenario: Scenario) -> dict[str, Any]:
-    """Name and numbers of a scenario as JSON has them."""
+    """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line."""
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
-    return {"name": scenario.name, "numbers": numbers}
+    name = "".join(letter if letter.isprintable() else "?" for letter in scenario.name[:LONGEST])
+    return {"name": name, "numbers": numbers}
+
+
+def is_identity(given: Any) -> bool:
+    """Whether it could be one: a name, and by name numbers, truths, choices and lists of numbers."""
+    if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
+        return False
+    values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
+    return is_word(values[0]) and all(map(_is_plain, values[1:]))
+
+
+def _is_plain(given: Any) -> bool:
+    return all(isinstance(each, (int, float)) for each in (given if isinstance(given, list) else [given])) or is_word(
+        given
+    )
+
+
+def is_word(given: Any) -> bool:
+    """Whether it is a text that can be shown in a line."""
+    return isinstance(given, str) and len(given) <= LONGEST and given.isprintable()
 
 
 def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
@@ -120,13 +159,13 @@ def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
 
 def difference(given: Any, own: dict[str, Any]) -> str:
     """Name of the scenario of that identity and the first number that differs from one's own; empty if none does."""
-    numbers = given.get("numbers") if isinstance(given, dict) else None
-    if not isinstance(numbers, dict):
+    if not is_identity(given):
         return "(it does not say of which)"
+    numbers = given["numbers"]
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:
-            return f"({given.get('name')!r}): {key} is {its} there and {mine} here"
+            return f"({given['name']!r}): {key} is {its} there and {mine} here"
     return ""
 
 
@@ -137,19 +176,3 @@ def _checksum(arrays: dict[str, Array]) -> str:
         total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         total.update(array.tobytes())
     return total.hexdigest()
-
-
-def _read(file: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Array:
-    """An array of the file; nothing is allocated before its size is known to be in the file."""
-    if entry.compress_type != zipfile.ZIP_STORED:
-        raise ValueError(f"{entry.filename} is compressed")
-    with file.open(entry) as stream:
-        version = np.lib.format.read_magic(stream)
-        if version != (1, 0):
-            raise ValueError(f"{entry.filename} has version {version} of numpy's format")
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
-        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
-        if dtype.hasobject or fortran or not 0 <= size <= min(entry.file_size, LARGEST):
-            raise ValueError(f"{entry.filename} is {dtype} of shape {shape}")
-        content = stream.read(size)
-    return np.frombuffer(content, dtype).reshape(shape).copy()

@@ -11,11 +11,11 @@ from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from .arguments import autoreset_mode, check_choice, check_count, checked_actions, keys, reset_mask
-from .background import Background
+from .background import Background, alone, check_callable
 from .buffers import copies, flat_size, locked, write
 from .deaths import log_deaths
-from .errors import ClosedError, PendingError, RecordingError
-from .faults import check_faults, check_playable, check_steppable
+from .errors import RecordingError
+from .faults import Progress, check_faults, check_playable
 from .frames import FPS, RENDER_MODES, Frames, Painter
 from .notice import announce_compilation
 from .scenario import Scenario
@@ -39,6 +39,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     `first_world=i` gives it alone. Observations are read-only and overwritten by the next call, unless copy=True.
     check_actions=False leaves out the range check (out-of-range actions then mean nothing in particular, but harm
     nothing).
+
+    One call at a time: PendingError refuses a thread while another one is in a call. Ctrl-C leaves a step not begun or
+    whole, or else worlds that a step refuses (NotResetError) until they are reset.
     """
 
     def __init__(
@@ -78,10 +81,11 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             k: locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }
         self._mode = np.zeros(self.num_worlds, np.int8)
-        self._over = np.zeros(self.num_worlds, bool)
-        self._started = np.zeros(self.num_worlds, bool)
-        self._faces = {"over": self._over, "started": self._started}
-        self._seed(seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1))
+        self._progress = Progress(self.worlds, self.autoreset is AutoresetMode.SAME_STEP)
+        self._over = self._progress.over
+        self._faces = {"over": self._over, "started": self._progress.started}
+        seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
+        self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(self._mode)  # nobody moves, but the tick gets compiled or loaded
 
@@ -95,6 +99,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """The single space, batched."""
         return batch_space(self.single_action_space, self.num_worlds)
 
+    @alone
     def reset(
         self, *, seed: int | list[int] | np.ndarray[Any, Any] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
@@ -103,16 +108,12 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         seed: an int keys world i by (seed, first_world + i); a sequence keys it by (seed[i], 0). Without a seed, every
         world goes on to its next episode.
         """
-        self._check_open()
         mask = reset_mask(options, self.num_worlds)
-        if seed is not None:
-            self._seed(seed, mask)
-        self._mode[:] = np.where(mask, RESET, SKIP)
-        self._run()
-        self._over &= ~mask
-        self._started |= mask
+        given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
+        self._run(mask, given)
         return self._observe(), {}
 
+    @alone
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """One tick of every world. A refused call (see ActionError) changes nothing.
 
@@ -120,23 +121,20 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         once; info["final_obs"] holds its last observation. DISABLED: reset it yourself. Whenever worlds end,
         info["statistics"] holds their episodes and info["_statistics"] says which.
         """
-        self._check_open()
         return self._step(actions)
 
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        check_steppable(self._started, self._over & (self.autoreset is AutoresetMode.DISABLED))
+        self._progress.check(resets=self.autoreset is not AutoresetMode.DISABLED)
         self._take(actions)
-        self._mode[:] = STEP
-        if self.autoreset is AutoresetMode.NEXT_STEP:
-            self._mode += self._over  # RESET is the number after STEP
         self._run()
-        check_faults(self.worlds)
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
-        np.logical_or(terminated, truncated, out=self._over)
         log_deaths(self.worlds, self.first_world)
         reward = self.worlds[Reward].reward.copy()
-        info = self._finish() if self._over.any() else {}
+        try:
+            check_faults(self.worlds)
+        finally:  # the other worlds go on
+            info = self._finish() if self._over.any() else {}
         return self._observe(), reward, terminated, truncated, info
 
     def send(self, actions: Actions) -> None:
@@ -145,7 +143,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. The
         arrays that the call before returned are overwritten while the step runs, unless copy=True.
         """
-        self._check_open()
+        check_callable(self)
         self._background.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -153,16 +151,17 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._background.fetch()
         return result
 
+    @alone
     def render(self) -> Frames | None:  # type: ignore[override]
         """A sequence of num_worlds frames, uint8 (height, width, 3), or texts: to be read before the next call."""
         return self._painter.frames(self.num_worlds)
 
+    @alone
     def observe(self, out: Any = None) -> Arrays:
         """The observations as they are now; also written into `out`, if that is given (see envs.buffers).
 
         out: {key: float32 (worlds, agents, ...)} or one float32 array (worlds, agents, flat_size).
         """
-        self._check_open()
         if out is not None:
             write(self._observations, out)
         return self._observe()
@@ -172,22 +171,25 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """Numbers that one agent is told: the length of its row in a flat array."""
         return flat_size(self._observations)
 
+    @alone
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
-        self._check_open()
         return take(self.scenario, self.worlds, self._faces, where)
 
+    @alone
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
         """Go on from `state` in the worlds `where`: one for each, or one for all of them. Returns the observations.
 
         Raises StateError, and changes nothing, if it is of another scenario or of too many worlds. Random numbers go on
         as they would have: copies of a world see the same.
         """
-        self._check_open("set_state")
-        put(state, self.scenario, self.worlds, self._faces, where)
+        self._check_unrecorded("set_state")
+        with self._progress.overwritten(where):
+            put(state, self.scenario, self.worlds, self._faces, where)
         self._painter.moved()
         return self._observe()
 
+    @alone
     def record(self, path: str | os.PathLike[str]) -> "Recorder":
         """Record all that happens from the next reset on, which must be one of all worlds, in a new file.
 
@@ -196,9 +198,15 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """
         from .recording import Recorder
 
-        self._check_open("record")
+        self._check_unrecorded("record")
         self._runner = recorder = Recorder(path, self.scenario, self.worlds, self.first_world)
         return recorder
+
+    def __reduce__(self) -> Any:
+        raise TypeError(
+            "an environment cannot be pickled or copied; pickle what makes it, as "
+            "functools.partial(outlast.make_vec, 'ffa_3', 64, seed=0), and what get_state() returns"
+        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go, and end a recording."""
@@ -213,29 +221,20 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if self.autoreset is AutoresetMode.SAME_STEP:
             info |= {"final_obs": copies(self._observations, self._over), "_final_obs": self._over.copy()}
             info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": self._over.copy()}
-            self._mode[:] = np.where(self._over, RESET, SKIP)
-            self._run()
-            self._over[:] = False
+            self._run(self._over.copy())
         return info
 
-    def _run(self) -> None:
-        self._runner.run(self._mode)
+    def _run(self, resets: Actions | None = None, given: tuple[Actions, Actions] | None = None) -> None:
+        """Reset these worlds, keyed as given; or take a step everywhere, which is a reset where an episode is over."""
+        self._mode[:] = STEP + self._over if resets is None else np.where(resets, RESET, SKIP)
         self._painter.moved()
+        self._progress.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:
         return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
 
-    def _seed(self, seed: Any, mask: Any = slice(None)) -> None:
-        seeds, worlds = keys(seed, self.num_worlds, self.first_world)
-        self.worlds.seed(seeds[mask], worlds[mask], mask)
-
-    def _check_open(self, call: str = "") -> None:
-        """Raises ClosedError or PendingError; and RecordingError, for a call that is none of a recording's."""
-        if self.closed:
-            raise ClosedError("the environment is closed; make a new one")
-        if self._background.busy:
-            raise PendingError("a step was sent and not received; call recv() first")
-        if call and self._recording:
+    def _check_unrecorded(self, call: str) -> None:
+        if self._recording:
             raise RecordingError(f"{call}() while a recording goes on; close() that first")
 
     @property

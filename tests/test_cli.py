@@ -2,6 +2,7 @@
 
 import pytest
 
+from outlast import FIXES
 from outlast.envs import main as cli
 from outlast.envs.policies import POLICIES
 from tests.conftest import interrupted_after
@@ -16,7 +17,9 @@ def run(capsys, *arguments: str) -> tuple[int, str, str]:
 def test_variants_lists_all_eight_with_their_original_names(capsys):
     status, out, _ = run(capsys, "variants")
     assert status == 0
-    assert len(out.splitlines()) == 8
+    variants, fixes = out.split("\n\n")
+    assert len(variants.splitlines()) == 8
+    assert len(fixes.splitlines()) == 1 + len(FIXES)
     assert "teams_4   2v2_all_high" in out
 
 

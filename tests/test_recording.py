@@ -12,7 +12,7 @@ from conftest import COMPILED, draw_actions
 
 import outlast
 from outlast.ecs import Clock
-from outlast.envs.errors import ActionError, RecordingError
+from outlast.envs.errors import ActionError, NotResetError, RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.recording.file import RUNS
 from outlast.envs.vector import SurvivalVectorEnv
@@ -181,8 +181,10 @@ def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: 
         patch.setattr(env.worlds, "run", interrupted)
         with pytest.raises(KeyboardInterrupt):
             play(env, 1)
-    with pytest.raises(RecordingError, match="a run was interrupted"):
+    with pytest.raises(NotResetError, match="interrupted"):
         play(env, 1)
+    with pytest.raises(RecordingError, match="a run was interrupted"):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
     env.reset()
     play(env, 3)
     env.close()

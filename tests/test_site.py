@@ -22,6 +22,7 @@ from outlast import systems
 from outlast.ecs import ScheduleError
 from outlast.envs.main import main, parser
 from outlast.envs.vector import SurvivalVectorEnv
+from outlast.training.results import grouped, load
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -198,3 +199,14 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
         assert read
         assert np.abs(frame.astype(int) - kept).mean() < 3  # of 255: a GIF has 256 colours
     assert not film.read()[0]
+
+
+def test_figures_of_training_show_the_kept_results() -> None:
+    """To renew them: outlast plot docs/results --out docs/training"""
+    image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
+    figures = pytest.importorskip("outlast.training.figures", reason="needs matplotlib: outlast[plot]")
+    groups = grouped(load([DOCS / "results"]))
+    assert groups
+    for group in groups:
+        with image.open(DOCS / "training" / f"{group.name}.png") as figure:
+            assert figure.text["Source"] == figures.digest(group)

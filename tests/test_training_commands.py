@@ -14,8 +14,10 @@ import pytest
 
 from outlast import load_policy, make_vec, variant
 from outlast.components import Body
+from outlast.envs import film
 from outlast.envs import main as cli
 from outlast.envs.commands import options
+from outlast.envs.errors import FilmError, TrainingError
 from outlast.envs.play.game import Game
 from outlast.envs.policies import POLICIES
 from outlast.envs.rollout import rollout
@@ -87,6 +89,36 @@ def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) ->
     page = (tmp_path / "film" / "scripted-noop.html").read_text()
     assert re.search(r"ffa_1: scripted \(side (0\) against noop \(side 1|1\) against noop \(side 0)\)", page)
     assert "scripted-noop.webm" in capsys.readouterr().out
+
+
+def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path: Path) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise FilmError("the disk is full")
+
+    monkeypatch.setattr(film, "write", full)
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    with pytest.raises(FilmError):
+        evaluate("ffa_1", "noop", "scripted", *small, "--film")
+    assert "3 pairings of 2 episodes" in capsys.readouterr().out
+    assert json.loads((tmp_path / "evaluation.json").read_text())["complete"]
+
+
+def test_tables_of_what_is_complete_are_always_there(monkeypatch, tmp_path: Path) -> None:
+    """As after kill -9: nothing is left to the end."""
+    monkeypatch.setattr(evaluate_command, "_report", lambda *_: None)
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
+    told = json.loads((tmp_path / "evaluation.json").read_text())
+    assert (told["complete"], len(told["pairings"])) == (False, 3)
+
+
+def test_a_disk_that_takes_no_tables_is_told(monkeypatch, capsys, tmp_path: Path) -> None:
+    (tmp_path / "figures.csv").mkdir()
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    with pytest.raises(TrainingError, match=f"{tmp_path} cannot be written: Is a directory"):
+        evaluate("ffa_1", "noop", "scripted", *small)
+    assert "1 pairings of 2 episodes" in capsys.readouterr().out
 
 
 def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, monkeypatch, tmp_path: Path) -> None:

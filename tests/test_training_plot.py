@@ -222,7 +222,7 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         plan = Plan(scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings)
         Run(plan, tmp_path / "runs" / str(seed)).go()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
-    assert files(tmp_path / "kept") == ["ffa_1-original-1.csv", "ffa_1-original-2.csv"]
+    assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
     unlike = "rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
     assert f"Unlike the paper: {unlike}" in (tmp_path / "out/ends.md").read_text()
     shown = group(tmp_path / "kept")

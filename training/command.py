@@ -75,8 +75,9 @@ def _watched(work: Any, quiet: bool) -> int:
     except KeyboardInterrupt:
         status = 130
         print("stopped: go on with --resume", file=sys.stderr)
+    finally:
+        bar.close()
     seconds = time.perf_counter() - start
-    bar.close()
     done = work.saved
     print(f"{done:,} agent-steps = {done // model.core.num_agents:,} environment steps in {work.folder}")
     print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")

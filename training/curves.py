@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from outlast.envs.errors import TrainingError
 
 HEADER = ("tag", "step", "value")
+LAST, BEYOND = 2**53, 1e30  # steps: what a float64 counts to; values: what can be squared and added up
 Array = np.ndarray[Any, Any]
 Points = dict[str, list[tuple[int, float]]]
 
@@ -27,7 +29,9 @@ class Quantity:
 
     def has(self, tag: str) -> bool:
         """Whether the tag is one of this quantity's."""
-        return tag == self.tag or (self.sided and tag.startswith(self.tag) and tag[len(self.tag) :].isdecimal())
+        number = tag.removeprefix(self.tag)
+        fits = re.fullmatch("0|[1-9][0-9]{0,3}", number) is not None if self.sided else not number
+        return fits and tag.startswith(self.tag)
 
     def side(self, tag: str) -> int:
         """The number of the agent or team; -1 if it is of all."""
@@ -38,6 +42,7 @@ RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("epi
 HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
 BOXES = Quantity("boxes placed", "rollout/boxes_placed")
 QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)
+NEEDED = (LENGTH.tag, RETURN.tag + "0")  # every run has them
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,8 @@ def read(path: Path) -> Points:
             try:
                 tag, step, value = line.split(",")
                 row = (int(step), float(value))
+                if not 0 <= row[0] <= LAST:
+                    raise ValueError
             except ValueError:
                 raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value") from None
             before = points.setdefault(tag, [])
@@ -79,14 +86,19 @@ def read(path: Path) -> Points:
     return points
 
 
+def is_known(tag: str) -> bool:
+    """Whether it is one of the paper's quantities."""
+    return any(quantity.has(tag) for quantity in QUANTITIES)
+
+
 def of_log(path: Path) -> Curves:
     """The paper's quantities out of the log of a run. Raises TrainingError."""
-    points = {tag: rows for tag, rows in read(path).items() if any(quantity.has(tag) for quantity in QUANTITIES)}
-    for tag in (LENGTH.tag, RETURN.tag + "0"):
+    points = {tag: rows for tag, rows in read(path).items() if is_known(tag)}
+    for tag in NEEDED:
         if tag not in points:
             raise TrainingError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")
     for tag, rows in points.items():
-        if bad := [step for step, value in rows if not np.isfinite(value)]:
+        if bad := [step for step, value in rows if not abs(value) < BEYOND]:
             raise TrainingError(f"{path} is broken: {tag} at step {bad[0]} is not a finite number")
     steps = np.array(sorted({step for rows in points.values() for step, _ in rows}), np.int64)
     return Curves(steps, {tag: _spread(rows, steps) for tag, rows in sorted(points.items())})
@@ -126,7 +138,7 @@ def read_kept(path: Path) -> tuple[dict[str, Any], Curves]:
         about = json.loads(first[2:])
         heads, *rows = csv.reader(io.StringIO(rest), strict=True)
         return about, _columns(heads, rows)
-    except (ValueError, csv.Error) as error:
+    except (ValueError, RecursionError, csv.Error) as error:
         raise TrainingError(f"{path} does not hold the curves of a run: {error}") from None
 
 
@@ -136,16 +148,19 @@ def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
     if heads[:1] != ["step"] or len(columns) != len(heads) or len(set(heads)) < len(heads):
         raise ValueError("its columns are not step and tags, or it has no rows")
     steps, *values = (np.array(list(_numbers(column)), np.float64) for column in columns)
-    if not (np.isfinite(steps).all() and (np.diff(steps) > 0).all()):
+    if not (np.isfinite(steps).all() and steps[0] >= 0 and steps[-1] <= LAST and (np.diff(steps) > 0).all()):
         raise ValueError("its steps do not ascend")
     return Curves(steps.astype(np.int64), {tag: value.astype(np.float32) for tag, value in zip(heads[1:], values)})
 
 
 def _numbers(column: Iterable[str]) -> Iterator[float]:
+    """The numbers of a column, at least one; NaN where there is none."""
+    if not any(column):
+        raise ValueError("a column is empty")
     for text in column:
         number = float(text or "nan")
-        if text and not np.isfinite(number):
-            raise ValueError(f"{text} is not a finite number")
+        if text and not abs(number) < BEYOND:
+            raise ValueError(f"{text:.80} is not a finite number")
         yield number
 
 

@@ -1,9 +1,10 @@
 """outlast evaluate: policies meet each other; win rates, ratings, what they do. Loads PyTorch only when it runs."""
 
 import argparse
+import contextlib
 import sys
+import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -56,41 +57,71 @@ def _make(folder: Path | None) -> None:
 
 
 def _watched(evaluation: Any, options: argparse.Namespace) -> int:
-    """Play behind a progress bar and report what is complete; the exit status."""
-    start, status = time.perf_counter(), 0
-    pairs, worlds = len(evaluation.pairs), evaluation.env.num_worlds
-    bar = tqdm(total=pairs * evaluation.episodes, unit="episode", disable=options.quiet)
-    files: list[Path] = []
-    try:
-        for pair in evaluation.pairs:
-            files += _played(evaluation, pair, options, bar.update)
-    except KeyboardInterrupt:
-        status = 130
-        print(f"stopped; complete are {len(evaluation.meetings)} of {pairs} pairings", file=sys.stderr)
-    bar.close()
-    print(f"{evaluation.scenario.name}, seed {evaluation.seed}: {len(evaluation.meetings)} pairings of ", end="")
-    print(f"{evaluation.episodes:,} episodes, {evaluation.each} in each of {worlds} worlds; ", end="")
-    print(f"{time.perf_counter() - start:,.0f} s\n")
-    _report(evaluation, options.out, files)
+    """Play behind a progress bar and report what is complete, also after an error; the exit status."""
+    with tempfile.TemporaryDirectory() as hidden:
+        recordings = Path(hidden) if options.film else None
+        start, status = time.perf_counter(), 0
+        try:
+            _play(evaluation, options, recordings)
+        except KeyboardInterrupt:
+            status = 130
+            print(f"stopped; {_complete(evaluation)}", file=sys.stderr)
+        finally:
+            _report(evaluation, options.out, time.perf_counter() - start)
+        if recordings and not status:
+            status = _films(evaluation, recordings, options.out)
     return status
 
 
-def _played(
-    evaluation: Any, pair: tuple[int, int], options: argparse.Namespace, progress: Callable[[int], Any]
-) -> list[Path]:
-    """Play a pairing; what was written of it."""
-    if not options.film:
-        evaluation.meet(pair, progress)
-        return []
+def _play(evaluation: Any, options: argparse.Namespace, recordings: Path | None) -> None:
+    """Play every pairing; where there is a folder for tables, those of what is complete are always in it."""
+    total = len(evaluation.pairs) * evaluation.episodes
+    with tqdm(total=total, unit="episode", disable=options.quiet) as bar:
+        for pair in evaluation.pairs:
+            with evaluation.env.record(_recording(recordings, pair)) if recordings else contextlib.nullcontext():
+                evaluation.meet(pair, bar.update)
+            if options.out is not None:
+                _write(evaluation, options.out)
+
+
+def _films(evaluation: Any, recordings: Path, folder: Path) -> int:
+    """Make films and pages, and name each when it is there; the exit status."""
     from .showcase import shown
 
-    return shown(evaluation, pair, options.out, progress)[1]
+    try:
+        for meeting in evaluation.meetings:
+            print(*shown(evaluation, meeting, _recording(recordings, meeting.pair), folder), sep="\n", flush=True)
+    except KeyboardInterrupt:
+        print("stopped; the tables are written, not all films are", file=sys.stderr)
+        return 130
+    return 0
 
 
-def _report(evaluation: Any, folder: Path | None, files: list[Path]) -> None:
-    """Print the tables, write them if there is a folder, and name what was written."""
+def _recording(folder: Path, pair: tuple[int, int]) -> Path:
+    return folder / f"{pair[0]}-{pair[1]}.rec"
+
+
+def _complete(evaluation: Any) -> str:
+    return f"complete are {len(evaluation.meetings)} of {len(evaluation.pairs)} pairings"
+
+
+def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
+    """Print the tables, write them if there is a folder, and name what was written. Raises TrainingError."""
     from . import report
 
-    print(report.text(evaluation))
+    played, worlds = len(evaluation.meetings), evaluation.env.num_worlds
+    print(f"{evaluation.scenario.name}, seed {evaluation.seed}: {played} pairings of ", end="")
+    print(f"{evaluation.episodes:,} episodes, {evaluation.each} in each of {worlds} worlds; {seconds:,.0f} s\n")
+    print(report.text(evaluation), flush=True)
     if folder is not None:
-        print("", *report.write(evaluation, folder), *files, sep="\n")
+        print("", *_write(evaluation, folder), sep="\n", flush=True)
+
+
+def _write(evaluation: Any, folder: Path) -> list[Path]:
+    """The tables, as files."""
+    from . import report
+
+    try:
+        return report.write(evaluation, folder)
+    except OSError as error:
+        raise TrainingError(f"{folder} cannot be written: {error.strerror}") from error

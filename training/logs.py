@@ -2,16 +2,25 @@
 
 import csv
 import io
+import itertools
+import os
+import socket
+import time
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
-from torch.utils.tensorboard import SummaryWriter
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
 
 from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
 
 from .curves import HEADER
+
+FORMAT = "brain.Event:2"  # the first event of a file says so
+_numbers = itertools.count()  # of event files that one process makes, perhaps in one second
 
 
 class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
@@ -36,26 +45,37 @@ class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
 
 
 class Board(KVWriter):  # type: ignore[misc]
-    """Writes scalars for TensorBoard; those of an earlier part of the run at `step` or later are hidden."""
+    """Writes scalars for TensorBoard; those of an earlier part of the run after `step` are hidden.
+
+    Events are in the file when `write` returns, or it raises OSError: TensorBoard's own writer has a thread for it.
+    """
 
     def __init__(self, folder: Path, step: int) -> None:
-        self.writer = SummaryWriter(str(folder), purge_step=step or None)
+        name = f"events.out.tfevents.{int(time.time()):010}.{socket.gethostname()}.{os.getpid()}.{next(_numbers):06}"
+        self.file = (folder / name).open("wb")
+        self.records = RecordWriter(self.file)
+        self._add(file_version=FORMAT, step=step + 1)
+        self._add(session_log=SessionLog(status=SessionLog.START), step=step + 1)
+        self.file.flush()
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
         """All values, as scalars."""
         for tag, value in key_values.items():
-            self.writer.add_scalar(tag, float(value), step)
-        self.writer.flush()
+            self._add(summary=Summary(value=[Summary.Value(tag=tag, simple_value=float(value))]), step=step)
+        self.file.flush()
 
     def close(self) -> None:
         """Close the event file."""
-        self.writer.close()
+        self.file.close()
+
+    def _add(self, **event: Any) -> None:
+        self.records.write(Event(wall_time=time.time(), **event).SerializeToString())
 
 
 def open_logs(folder: Path, steps: int) -> Logger:
     """The logs of a run that has done so many agent-steps: what they hold of later ones is taken out."""
     cut(folder / "log.csv", steps)
-    return Logger(str(folder), [Curves(folder / "log.csv"), Board(folder, steps + 1 if steps else 0)])
+    return Logger(str(folder), [Curves(folder / "log.csv"), Board(folder, steps)])
 
 
 def cut(path: Path, steps: int) -> None:
@@ -63,8 +83,8 @@ def cut(path: Path, steps: int) -> None:
     if not path.exists():
         return
     lines = path.read_text().splitlines(keepends=True)
-    if lines and lines[0].strip() != ",".join(HEADER):
+    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
     kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
     with draft(path) as place:
-        place.write_text("".join([*lines[:1], *kept]))
+        place.write_text("".join([",".join(HEADER) + "\n", *kept]))

@@ -24,7 +24,7 @@ Array = np.ndarray[Any, Any]
 
 
 class Player:
-    """The policy of a checkpoint: a function of observations, a dict of float32 (..., agents, ...), to actions.
+    """The policy of a checkpoint or of a kept one: a function of observations, float32 (..., agents, ...), to actions.
 
     >>> duel = player.scenario(outlast.variant("ffa_2"))  # with what it was trained to be told
     >>> env = gymnasium.make("outlast/FreeForAll2-v0", variant=duel, others=player)
@@ -34,14 +34,36 @@ class Player:
 
     def __init__(self, path: str | Path, seed: int | None = 0) -> None:
         """Reads tensors and numbers only; nothing in the file is executed. Raises TrainingError."""
-        files = checkpoint.read(Path(path))
+        files = checkpoint.read(Path(path), ("policy.pt",))
         self.about = checkpoint.about(files)
         self.shapes = {key: tuple(shape) for key, shape in self.about["observations"].items()}
         self.layout, self.preset = Layout(self.shapes), preset(self.about["preset"])
-        sizes = scales(self.layout, self.about["scenario"]["numbers"])
-        self.policy = Policy(self.about["actions"], lambda _: 0.0, layout=self.layout, preset=self.preset, scales=sizes)
-        checkpoint.fill(self.policy, files)
+        try:
+            self.policy = self._made(files)
+        except TrainingError as error:
+            raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
+
+    def _made(self, files: dict[str, bytes]) -> Policy:
+        """The policy of such files. What they say of its size is not believed, but held against their weights."""
+        sizes, layout, actions = self._scales(), self.layout, self.about["actions"]
+        inputs = layout.own + sum(kind.features for kind in layout.kinds)
+        if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) > len(files["policy.pt"]):
+            raise TrainingError("policy.pt is too small for what it was told")
+        policy = Policy(actions, lambda _: 0.0, layout=layout, preset=self.preset, scales=sizes)
+        checkpoint.fill(policy, files)
+        return policy
+
+    def _scales(self) -> tuple[Array, Array]:
+        """As when it was trained."""
+        try:
+            own, kinds = scales(self.layout, self.about["scenario"]["numbers"])
+        except (KeyError, TypeError, ValueError, ArithmeticError):
+            raise TrainingError("run.json has numbers that no scenario has") from None
+        needed = self.layout.own, sum(kind.features for kind in self.layout.kinds)
+        if self.preset.scaled and (len(own), len(kinds)) != needed:
+            raise TrainingError("run.json has observations that no scenario has")
+        return own, kinds
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario in which agents are told what this one was trained with."""

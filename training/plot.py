@@ -8,9 +8,10 @@ from typing import Any
 from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
 
+from . import keep
 from .claims import sentences
 from .endtable import markdown, table
-from .results import Group, grouped, keepable, load
+from .results import Group, grouped, load
 
 FORMS = ("png", "svg")
 
@@ -23,7 +24,7 @@ def add(commands: Any) -> None:
     )
     command.add_argument("--out", type=Path, default=Path("figures"), help="folder to write into (default figures)")
     command.add_argument("--format", choices=FORMS, default="png", help="of the figures (default png)")
-    command.add_argument("--keep", type=Path, metavar="FOLDER", help="also keep there, small, what was plotted")
+    command.add_argument("--keep", type=Path, metavar="FOLDER", help="also keep there curves and policies, small")
     command.set_defaults(run=run)
 
 
@@ -31,8 +32,7 @@ def run(options: argparse.Namespace) -> int:
     """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
     results = load(options.runs)
     groups = grouped(results)
-    files = keepable(results, options.keep) if options.keep else {}
-    contents = {path: text.encode() for path, text in files.items()}
+    contents = keep.files(results, options.keep) if options.keep else {}
     contents |= {options.out / name: content for name, content in made(groups, options.format).items()}
     write(contents)
     print(report(groups))

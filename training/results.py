@@ -1,7 +1,5 @@
 """What came out of runs: found in their folders or in kept files, and sorted into groups that differ by seeds only."""
 
-import json
-import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,11 +8,11 @@ from typing import Any
 
 from outlast.envs.errors import TrainingError
 from outlast.envs.scenario import Scenario, ScenarioError
-from outlast.envs.state import identity
+from outlast.envs.state import identity, is_identity
 from outlast.envs.variants import base, variant
 
-from . import paper
-from .curves import Curves, kept, of_log, read_kept
+from . import header, paper
+from .curves import NEEDED, Curves, is_known, kept, of_log, read_kept
 from .presets import preset
 from .settings import PAPER, ROLLOUT
 
@@ -149,14 +147,12 @@ def _of_folder(folder: Path) -> Result:
     checkpoints = sorted(folder.glob("steps_*.zip"))
     if not checkpoints:
         raise TrainingError(f"{folder} has no checkpoint yet, which would say what is trained in it")
+    told, _ = header.read(checkpoints[-1], (), ("plan", "scenario"))
+    scenario = told["scenario"]
     try:
-        with zipfile.ZipFile(checkpoints[-1]) as archive:
-            header = json.loads(archive.read("run.json"))
-        plan, scenario = header["plan"], header["scenario"]
-        changed = _changed(scenario["name"], plan["preset"], scenario["numbers"])
-        return Result(folder, scenario["name"], plan, changed, of_log(folder / LOG))
-    except (zipfile.BadZipFile, KeyError, OSError, TypeError, json.JSONDecodeError) as error:
-        raise TrainingError(f"{checkpoints[-1]} is not a checkpoint: {error}") from error
+        name = variant(scenario["name"]).name
+        changed = _changed(name, told["plan"].get("preset"), scenario["numbers"])
+        return _checked(Result(folder, name, told["plan"], changed, of_log(folder / LOG)))
     except ScenarioError as error:
         raise TrainingError(f"{folder} is no run of the paper's: {error}") from error
 
@@ -175,9 +171,22 @@ def _of_kept(path: Path) -> Result:
     about, curves = read_kept(path)
     try:
         result = Result(path, variant(about["variant"]).name, about["plan"], about["changed"], curves)
-        preset(result.plan["preset"]), result.settings, result.seed
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        preset(result.plan["preset"])
+    except (KeyError, TypeError, ScenarioError) as error:
         raise TrainingError(f"{path} does not hold the curves of a run: {error}") from error
+    return _checked(result)
+
+
+def _checked(result: Result) -> Result:
+    """The same, if it can be named, compared and drawn. Raises TrainingError."""
+    tags, missing = result.curves.values.keys(), [tag for tag in NEEDED if tag not in result.curves.values]
+    told = f"{result.origin} does not hold the curves of a run"
+    if missing or not all(map(is_known, tags)):
+        raise TrainingError(f"{told}: it has " + (f"no {missing[0]}" if missing else "others than the paper's"))
+    if not header.is_plan(result.plan) or type(result.plan.get("seed")) is not int:
+        raise TrainingError(f"{told}: its plan is none")
+    if not is_identity({"name": result.variant, "numbers": result.changed}) or "$" in str(result.changed):
+        raise TrainingError(f"{told}: what was changed in it is not numbers")
     return result
 
 

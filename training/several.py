@@ -33,7 +33,7 @@ class Job:
             self.words += [f"--{name}", str(getattr(options, name))]
         for name in OFTEN:
             self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
-        if options.resume and any(self.folder.glob("steps_*.zip")):  # one that had not begun begins
+        if options.resume and self.folder.exists():  # one that had not begun begins
             self.words.append("--resume")
 
     def start(self) -> None:

@@ -1,8 +1,7 @@
 """A typical episode of a pairing, shown: as a film, and as a page to play it in."""
 
 import contextlib
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +15,15 @@ from .matches import Games, role_of
 SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper's variants
 
 
-def shown(
-    evaluation: Evaluation, pair: tuple[int, int], folder: Path, progress: Callable[[int], None]
-) -> tuple[Meeting, list[Path]]:
-    """Play a pairing, and show its typical episode in the folder: A-B.webm and A-B.html, each whole or not at all.
+def shown(evaluation: Evaluation, meeting: Meeting, recording: Path, folder: Path) -> list[Path]:
+    """Show the typical episode of a pairing in the folder: A-B.webm and A-B.html, each whole or not at all.
 
-    It is recorded for that, which changes nothing. Raises RecordingError, FilmError, PageError.
+    recording: of all its episodes. Raises RecordingError, FilmError, PageError.
     """
-    with tempfile.TemporaryDirectory() as hidden:
-        recording = Path(hidden, "match.rec")
-        with evaluation.env.record(recording):
-            meeting = evaluation.meet(pair, progress)
-        names = [evaluation.chosen[k].label for k in pair]
-        sides = len(np.unique(evaluation.env.worlds[Side].side[0, evaluation.env.worlds.span("agent")]))
-        title = f"{evaluation.scenario.name}: {' against '.join(_seated(names, sides, meeting.games))}"
-        return meeting, show(recording, meeting.games, folder / "-".join(names), title)
+    names = [evaluation.chosen[k].label for k in meeting.pair]
+    sides = len(np.unique(evaluation.env.worlds[Side].side[0, evaluation.env.worlds.span("agent")]))
+    title = f"{evaluation.scenario.name}: {' against '.join(_seated(names, sides, meeting.games))}"
+    return show(recording, meeting.games, folder / "-".join(names), title)
 
 
 def show(recording: Path, games: Games, target: Path, title: str) -> list[Path]:

@@ -1,17 +1,19 @@
 """A training run: collect, update, log, save, and go on from where it was stopped."""
 
+import contextlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from outlast.envs.drafts import discard, draft, is_draft
 from outlast.envs.errors import TrainingError
 from outlast.envs.scenario import Scenario
-from outlast.envs.state import identity
+from outlast.envs.state import difference, identity
 
 from . import checkpoint
 from .logs import open_logs
@@ -19,6 +21,7 @@ from .ppo import SharedPPO
 from .presets import preset
 from .settings import ROLLOUT
 
+ABOUT = "run.json"  # what the run is; written before anything else
 THREADS = 4  # more do not pay for networks this small
 SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs": "epochs"}
 Progress = Callable[["Run"], None]
@@ -47,14 +50,18 @@ class Plan:
 
 
 class Run:
-    """A run in a folder: log.csv, TensorBoard's events, checkpoints."""
+    """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
+
+    A process that is killed at any moment leaves a run that can be resumed.
+    """
 
     def __init__(self, plan: Plan, folder: Path, *, resume: bool = False) -> None:
-        """resume: go on from the newest checkpoint. Raises TrainingError, and writes nothing, if that cannot be."""
+        """resume: go on from the newest checkpoint, or begin again if the run was stopped before its first.
+
+        Raises TrainingError, and writes nothing, if that cannot be.
+        """
         self.plan, self.folder = plan, folder
-        files = checkpoint.read(checkpoint.newest(folder)) if resume else None
-        if files is None and folder.exists() and any(folder.iterdir()):
-            raise TrainingError(f"{folder} is not empty: go on with --resume, or choose another folder with --out")
+        files = self._found(resume)
         threads = plan.threads or min(THREADS, torch.get_num_threads())
         torch.set_num_threads(threads)
         self.model = SharedPPO(
@@ -73,13 +80,17 @@ class Run:
         else:
             self._check_plan(checkpoint.about(files))
             checkpoint.restore(self.model, files)
-        folder.mkdir(parents=True, exist_ok=True)
-        self.model.set_logger(open_logs(folder, self.model.num_timesteps))
+        with self._writing():
+            self._prepare()
+            self.model.set_logger(open_logs(folder, self.model.num_timesteps))
         self.saved = self.model.num_timesteps
         self.shown: dict[str, str] = {}  # a few of the numbers that were logged last
 
     def go(self, progress: Progress = lambda run: None) -> None:
-        """Train to the end of the plan. Ctrl-C saves where the last update ended and is raised again."""
+        """Train to the end of the plan. Ctrl-C saves where the last update ended and is raised again.
+
+        Raises TrainingError if the disk is full; what is in the folder can be resumed.
+        """
         kept = self._capture() if not self.saved else None
         try:
             while self.model.num_timesteps < self.plan.steps:
@@ -89,9 +100,12 @@ class Run:
                     self._save(kept)
                 progress(self)
         finally:
-            if kept is not None:
-                self._save(kept)
-            self.model.logger.close()
+            with self._writing():
+                try:
+                    if kept is not None:
+                        self._save(kept)
+                finally:
+                    self.model.logger.close()
 
     def _iterate(self) -> None:
         """A rollout, an update, and what there is to say of them."""
@@ -114,15 +128,60 @@ class Run:
             model.logger.record(tag, value)
         shown = model.logger.name_to_value
         self.shown |= {name: f"{shown[tag]:.1f}" for tag, name in SHOWN.items() if tag in shown}
-        model.logger.dump(model.num_timesteps)
+        with self._writing():
+            model.logger.dump(model.num_timesteps)
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
-        return self.model.num_timesteps, checkpoint.capture(self.model, self.plan.about())
+        with self._writing():  # of a file for the worlds, which passes by
+            return self.model.num_timesteps, checkpoint.capture(self.model, self.plan.about())
 
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
         steps, files = kept
-        checkpoint.write(self.folder / checkpoint.NAME.format(steps), files)
+        with self._writing():
+            checkpoint.write(self.folder / checkpoint.NAME.format(steps), files)
         self.saved = steps
+
+    def _found(self, resume: bool) -> dict[str, bytes] | None:
+        """The checkpoint to go on from, if there is one."""
+        there = [path for path in self.folder.iterdir() if not is_draft(path)] if self.folder.is_dir() else []
+        if there and not resume:
+            raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
+        if not resume or (self.folder.is_dir() and not there):  # it was stopped before it could say what it is
+            return None
+        if (about := self.folder / ABOUT) in there and not any(self.folder.glob("steps_*.zip")):
+            self._check_begun(about)
+            return None
+        return checkpoint.read(checkpoint.newest(self.folder))
+
+    def _check_begun(self, about: Path) -> None:
+        """A run that has no checkpoint yet is this one."""
+        try:
+            header = json.loads(about.read_text(encoding="utf-8"))
+            then, scenario = {"plan": dict(header["plan"])}, header["scenario"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise TrainingError(f"{about} does not say what the run is: {error}") from error
+        self._check_plan(then)
+        if other := difference(scenario, identity(preset(self.plan.preset).scenario(self.plan.scenario))):
+            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
+
+    def _prepare(self) -> None:
+        """The folder, without what a killed process was writing in it, and what says what the run is."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for path in filter(is_draft, list(self.folder.iterdir())):
+            discard(path)
+        if not (self.folder / ABOUT).exists():
+            header = self.plan.about() | {"scenario": identity(self.model.core.scenario)}
+            with draft(self.folder / ABOUT) as place:
+                place.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """A disk that takes no more is told as what it is."""
+        try:
+            yield
+        except OSError as error:
+            told = f"{error.filename or self.folder}: {error.strerror or error}"
+            raise TrainingError(f"{told}; make room there, and go on with --resume") from error
 
     def _check_plan(self, header: dict[str, Any]) -> None:
         """Going on with other numbers would not be the same run."""

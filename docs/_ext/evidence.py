@@ -13,6 +13,9 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
+from outlast.training.claims import sentences
+from outlast.training.endtable import markdown
+from outlast.training.results import grouped, load
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
@@ -85,3 +88,13 @@ def deviations() -> str:
             if len(runs) == 1 and repr(item.default) not in runs:
                 rows.append([code(key), shown(item.default), *map(shown, runs.values()), code(kind.__name__)])
     return grid(["number", "the paper's text", "its runs", "explained at"], rows)
+
+
+def trained() -> str:
+    """Figures, end values and what they say of the paper, of the results in docs/results."""
+    parts = []
+    for group in grouped(load([DOCS / "results"])):
+        picture = f"![Learning curves of {group.variant}: ours and the paper's](training/{group.name}.png)"
+        film = f"![An episode of {group.variant} after training](training/{group.variant}.gif)"
+        parts += [f"### {group.variant}", picture, markdown(group), sentences(group), film]
+    return "\n\n".join(parts)

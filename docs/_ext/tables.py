@@ -37,6 +37,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.checks,
         evidence.compared,
         evidence.deviations,
+        evidence.trained,
     )
 }
 

@@ -93,7 +93,7 @@ def _watched(options: argparse.Namespace, agents: int, work: Work) -> int:
     try:
         summary = work(progress)
     except KeyboardInterrupt as stop:
-        summary, status = stop.args[0], 130
+        summary, status = stop.args[0] if stop.args else Summary(), 130
     seconds = time.perf_counter() - start
     bar.close()
     _report(options, summary, done, seconds, agents)

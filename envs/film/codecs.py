@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -177,5 +178,10 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
                 pipe.close()
         if process.returncode:
             told.seek(0)
-            lines = told.read().decode(errors="replace").strip().splitlines() or [f"status {process.returncode}"]
+            lines = told.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
             raise FilmError(f"FFmpeg failed: {lines[-1]}")
+
+
+def _status(code: int) -> str:
+    """How a process ended that said nothing."""
+    return f"status {code}" if code > 0 else f"ended by a signal: {signal.strsignal(-code)}"

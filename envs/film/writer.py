@@ -4,8 +4,6 @@ import contextlib
 import itertools
 import os
 import re
-import secrets
-import shutil
 from collections.abc import Iterable, Iterator
 from numbers import Integral
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import drafts
 from ..errors import FilmError
 from .codecs import CODECS, Codec, find_ffmpeg
 
@@ -102,13 +101,12 @@ class _Reel:
 @contextlib.contextmanager
 def _workshop(target: Path) -> Iterator[Path]:
     """A folder on the target's own disk that vanishes with all that is left in it."""
-    place = target if target.is_dir() else target.parent
-    folder = place / f".{target.name}-{secrets.token_hex(4)}.tmp"
+    folder = drafts.name(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        drafts.discard(folder)
 
 
 def _verify(draft: Path, codec: Codec, reel: _Reel) -> None:

@@ -25,14 +25,17 @@ def write(
 
     ticks: each pull runs the worlds once more; the first one has just reset them. The page holds everything it needs,
     so it opens without a server and without a network. Memory: a kilobyte for each tick of a world of 4 agents. Raises
-    PageError for worlds or folders that are not there, and if there are no ticks.
+    PageError for worlds or folders that are not there, if there are no ticks, and if the disk is full.
     """
     target = _checked(path)
     recorded = record(worlds, ticks, chosen)
     if not any(recorded.values()):
         raise PageError("there is nothing to show: not one tick")
-    with draft(target) as place:
-        place.write_text(render(recorded, title), encoding="utf-8", newline="\n")
+    try:
+        with draft(target) as place:
+            place.write_text(render(recorded, title), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise PageError(f"{target} cannot be written: {error.strerror}") from error
 
 
 def render(recorded: dict[int, list[Episode]], title: str) -> str:

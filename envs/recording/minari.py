@@ -1,6 +1,7 @@
 """Samples as a Minari data set: an episode for each agent of each episode of a world."""
 
-import shutil
+import contextlib
+import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from gymnasium import spaces
 
 from outlast.ecs import Worlds
 
+from .. import drafts
 from ..errors import RecordingError
 from ..spaces import action_space, observation_space
 from .dataset import manifest
@@ -22,9 +24,13 @@ try:
     import pyarrow  # noqa: F401 - what Minari writes with
     from minari.data_collector.episode_buffer import EpisodeBuffer
     from minari.dataset.minari_dataset import parse_dataset_id
+    from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError("Minari data sets need Minari: pip install 'outlast[minari]'", name=error.name) from error
+
+
+ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
 
 
 def export(name: str, replay: Replay, wish: Wish) -> int:
@@ -43,22 +49,44 @@ def export(name: str, replay: Replay, wish: Wish) -> int:
     count = [0]
     observations, actions = _spaces(replay.worlds)
     about = manifest(replay)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that there is no EnvSpec: a world of agents has none
-            minari.create_dataset_from_buffers(
-                name,
-                _episodes(replay, wish, count),  # drawn one by one
-                observation_space=observations,
-                action_space=actions,
-                description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
-                data_format="arrow",
-                requirements=[f"outlast=={about['outlast']}"],
-            )
-    except BaseException:
-        shutil.rmtree(place, ignore_errors=True)
-        raise
+    with _drafted(name, place), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that there is no EnvSpec: a world of agents has none
+        minari.create_dataset_from_buffers(
+            name,
+            _episodes(replay, wish, count),  # drawn one by one
+            observation_space=observations,
+            action_space=actions,
+            description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
+            data_format="arrow",
+            requirements=[f"outlast=={about['outlast']}"],
+        )
     return count[0]
+
+
+@contextlib.contextmanager
+def _drafted(name: str, place: Path) -> Iterator[None]:
+    """Meanwhile Minari writes into a hidden folder; from there the data set goes to its place, whole."""
+    root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
+    hidden = drafts.name(root / place.name)
+    hidden.mkdir()
+    try:
+        os.environ[ROOT] = str(hidden)
+        yield
+        _restore(kept)
+        if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
+            create_namespace(namespace)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(hidden / name, place)
+    finally:
+        _restore(kept)
+        drafts.discard(hidden)
+
+
+def _restore(kept: str | None) -> None:
+    if kept is None:
+        os.environ.pop(ROOT, None)
+    else:
+        os.environ[ROOT] = kept
 
 
 def _episodes(replay: Replay, wish: Wish, count: list[int]) -> Iterator[Any]:

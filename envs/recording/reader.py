@@ -1,6 +1,7 @@
 """Reading a recording: every checksum first, then one frame at a time."""
 
 import json
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,15 +13,16 @@ from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError
 from ..scenario import Scenario, ScenarioError
-from ..state import difference, identity
+from ..state import difference, identity, is_identity, is_word
 from .file import DONE, HEAD, RUNS, Frame, content, damaged, frames, unpack
 from .recorder import LARGEST
 from .runs import Run, Shape
 from .runs import unpack as unpack_runs
-from .scenarios import classes, rebuilt
+from .scenarios import classes, planned, rebuilt
 
 COUNT = (1, 2**31)  # of worlds or agents
 LONGEST = 2**20  # bytes of JSON in the header
+USUAL, SHARE = 2**30, 10_000  # bytes of worlds that any file may ask for, and more for each of its own bytes
 
 
 class Recording:
@@ -55,6 +57,7 @@ class Recording:
             _check_order(name, found)
             header = _header(file, name, found[0])
             recording = cls(name, header, _scenario(name, header, scenario), found, size)
+            recording._check_size(size)
             recording._check_begin(file)
         return recording
 
@@ -74,7 +77,7 @@ class Recording:
     @property
     def shape(self) -> Shape:
         """What its runs have in common."""
-        count = int(np.prod([size for _, _, size in self.header["actions"]], dtype=object))
+        count = math.prod(size for _, _, size in self.header["actions"])
         return Shape(
             self.num_worlds,
             self.num_agents,
@@ -82,6 +85,19 @@ class Recording:
             len(self.components),
             self.header["digests"]["repeat"],
         )
+
+    def _check_size(self, size: int) -> None:
+        """Worlds of absurd size are not begun with: few bytes could ask for very many. size: of the file, bytes."""
+        try:
+            agents, each = planned(self.scenario)
+        except (ScenarioError, EngineError, KeyError) as error:
+            raise RecordingError(f"{self.path}: its worlds cannot be made: {error}") from None
+        if agents != self.num_agents:
+            raise RecordingError(f"{self.path}: agents are {self.num_agents} there and {agents} here")
+        if (asked := each * self.num_worlds) > (most := USUAL + SHARE * size):
+            raise RecordingError(
+                f"{self.path}: its worlds would take {asked} bytes: {most} are given to a file so small"
+            )
 
     def _check_begin(self, file: BinaryIO) -> None:
         """The first run keys and resets all worlds: as many as the header says."""
@@ -123,17 +139,21 @@ def _header(file: BinaryIO, path: str, head: Frame) -> dict[str, Any]:
 
 def _fits(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
-    whole = all(type(header[key]) is int for key in ("worlds", "agents", "first_world"))
+    numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
-    columns = all(isinstance(key, str) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
+    columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
-        whole
+        all(type(number) is int and number >= 0 for number in numbers)
         and COUNT[0] <= header["worlds"] <= COUNT[1]
         and COUNT[0] <= header["agents"] <= COUNT[1]
-        and all(isinstance(name, str) for name in names)
+        and header["first_world"] < 2**62
+        and all(map(is_word, names))
+        and type(header["modules"]) is type(digests["components"]) is list
+        and is_identity(header["scenario"])
         and columns
-        and int(np.prod([size for _, _, size in actions], dtype=object)) <= 2**32
-        and all(type(digests[key]) is int and digests[key] >= 1 for key in ("worlds", "repeat"))
+        and math.prod(size for _, _, size in actions) <= 2**32
+        and digests["worlds"] >= 1
+        and digests["repeat"] >= 1
         and len(digests["components"]) <= LONGEST
     )
 
@@ -143,7 +163,7 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scen
     if given is None:
         try:
             return rebuilt(header["scenario"], header["modules"])
-        except (ScenarioError, EngineError, KeyError, TypeError, AttributeError) as error:
+        except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{path}: {error}") from None
     if other := difference(header["scenario"], identity(given)):
         raise RecordingError(f"{path} is of another scenario {other}")

@@ -9,8 +9,10 @@ from outlast.components import End
 from outlast.ecs import STEP, Clock, EngineError, Worlds
 
 from ..errors import RecordingError, ReplayError
+from ..faults import check_playable
 from ..notice import announce_compilation
 from ..rollout import Summary
+from ..scenario import ScenarioError
 from ..spaces import statistics
 from .digests import Digests
 from .joint import Joint
@@ -31,7 +33,8 @@ class Replay:
         self.recording, self.summary = recording, Summary()
         try:
             self.worlds = Worlds(recording.scenario.modules, recording.num_worlds, threads)
-        except (EngineError, MemoryError) as error:
+            check_playable(self.worlds, recording.scenario.name)
+        except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
         self._joint, self._digests = Joint(self.worlds), Digests(self.worlds, recording.header["digests"]["worlds"])
         self._check()

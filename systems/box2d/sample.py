@@ -1,0 +1,69 @@
+"""What `verify` and `probe` look at: a small world made by pybox2d's public interface, and how its memory is read."""
+
+import ctypes
+import os
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import Box2D
+import numpy as np
+
+from . import layout as at
+
+Check = tuple[str, Any, Any]  # offset's name, found, expected
+
+
+def read(address: int, offset: str, kind: type = ctypes.c_float, extra: int = 0) -> Any:
+    """One number of an object, at the offset of that name."""
+    return kind.from_address(address + getattr(at, offset) + extra).value  # type: ignore[attr-defined]
+
+
+def floats(thing: Any, **expected: Iterable[float]) -> Iterator[Check]:
+    """The numbers at these offsets, one behind the other."""
+    for name, values in expected.items():
+        for k, value in enumerate(values):
+            yield name, read(int(thing.this), name, extra=4 * k), float(np.float32(value))
+
+
+def pointer(thing: Any, name: str, target: Any) -> Check:
+    """A pointer to another object, or to none."""
+    return name, read(int(thing.this), name, ctypes.c_int64), int(target.this) if target else 0
+
+
+def integer(thing: Any, name: str, expected: int) -> Check:
+    """An integer of 4 bytes."""
+    return name, read(int(thing.this), name, ctypes.c_int32), expected
+
+
+def readable(address: int, size: int) -> bool:
+    """Whether so many bytes, at most 4096, can be read there: the kernel is asked, and refuses where they cannot."""
+    ends = os.pipe()
+    try:
+        return int(ctypes.CDLL(None).write(ends[1], ctypes.c_void_p(address), ctypes.c_size_t(size))) == size
+    finally:
+        for end in ends:
+            os.close(end)
+
+
+class Sample:
+    """A static box on which a moving circle and a moving box lie, stepped once; all numbers are different.
+
+    Before that, three more came and went. moved: what MOVE_COUNT was before the step.
+    """
+
+    def __init__(self) -> None:
+        self.world = Box2D.b2World(gravity=(0, 0), continuousPhysics=False)
+        self.floor = self.world.CreateStaticBody(position=(0, -1), shapes=Box2D.b2PolygonShape(box=(9, 1)))
+        self.disc = self.world.CreateDynamicBody(
+            position=(1, 0.4), angle=0.5, linearVelocity=(0.1, -3), angularVelocity=2
+        )
+        shape = Box2D.b2CircleShape(radius=0.5, pos=(0.1, 0.05))
+        self.disc.CreateFixture(shape=shape, density=2, friction=0.3, restitution=0.1, userData=self)
+        spares = [self.world.CreateStaticBody(position=(20, y), shapes=Box2D.b2CircleShape()) for y in range(3)]
+        self.crate = self.world.CreateDynamicBody(position=(-3, 0.19), linearVelocity=(1, -4))
+        self.crate.CreateFixture(shape=Box2D.b2PolygonShape(box=(0.75, 0.2)), density=1)
+        for spare in spares:
+            self.world.DestroyBody(spare)
+        self.start = (*self.disc.worldCenter, self.disc.angle)
+        self.moved = read(int(self.world.contactManager.this), "MOVE_COUNT", ctypes.c_int32)
+        self.world.Step(1 / 60, 10, 10)

@@ -1,0 +1,226 @@
+"""What is fuzzed of training: checkpoints that runs go on from, saved policies, logs and kept results."""
+
+import dataclasses
+import json
+import os
+import pickle
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from stable_baselines3.common.logger import Logger
+
+import outlast
+from outlast.envs.errors import FaultError, StateError, TrainingError
+from outlast.training import checkpoint, endtable, figures, results
+from outlast.training.player import Player
+from outlast.training.ppo import SharedPPO
+from outlast.training.presets import preset
+from outlast.training.train import Plan, Run
+from tests.fuzz_mutations import Dice, mutated, mutated_json, mutated_npy, mutated_zip, text, unzipped, zipped
+from tests.fuzz_worlds import folder_of
+
+SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
+PLAN = Plan(SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings={"batch_size": 16, "n_epochs": 1})
+
+
+def spoiled(content: bytes, dice: Dice) -> bytes:
+    """A checkpoint with something wrong in it, or in one of the files in it."""
+    files = unzipped(content)
+    match dice.randrange(10) if len(files) > 1 else dice.randrange(3):
+        case 0:
+            return mutated(content, dice)
+        case 1:
+            return mutated_zip(content, dice)
+        case 2 | 3 | 4:
+            files["run.json"] = text(mutated_json(json.loads(files["run.json"]), dice))
+        case 5 | 6:
+            name = dice.choice(("policy.pt", "rest.pt"))
+            files[name] = mutated_zip(files[name], dice)
+        case 7 | 8:
+            name = dice.choice(("policy.pt", "rest.pt"))
+            inner = unzipped(files[name])
+            part = dice.choice([*inner, *[part for part in inner if part.endswith(".pkl")] * 20])
+            files[name] = zipped(inner | {part: dice.choice((mutated, _pickled))(inner[part], dice)})
+        case _:
+            inner = unzipped(files["worlds.npz"])
+            part = dice.choice([*inner])
+            files["worlds.npz"] = zipped(inner | {part: mutated_npy(inner[part], dice)})
+    return zipped(files)
+
+
+def _pickled(content: bytes, dice: Dice) -> bytes:
+    """A pickle in which something else is named or made: code, memory, tensors larger than what is there."""
+    here = bytes("ctorch._utils\n_rebuild_tensor_v2\n", "ascii")
+    forms: tuple[Callable[[], bytes], ...] = (
+        lambda: pickle.dumps(dice.choice((_Evil("exit 7"), _Large(10**12), [1] * 9, {"a": 1}, None, "x" * 999)), 2),
+        lambda: content.replace(here, dice.choice((b"cbuiltins\nbytearray\n", b"cos\nsystem\n", b"ctorch\ntensor\n"))),
+        lambda: content.replace(b"FloatStorage", dice.choice((b"DoubleStorage", b"ByteStorage", b"HalfStorage"))),
+        lambda: _renumbered(content, dice),
+    )
+    return dice.choice(forms)()
+
+
+class _Evil:
+    def __init__(self, command: str) -> None:
+        self.command = command
+
+    def __reduce__(self) -> Any:
+        return os.system, (self.command,)
+
+
+class _Large(_Evil):
+    def __reduce__(self) -> Any:
+        return bytearray, (self.command,)
+
+
+def _renumbered(content: bytes, dice: Dice) -> bytes:
+    """One of its numbers is another one of the same length."""
+    spots = [at for at, byte in enumerate(content[:-5]) if byte in b"JKM"]
+    if not spots:
+        return b""
+    at = dice.choice(spots)
+    size = {"J": 4, "K": 1, "M": 2}[chr(content[at])]
+    number = dice.choice((0, 1, 2, 255, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**32 - 2, dice.randrange(2**16)))
+    return content[: at + 1] + (number % 256**size).to_bytes(size, "little") + content[at + 1 + size :]
+
+
+class Checkpoints:
+    """Checkpoints from which a run goes on: a rollout and an update."""
+
+    refusals: ClassVar = (StateError, TrainingError)
+
+    def __init__(self) -> None:
+        torch.set_num_threads(1)
+        self.folder = folder_of(self)
+        self.model = SharedPPO(SMALL, preset("paper"), worlds=PLAN.worlds, steps=PLAN.rollout, **PLAN.settings)
+        self.model.set_logger(Logger(None, []))
+        self.model.start()
+        first = checkpoint.capture(self.model, PLAN.about())
+        self._go_on()
+        self.files = [_archived(files) for files in (first, checkpoint.capture(self.model, PLAN.about()))]
+        self.valid = self.files[1]
+
+    def mutate(self, dice: Dice) -> bytes:
+        """A hostile checkpoint."""
+        return spoiled(dice.choice(self.files), dice)
+
+    def use(self, path: Path) -> None:
+        """Go on from it; sometimes as `outlast train --resume` does."""
+        if path.stat().st_size % 32:
+            checkpoint.restore(self.model, checkpoint.read(path))
+            self._go_on()
+            return
+        run = self.folder / "run"
+        shutil.rmtree(run, ignore_errors=True)
+        run.mkdir()
+        shutil.copy(path, run / checkpoint.NAME.format(1))
+        Run(dataclasses.replace(PLAN, steps=1), run, resume=True).model.logger.close()
+
+    def _go_on(self) -> None:
+        try:
+            self.model.collect()
+        except FaultError:  # bodies at places that physics cannot take
+            return
+        self.model.train()
+
+
+class Policies:
+    """Saved policies, which are asked for actions."""
+
+    refusals: ClassVar = (TrainingError,)
+
+    def __init__(self) -> None:
+        torch.set_num_threads(1)
+        self.files = []
+        for name in ("original", "scaled"):
+            model = SharedPPO(SMALL, preset(name), worlds=2, steps=16, batch_size=16)
+            model.start()
+            self.files.append(_archived(checkpoint.capture(model, PLAN.about())))
+        self.valid = self.files[0]
+
+    def mutate(self, dice: Dice) -> bytes:
+        """A hostile checkpoint."""
+        return spoiled(dice.choice(self.files), dice)
+
+    def use(self, path: Path) -> None:
+        """Ask for actions, given observations like those of which the file tells."""
+        player, rng = Player(path), np.random.default_rng(0)
+        told = {key: rng.random((2, 3, *shape)).astype(np.float32) for key, shape in player.shapes.items()}
+        told |= {key: np.rint(values) for key, values in told.items() if key.endswith("_mask")}
+        actions = player(told)
+        sizes = np.array(player.about["actions"])
+        assert actions.shape == (2, 3, len(sizes))
+        assert ((actions >= 0) & (actions < sizes)).all()
+        str(player.scenario(SMALL))
+
+
+class Results:
+    """Logs of runs, what their checkpoints say, and kept results: put into tables and figures."""
+
+    refusals: ClassVar = (TrainingError,)
+
+    def __init__(self) -> None:
+        self.folder = folder_of(self)
+        rows = [f"{tag},{step},{step * k / 7}\n" for step in range(9, 400, 9) for k, tag in enumerate(TAGS)]
+        self.log = ("tag,step,value\n" + "".join(rows)).encode()
+        header = {"version": 1, "scenario": checkpoint.identity(preset("paper").scenario(outlast.variant("teams_3")))}
+        self.header = _archived({"run.json": json.dumps(header | PLAN.about()).encode()})
+        (self.folder / "log.csv").write_bytes(self.log)
+        (self.folder / "steps_1.zip").write_bytes(self.header)
+        (found,) = results.load([self.folder])
+        self.valid = found.text().encode()
+
+    def mutate(self, dice: Dice) -> bytes:
+        """A hostile log, kept result or checkpoint."""
+        match dice.randrange(5):
+            case 0:
+                return dice.choice((mutated, _rewritten))(self.log, dice)
+            case 1:
+                return spoiled(self.header, dice) if dice.random() < 0.9 else self.header
+            case 2:
+                first, _, rest = self.valid.partition(b"\n")
+                return b"# " + text(mutated_json(json.loads(first[2:]), dice)) + b"\n" + rest
+            case _:
+                return dice.choice((mutated, _rewritten))(self.valid, dice)
+
+    def use(self, path: Path) -> None:
+        """A table, and sometimes figures."""
+        begin, place = path.read_bytes()[:4], path
+        if begin in (b"tag,", self.header[:4]):
+            place = self.folder
+            (place / "log.csv").write_bytes(path.read_bytes() if begin == b"tag," else self.log)
+            (place / "steps_1.zip").write_bytes(path.read_bytes() if begin != b"tag," else self.header)
+        (group,) = results.grouped(results.load([place]))
+        for name in (group.name, group.runs[0].name):
+            assert Path(name).name == name, f"{name} would be written elsewhere"
+        assert len(group.runs[0].text()) > len(endtable.markdown(group) + endtable.table([group])) / 9
+        if path.stat().st_size % 64 == 0:
+            figures.picture(group, "svg")
+
+
+TAGS = ("rollout/reward0", "rollout/reward1", "rollout/kills0", "rollout/kills1", "rollout/steps", "train/loss")
+
+
+def _rewritten(content: bytes, dice: Dice) -> bytes:
+    """One cell of the table, or a row, is something else."""
+    rows = [line.split(b",") for line in content.split(b"\n")]
+    row = dice.choice(rows[1:])
+    row[dice.randrange(len(row))] = dice.choice(CELLS)
+    return b"\n".join(b",".join(row) for row in rows)
+
+
+CELLS = (
+    *(b"", b"0", b"-1", b"nan", b"inf", b"-inf", b"1e999", b"3.5e38", b"1e300", b"-3e38", b"9" * 30, b"9" * 5000),
+    *(b"x", b'"', b"\0", b"\xff", "٣".encode(), b"rollout/reward9999999", b"rollout/reward", b"1_0", b" 7 ", b"0x10"),
+)
+
+
+def _archived(files: dict[str, bytes]) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint.write(Path(folder, "a.zip"), files)
+        return Path(folder, "a.zip").read_bytes()

@@ -1,0 +1,236 @@
+"""What is fuzzed of worlds: saved states and recordings, made hostile also behind their checksums, loaded and used."""
+
+import contextlib
+import hashlib
+import io
+import json
+import shutil
+import tempfile
+import weakref
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+import outlast
+from outlast.ecs import Worlds
+from outlast.envs.errors import FaultError, RecordingError, StateError
+from outlast.envs.main import main
+from outlast.envs.recording import Recording, recorder
+from outlast.envs.recording.file import FIELDS, HEAD, MAGIC, RUNS, frame, frames
+from outlast.envs.recording.file import content as stored
+from outlast.envs.state import HEADER, VERSION, State, _checksum
+from outlast.envs.vector import SurvivalVectorEnv
+from tests.conftest import digest, draw_actions
+from tests.fuzz_mutations import (
+    INTEGERS,
+    Dice,
+    mutated,
+    mutated_json,
+    mutated_npy,
+    mutated_zip,
+    npy,
+    text,
+    unzipped,
+    zipped,
+)
+
+TICKS = (0, 3, 40, 150)  # after which states are taken
+REALS = (0, -1, 1e-45, 1e-3, 0.5, 12, 25, 1e4, 9.9e5, 1e6, 3e38, -9.9e5, -3e38, np.inf, -np.inf, np.nan)
+SMALL = outlast.variant("teams_3").replace(n_heals=4, n_boxes=3)
+
+
+def folder_of(owner: object) -> Path:
+    """A new folder that is deleted with its owner, or when the process ends."""
+    folder = Path(tempfile.mkdtemp())
+    weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+class States:
+    """Saved states of two worlds in a batch of three."""
+
+    refusals: ClassVar = (StateError,)
+
+    def __init__(self) -> None:
+        self.env, self.rng = outlast.make_vec(SMALL, 3, seed=0, render_mode="ansi"), np.random.default_rng(0)
+        self.seeds = [self.env.get_state(slice(2))]  # of worlds that have not started
+        self.env.reset()
+        for tick in range(max(TICKS) + 1):
+            if tick in TICKS:
+                self.seeds.append(self.env.get_state(slice(2)))
+            self.env.step(draw_actions(self.env, self.rng))
+        self.files = [_file(state.scenario, state.arrays) for state in self.seeds]
+        self.valid = self.files[-1]
+
+    def mutate(self, dice: Dice) -> bytes:
+        """A hostile file; most have numbers that cannot be, behind a checksum that fits."""
+        state, content = dice.choice([*zip(self.seeds, self.files, strict=True)])
+        match dice.randrange(8):
+            case 0:
+                return mutated(content, dice)
+            case 1:
+                return mutated_zip(content, dice)
+            case 2:
+                entries = unzipped(content)
+                name = dice.choice([*entries])
+                return zipped(entries | {name: mutated_npy(entries[name], dice)})
+            case 3:
+                return self._header(content, dice)
+        arrays = {name: array.copy() for name, array in state.arrays.items()}
+        for _ in range(dice.choice((1, 1, 2, 5))):
+            self._spoil(arrays, dice)
+        return _file(state.scenario, arrays)
+
+    def use(self, path: Path) -> None:
+        """Put it into worlds and let them go on."""
+        state, before = State.load(path), digest(self.env.worlds)
+        if len(state) not in (1, 2):
+            return
+        try:
+            self.env.set_state(state, slice(len(state)))
+        except StateError:
+            assert digest(self.env.worlds) == before, "a refused state has changed the worlds"
+            raise
+        for _ in range(3):
+            if not self.env._progress.started.all():
+                self.env.reset(options={"reset_mask": ~self.env._progress.started})
+            try:
+                self.env.step(draw_actions(self.env, self.rng))
+            except FaultError:
+                self.env.reset()
+        self.env.render()
+
+    def _header(self, content: bytes, dice: Dice) -> bytes:
+        entries = unzipped(content)
+        header = json.loads(entries[f"{HEADER}.npy"][128:])
+        entries[f"{HEADER}.npy"] = npy(np.frombuffer(text(mutated_json(header, dice)), np.uint8))
+        return zipped(entries)
+
+    def _spoil(self, arrays: dict[str, Any], dice: Dice) -> None:
+        """A number of some column of the worlds, or all of them; rarely of an array beside, or its shape."""
+        name = dice.choice(("world",) * 9 + tuple(arrays))
+        column = arrays[name]
+        if name == "world" and column.shape[1:] == self.seeds[0].arrays[name].shape[1:]:
+            layout, kinds = self.env.worlds.layout, dice.choice(("iu", "iu", "biuf"))
+            packed = [place for place in layout.places if place.offset >= 0]
+            place = dice.choice([p for p in packed if p.component.columns[p.name].dtype.kind in kinds])
+            column = getattr(layout.columns(column, place.component), place.name)
+        elif dice.random() < 0.2:
+            shape = dice.choice([(0,), (1,), (3,), (2, 0), (2, 9)])
+            arrays[name] = np.zeros(shape, dice.choice((column.dtype, "f8", "i4", "u1")))
+            return
+        spot = tuple(dice.randrange(max(1, size)) for size in column.shape)
+        spot = dice.choice((spot, spot, (spot[0],)))
+        if column.size and column.dtype.kind == "f":
+            column[spot] = dice.choice(REALS)
+        elif column.size:
+            column = column.view(np.uint8) if column.dtype == bool else column
+            number, size = dice.choice((*INTEGERS, *(dice.randrange(-3, 60) for _ in INTEGERS))), column.itemsize
+            column[spot] = np.frombuffer((number % 256**size).to_bytes(size, "little"), column.dtype)[0]
+
+
+def _file(scenario: dict[str, Any], arrays: dict[str, Any]) -> bytes:
+    """A saved state of these arrays, checksum and all."""
+    header = {"version": VERSION, "scenario": scenario, "checksum": _checksum(arrays)}
+    head = npy(np.frombuffer(json.dumps(header).encode(), np.uint8))
+    return zipped({f"{HEADER}.npy": head, **{f"{name}.npy": npy(array) for name, array in arrays.items()}})
+
+
+class Recordings:
+    """Recordings of two worlds, in several frames; replayed, shown as a page and made data of."""
+
+    refusals: ClassVar = (RecordingError,)
+
+    def __init__(self) -> None:
+        self.folder = folder_of(self)
+        largest, recorder.LARGEST = recorder.LARGEST, 400
+        self.seeds = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
+        recorder.LARGEST = largest
+        self.valid = self.seeds[0]
+        self.ready: dict[Any, bool] = {}
+
+    def _recorded(self, scenario: outlast.Scenario, k: int) -> bytes:
+        env, path = SurvivalVectorEnv(scenario.replace(ending_limit=9), 2, seed=k), self.folder / f"{k}.rec"
+        with env.record(path):
+            env.reset()
+            for step in range(14):
+                env.step(draw_actions(env, np.random.default_rng(step)))
+        env.close()
+        return path.read_bytes()
+
+    def _ready(self, recording: Recording) -> bool:
+        """Whether machine code for its tick is there."""
+        key = (*recording.header["modules"], recording.scenario.numbers().get("physics_bridge"))
+        if key not in self.ready:
+            self.ready[key] = Worlds(recording.scenario.modules, 1).compiled
+        return self.ready[key]
+
+    def mutate(self, dice: Dice) -> bytes:
+        """A hostile file; most have checksums that fit."""
+        content = dice.choice(self.seeds)
+        parts = [*_parts(content)]
+        k = dice.randrange(len(parts))
+        tag, inner, runs, first = parts[k]
+        match dice.randrange(9):
+            case 0:
+                return mutated(content, dice)
+            case 1:
+                parts = [dice.choice(parts) for _ in range(dice.randrange(9))]
+            case 2:
+                parts[k] = (tag, mutated(inner, dice), runs, first)
+            case 3:
+                parts[k] = (dice.choice((HEAD, RUNS, b"DONE", b"WHAT")), inner, dice.choice(INTEGERS) % 2**32, first)
+            case 4:
+                return _refitted(content, dice)
+            case 5:
+                parts[0] = (HEAD, text(mutated_json(json.loads(parts[0][1]), dice)), 0, 0)
+            case _:
+                head = json.loads(parts[0][1])
+                numbers = head["scenario"]["numbers"]
+                for name in dice.sample([*numbers], dice.choice((1, 1, 2, 6))):
+                    numbers[name] = dice.choice((*REALS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
+                parts[0] = (HEAD, text(head), 0, 0)
+        return MAGIC + b"".join(frame(*part) for part in parts)
+
+    def changed(self, content: bytes, changes: dict[str, Any] | None = None, **numbers: Any) -> bytes:
+        """A recording with another header, and other numbers of its scenario."""
+        first, *rest = _parts(content)
+        head = json.loads(first[1]) | (changes or {})
+        head["scenario"]["numbers"] |= numbers
+        return MAGIC + b"".join(frame(*part) for part in [(HEAD, text(head), 0, 0), *rest])
+
+    def use(self, path: Path) -> None:
+        """Replay it, as `outlast replay` does; some of them as a page, as data or as pictures."""
+        if not self._ready(Recording.open(path)):
+            return  # it would have to be compiled first
+        out = self.folder / "out"
+        product = {1: ["--html", f"{out}.html"], 2: ["--data", str(out)], 3: ["--out", f"{out}.apng", "--size", "64"]}
+        extra = product.get(path.stat().st_size % 16, [])
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as told:
+            status = main(["replay", str(path), "--quiet", *extra])
+        for left in self.folder.glob("out*"):
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+        assert "allocate" not in told.getvalue(), told.getvalue()
+        if status == 2:
+            raise RecordingError(told.getvalue())
+
+
+def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int]]:
+    """The frames of a recording as what `frame` makes them of."""
+    file = io.BytesIO(content)
+    for each in frames(file, "", len(content)):
+        yield each.tag, zlib.decompress(stored(file, "", each)), each.runs, each.first
+
+
+def _refitted(content: bytes, dice: Dice) -> bytes:
+    """The recording with a number in the fields of a frame that cannot be, their checksum right."""
+    at = dice.choice([*frames(io.BytesIO(content), "", len(content))]).offset
+    fields = list(FIELDS.unpack_from(content, at))
+    k = dice.choice((1, 2, 3, 4))
+    fields[k] = dice.choice((fields[k] + 1, *INTEGERS)) % 2 ** (64 if k == 4 else 32)
+    packed = FIELDS.pack(*fields)
+    check = hashlib.blake2b(packed, digest_size=8).digest()
+    return content[:at] + packed + check + content[at + len(packed + check) :]

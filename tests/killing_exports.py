@@ -1,0 +1,79 @@
+"""What `killing` kills: exports of a recording, and what each may leave."""
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from outlast import make_vec
+from outlast.envs.drafts import is_draft
+from tests.killing import Writer
+from tests.killing_films import Whole, same_bytes
+
+
+class Export(Whole):
+    """outlast replay, of a recording that is made first. Data sets overwrite nothing."""
+
+    @property
+    def once(self) -> bool:  # type: ignore[override]
+        return "--data" in self.arguments
+
+    def prepare(self, place: Path) -> None:
+        with contextlib.closing(make_vec("teams_3", 32, seed=5)) as env, env.record(place / "a.rec"):
+            rng = np.random.default_rng(0)
+            env.reset()
+            for _ in range(150):
+                env.step(rng.integers(0, env.action_sizes, (32, 4, len(env.action_sizes))))
+
+
+def replayed(name: str, product: str, option: str, equal: Callable[[Path, Path], None], *more: str) -> Export:
+    words = ("outlast", "replay", "{place}/a.rec", option, "{out}", "--quiet", *more)
+    return Export(f"replay {name}", product, words, equal)
+
+
+def same_parquet(path: Path, expected: Path) -> None:
+    import pyarrow.parquet as pq
+
+    assert pq.read_table(path).equals(pq.read_table(expected))
+
+
+def same_shards(path: Path, expected: Path) -> None:
+    assert [file.name for file in path.iterdir() if is_draft(file)] == []
+    assert sorted(file.name for file in path.iterdir()) == sorted(file.name for file in expected.iterdir())
+    assert (path / "manifest.json").read_text() == (expected / "manifest.json").read_text()
+    for file in path.glob("*.npz"):
+        one, other = np.load(file), np.load(expected / file.name)
+        assert one.files == other.files
+        assert all(np.array_equal(one[key], other[key]) for key in one.files)
+
+
+class Minari(Export):
+    """outlast replay --data minari:NAME-v0."""
+
+    def __init__(self) -> None:
+        words = ("outlast", "replay", "{place}/a.rec", "--data", "minari:duel-v0", "--worlds", "0,1", "--quiet")
+        super().__init__("replay minari", "minari/duel-v0", words, same_minari)
+
+    def prepare(self, place: Path) -> None:
+        super().prepare(place)
+        (place / "minari").mkdir()
+
+    def environment(self, place: Path) -> dict[str, str]:
+        return {"MINARI_DATASETS_PATH": str(place / "minari")}
+
+
+def same_minari(path: Path, expected: Path) -> None:
+    from minari.dataset.minari_dataset import MinariDataset
+
+    one, other = (MinariDataset(folder / "data") for folder in (path, expected))
+    assert (one.total_episodes, one.total_steps) == (other.total_episodes, other.total_steps)
+    assert len(list(one.iterate_episodes())) == len(list(other.iterate_episodes()))
+
+
+WRITERS: list[Writer] = [
+    replayed("samples.parquet", "data.parquet", "--data", same_parquet),
+    replayed("shards", "data", "--data", same_shards),
+    replayed("page", "page.html", "--html", same_bytes, "--worlds", "0,1,2"),
+    Minari(),
+]

@@ -1,0 +1,181 @@
+"""The long run: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
+
+Random play of all scenarios of tests.watch with everything that must hold checked after every tick; resets of all
+kinds; environments that come and go, closed or not: each in a process of its own. Memory, file descriptors and threads
+must stay flat: what is resident, by /proc/self/statm after collecting garbage, may grow by less than a megabyte after
+the warm-up. The exit code is 0 if all of it held. Memory is measured where there is a /proc, which is on Linux.
+"""
+
+import gc
+import os
+import statistics
+import sys
+import threading
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import outlast
+from outlast import VARIANTS
+from tests.conftest import draw_actions, scaled
+from tests.watch import SCENARIOS, Walk, scenario
+
+PROC = Path("/proc/self")
+MEGABYTE = 2**20
+LIMIT = 1.0  # megabytes that the process may grow
+WARM_UP, PROBES = 0.2, 40  # a share of the work; measurements in the rest of it
+WORLDS = scaled(512, least=20)  # of an environment that is stepped: threads share them
+
+
+@dataclass
+class Usage:
+    """What the process holds, measured now and then."""
+
+    megabytes: list[float] = field(default_factory=list)
+    files: list[int] = field(default_factory=list)
+    threads: list[int] = field(default_factory=list)
+
+    def probe(self) -> None:
+        gc.collect()
+        if PROC.exists():
+            pages = int((PROC / "statm").read_text().split()[1])
+            self.megabytes.append(pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE)
+            self.files.append(len(list((PROC / "fd").iterdir())))
+        self.threads.append(threading.active_count())
+
+    @property
+    def growth(self) -> float:
+        """Megabytes from the first quarter of the probes to the last: medians, as a single probe may be a peak."""
+        quarter = max(1, len(self.megabytes) // 4)
+        if not self.megabytes:
+            return 0.0
+        return statistics.median(self.megabytes[-quarter:]) - statistics.median(self.megabytes[:quarter])
+
+    def faults(self) -> list[str]:
+        found = [f"memory grew by {self.growth:.2f} MB: less than {LIMIT} is allowed"] if self.growth >= LIMIT else []
+        for name, counts in (("file descriptors", self.files), ("threads", self.threads)):
+            if counts and counts[-1] > counts[0]:
+                found.append(f"{name} grew from {counts[0]} to {counts[-1]}")
+        return found
+
+    def __str__(self) -> str:
+        if not self.megabytes:
+            return f"threads {self.threads[-1]}; memory is not measured here"
+        return (
+            f"resident {self.megabytes[0]:.1f} .. {max(self.megabytes):.1f} .. {self.megabytes[-1]:.1f} MB, growth "
+            f"{self.growth:+.2f} MB in {len(self.megabytes)} probes, {self.files[-1]} files, {self.threads[-1]} threads"
+        )
+
+
+def soak(name: str, work: Iterator[int], amount: int, quiet: bool = False) -> Usage:
+    """Do `amount` of work, as told by what the iterator yields, and measure after the warm-up."""
+    usage, done = Usage(), 0
+    gc.collect()
+    gc.freeze()  # what is there already, the compiler's objects above all, makes collecting slow
+    probes = list(np.linspace(WARM_UP * amount, amount, PROBES, endpoint=False))
+    with tqdm(total=amount, desc=name, unit_scale=True, disable=quiet) as bar:
+        while done < amount:
+            part = next(work)
+            done += part
+            bar.update(part)
+            if probes and done >= probes[0]:
+                probes = [probe for probe in probes if probe > done]
+                usage.probe()
+    usage.probe()
+    gc.unfreeze()
+    return usage
+
+
+def steps() -> Iterator[int]:
+    """Worlds of all scenarios in turn, with everything checked after each tick. Yields world-steps."""
+    envs = [outlast.make_vec(scenario(name), WORLDS, seed=0, threads=2) for name in SCENARIOS]
+    walks = [Walk(env, seed=k) for k, env in enumerate(envs)]
+    while True:
+        for walk in walks:
+            walk.step()
+            yield WORLDS
+
+
+def resets() -> Iterator[int]:
+    """Resets of all worlds and of some, by every kind of seed, and a step after each. Yields resets."""
+    rng, modes = np.random.default_rng(0), ("NextStep", "SameStep", "Disabled")
+    envs = [outlast.make_vec(name, 3, seed=0, autoreset=modes[k % 3]) for k, name in enumerate(VARIANTS)]
+    for env in envs:
+        env.reset()
+    while True:
+        for env in envs:
+            mask = rng.random(3) < 0.5
+            mask[rng.integers(3)] = True
+            seed: Any = [None, int(rng.integers(2**63)), rng.integers(0, 2**63, 3)][rng.integers(3)]
+            env.reset(seed=seed, options={"reset_mask": mask} if rng.random() < 0.5 else None)
+            env.step(draw_actions(env, rng))
+            yield 1
+
+
+def environments() -> Iterator[int]:
+    """Environments with threads, of all variants: closed, closed twice, and dropped. Yields environments."""
+    rng = np.random.default_rng(0)
+    while True:
+        for name in VARIANTS:
+            env = outlast.make_vec(name, 40, seed=0, threads=3)
+            env.reset()
+            env.step(draw_actions(env, rng))
+            env.send(draw_actions(env, rng))
+            env.recv()
+            for _ in range(rng.integers(3)):
+                env.close()
+            del env
+            yield 1
+
+
+PARTS: dict[str, Callable[[], Iterator[int]]] = {
+    "world-steps": steps,
+    "resets": resets,
+    "environments": environments,
+}
+
+
+def options(arguments: list[str] | None) -> Namespace:
+    parser = ArgumentParser("python -m tests.soak", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    for name, default in zip(PARTS, ("10e6", "100000", "1000"), strict=True):
+        parser.add_argument(f"--{name}", type=_count, metavar="N", default=default, help="(default %(default)s)")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser.parse_args(arguments)
+
+
+def _count(text: str) -> int:
+    return int(float(text))
+
+
+def run(name: str, amount: int, quiet: bool) -> None:
+    """One part, in a process of its own: what others leave behind would hide what grows. Ends the process."""
+    usage = soak(name, PARTS[name](), amount, quiet)
+    print(f"{amount:,} {name}: {usage}", flush=True)
+    for fault in (faults := usage.faults()):
+        print(f"{name}: {fault}", flush=True)
+    sys.exit(1 if faults else 0)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    asked = options(arguments)
+    os.environ["MALLOC_ARENA_MAX"] = "1"  # else the C library keeps some memory for each of the first threads there are
+    codes = []
+    for name in PARTS:
+        amount = getattr(asked, name.replace("-", "_"))
+        process = get_context("spawn").Process(target=run, args=(name, amount, asked.quiet))
+        if amount:
+            process.start()
+            process.join()
+            codes.append(process.exitcode)
+    print("all held" if not any(codes) else "not all held", flush=True)
+    return 1 if any(codes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

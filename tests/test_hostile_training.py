@@ -1,0 +1,236 @@
+"""Hostile checkpoints: nothing is executed, and nothing is believed."""
+
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import variant
+from outlast.envs.errors import StateError, TrainingError
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from stable_baselines3.common.logger import Logger  # noqa: E402
+
+from outlast.training import checkpoint, results, tensors  # noqa: E402
+from outlast.training.player import Player  # noqa: E402
+from outlast.training.ppo import SharedPPO  # noqa: E402
+from outlast.training.presets import preset  # noqa: E402
+from tests.fuzz_mutations import unzipped, within, zipped  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+Files = dict[str, bytes]
+
+
+@pytest.fixture(scope="module")
+def model() -> SharedPPO:
+    model = SharedPPO(variant("teams_3"), preset("scaled"), worlds=2, steps=16, batch_size=16, n_epochs=1)
+    model.start()
+    return model
+
+
+@pytest.fixture(scope="module")
+def files(model: SharedPPO) -> Files:
+    """Of a run that has learnt something."""
+    model.set_logger(Logger(None, []))
+    model.collect()
+    model.train()
+    return checkpoint.capture(model, {"plan": {"seed": 0}})
+
+
+# ---- tensors
+
+
+def saved(content: Any) -> bytes:
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    return buffer.getvalue()
+
+
+def test_tensors_are_those_that_torch_reads() -> None:
+    rng = np.random.default_rng(0)
+    for kind in ("float32", "float64", "int64", "int32", "uint8"):
+        base = torch.from_numpy(rng.integers(0, 99, (6, 5)).astype(kind))
+        content = {"a": base, "b": (base.T, base[2:4, 1:]), 7: [base[0, 0], base[:0], None, True, 2**40, -1.5, "x"]}
+        ours, theirs = (read(saved(content)) for read in (tensors.load, lambda data: torch.load(io.BytesIO(data))))
+        for one, other in zip(flat(ours), flat(theirs), strict=True):
+            assert type(one) is type(other)
+            assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other
+            assert getattr(one, "dtype", None) == getattr(other, "dtype", None)
+
+
+def flat(content: Any) -> list[Any]:
+    if isinstance(content, dict):
+        return [*content, *flat(list(content.values()))]
+    return [part for each in content for part in flat(each)] if isinstance(content, (list, tuple)) else [content]
+
+
+class Opens:
+    """A pickle of this makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return open, (str(self.path), "w")
+
+
+class Large:
+    """A pickle of this asks for a terabyte."""
+
+    def __reduce__(self) -> Any:
+        return bytearray, (10**12,)
+
+
+def with_pickle(content: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    inner = unzipped(content)
+    name = next(name for name in inner if name.endswith("data.pkl"))
+    return zipped(inner | {name: change(inner[name])})
+
+
+def put(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
+    def change(code: bytes) -> bytes:
+        assert old in code
+        return code.replace(old, new, 1)
+
+    return change
+
+
+def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
+    """A hundred numbers in 400 bytes, of which a pickle says all sorts of things."""
+    plain = saved(torch.zeros(100))
+    for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
+        with within(2**20), pytest.raises(tensors.BROKEN, match=reason):
+            tensors.load(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
+    assert not (tmp_path / "made").exists()
+    size = b"Kd\x85"  # a tuple of 100
+    changes: tuple[tuple[Callable[[bytes], bytes], str], ...] = (
+        (put(b"FloatStorage", b"DoubleStorage"), "a storage of 100 numbers in 400 bytes"),
+        (put(b"FloatStorage", b"HalfStorage"), "the name torch HalfStorage"),
+        (put(b"Kdt", b"Ket"), "a storage of 101 numbers in 400 bytes"),
+        (put(b"Kdt", b"J\xff\xff\xff\xfft"), "a storage of -1 numbers in 400 bytes"),
+        (put(size, b"J\xff\xff\xff\x7f\x85"), "a tensor of size"),
+        (put(size, b"J\xff\xff\xff\xff\x85"), "negative|size"),
+        (put(b"K\x00Kd", b"K\x01Kd"), "out of bounds"),
+        (lambda code: code[:-1], "exhausted"),
+        (lambda _: b"\x80\x02.", "out of range"),
+        (lambda _: b"\x80\x04\x8c\x02os\x94.", "the instruction SHORT_BINUNICODE"),
+        (lambda _: pickle.dumps([1] * 9, 4), "the instruction"),
+    )
+    for change, reason in changes:
+        with within(2**20), pytest.raises(tensors.BROKEN, match=reason):
+            tensors.load(with_pickle(plain, change))
+    for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
+        with pytest.raises(tensors.BROKEN):
+            tensors.load(content)
+
+
+# ---- what a run goes on with
+
+
+def rest_with(files: Files, change: Callable[[Any], Any]) -> Files:
+    rest = torch.load(io.BytesIO(files["rest.pt"]))
+    return files | {"rest.pt": saved(change(rest) or rest)}
+
+
+def moment(rest: Any, name: str, value: Any) -> None:
+    rest["optimiser"]["state"][0][name] = value
+
+
+def random_at(rest: Any, left: int, place: int) -> None:
+    state = rest["random"]["actions"].numpy()
+    state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
+
+
+RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
+    "nothing": (lambda rest: {"updates": 1}, "a random generator in rest.pt of the checkpoint is no tensor"),
+    "a list": (lambda rest: [1], "is not what a run goes on with"),
+    "updates": (lambda rest: rest.update(updates="1"), "is not what a run goes on with"),
+    "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"exp_avg of parameter 0 .*\(3,\): .* is needed"),
+    "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
+    "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "step of parameter 0 .* is not finite"),
+    "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
+    "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "is not of an optimiser of this policy"),
+    "a parameter": (lambda rest: rest["optimiser"]["state"].pop(1), "is not of an optimiser of this policy"),
+    "a generator": (lambda rest: random_at(rest, 624, 624), "in a state that cannot be"),
+    "left": (lambda rest: random_at(rest, -1, 5), "in a state that cannot be"),
+    "size": (lambda rest: rest["random"].update(actions=torch.zeros(9, dtype=torch.uint8)), r"uint8 \(9,\): .*5056"),
+}
+
+
+@pytest.mark.parametrize("what", RESTS)
+def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files, what: str) -> None:
+    before = [weight.clone() for weight in model.policy.parameters()], model.generator.get_state()
+    change, reason = RESTS[what]
+    with pytest.raises(TrainingError, match=reason):
+        checkpoint.restore(
+            model,
+            rest_with(files, lambda rest: change(rest) if what in ("nothing", "a list") else (change(rest), rest)[1]),
+        )
+    assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
+    assert torch.equal(before[1], model.generator.get_state())
+    checkpoint.restore(model, files)
+    assert model.num_timesteps == checkpoint.about(files)["steps"]
+
+
+def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -> None:
+    weights = torch.load(io.BytesIO(files["policy.pt"]))
+    for changed, reason in (
+        ({"x": torch.zeros(3)}, "does not hold the weights of this policy"),
+        ([1], "does not hold the weights of this policy"),
+        (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.pt of the checkpoint is .*\(3,\)"),
+        (weights | {"actor.first.weight": weights["actor.first.weight"] * 1e38}, "beyond 1000, or that are none"),
+        (
+            weights | {"actor.first.weight": weights["actor.first.weight"] * float("nan")},
+            "beyond 1000, or that are none",
+        ),
+        (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
+    ):
+        with pytest.raises(TrainingError, match=reason):
+            checkpoint.restore(model, files | {"policy.pt": saved(changed)})
+    with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
+        checkpoint.restore(model, files | {"worlds.npz": b"x"})
+
+
+HEADERS: dict[str, tuple[dict[str, Any], str]] = {
+    "steps": ({"steps": -1}, "its steps cannot be -1"),
+    "preset": ({"preset": ["paper"]}, "its preset cannot be"),
+    "no shape": ({"observations": {"self": 7}}, "its observations cannot be"),
+    "negative": ({"observations": {"self": [-7]}}, "its observations cannot be"),
+    "huge": ({"observations": {"self": [10**9]}}, "its observations cannot be"),
+    "large": ({"observations": {"self": [60_000]}}, "policy.pt is too small for what it was told"),
+    "small": ({"observations": {"self": [3]}}, "observations that no scenario has"),
+    "masks": ({"observations": {"self": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
+    "actions": ({"actions": [3, 0]}, "its actions cannot be"),
+    "many actions": ({"actions": [60_000]}, "policy.pt is too small for what it was told"),
+    "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
+    "numbers": ({"scenario": {"name": "x", "numbers": {"room_size": 0}}}, "numbers that no scenario has"),
+    "plan": ({"plan": [1]}, "its plan cannot be"),
+    "version": ({"version": 2}, "has version 2: 1 is needed"),
+}
+
+
+@pytest.mark.parametrize("what", HEADERS)
+def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what: str) -> None:
+    changes, reason = HEADERS[what]
+    header = json.loads(files["run.json"]) | changes
+    checkpoint.write(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
+    with within(2**22), pytest.raises(TrainingError, match=reason) as caught:
+        Player(tmp_path / "a.zip")
+    assert str(tmp_path / "a.zip") in str(caught.value)
+
+
+def test_a_packed_checkpoint_is_refused(tmp_path: Path, files: Files) -> None:
+    (tmp_path / "steps_1.zip").write_bytes(zipped(files, zipfile.ZIP_DEFLATED))
+    (tmp_path / "log.csv").write_text("")
+    for load in (checkpoint.read, Player, lambda path: results.load([path.parent])):
+        with pytest.raises(TrainingError, match=r"steps_1.zip is not a checkpoint: '.*' is compressed"):
+            load(tmp_path / "steps_1.zip")

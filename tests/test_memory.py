@@ -1,0 +1,86 @@
+"""The memory checkers: a small run of them is clean, and they find a block that is written beyond its end."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests import memory
+from tests.conftest import COMPILED
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="plain Python has no memory to check")
+KNOWN = {checker.name: checker for checker in memory.checkers()}
+BEYOND = """
+import ctypes
+from outlast.systems.box2d import layout
+system = ctypes.CDLL(None)
+system.malloc.restype = ctypes.c_void_p
+system.free.argtypes = [ctypes.c_void_p]
+zeros, blocks = ctypes.c_int64(), [system.malloc(layout.BODY_SIZE) for _ in range(8)]
+ctypes.memset(blocks[3], 1, layout.BODY_SIZE + 24)
+for block in blocks: system.free(block)
+print("survived")
+"""
+
+
+def there(name: str) -> memory.Checker:
+    if KNOWN[name].missing:
+        pytest.skip(f"needs {KNOWN[name].missing}")
+    return KNOWN[name]
+
+
+def test_the_bridge_is_clean_where_glibc_checks_and_fills_its_memory() -> None:
+    plain, perturbed = memory.run(KNOWN["plain"], 10), memory.run(there("perturbed"), 10)
+    assert plain.errors == perturbed.errors == []
+    assert len(plain.digest) == 64
+    assert perturbed.digest == plain.digest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["asan"])
+def test_the_bridge_is_clean_under(name: str) -> None:
+    plain, watched = memory.run(KNOWN["plain"], 20), memory.run(there(name), 20)
+    assert watched.errors == []
+    assert watched.digest == plain.digest
+
+
+def test_what_is_written_beyond_a_block_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "WORK", ("-c", BEYOND))
+    found = memory.run(there("perturbed"), 1)
+    assert found.errors, found
+    assert memory.verdict(found, found.digest) != "ok"
+
+
+LOG = """==7== Memcheck, a memory error detector
+==7== 
+==7== Invalid read of size 8
+==7==    at 0x1: b2World::b2World(b2Vec2 const&) (b2World.cpp:55)
+==7==    by 0x2: ??? (in /usr/lib/libffi.so.8)
+==7== 
+==7== Invalid write of size 4
+==7==    at 0x3: ??? (in /usr/lib/libother.so)
+==7== 
+==7== Invalid write of size 4
+==7==    at 0x4: ???
+==7==    by 0x5: PyObject_Call (in /usr/bin/python3)
+==7== 
+==7== ERROR SUMMARY: 3 errors from 3 contexts
+"""  # noqa: W291
+
+
+def test_errors_of_box2d_and_of_the_tick_are_told_from_others() -> None:
+    assert [block.splitlines()[1].split()[3] for block in memory.faults(LOG)] == ["b2World::b2World(b2Vec2", "???"]
+
+
+def test_what_is_not_here_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory.shutil, "which", lambda name: None)
+    monkeypatch.setattr(memory, "run", lambda checker, steps: memory.Report(checker.name, "0", [], 0.0))
+    assert memory.main(["valgrind"]) == 0
+    assert "valgrind   not run: valgrind is not here" in capsys.readouterr().out
+
+
+def test_the_command_refuses_checkers_that_it_does_not_know() -> None:
+    command = [sys.executable, "-m", "tests.memory", "purify"]
+    told = subprocess.run(command, cwd=memory.ROOT, capture_output=True, text=True)
+    assert told.returncode == 2
+    assert "purify: choose among plain, perturbed, asan, valgrind" in told.stderr

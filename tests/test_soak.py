@@ -1,0 +1,64 @@
+"""The long run, made short; and that it notices what it is for."""
+
+import os
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from outlast.components import Health
+from tests import soak
+from tests.conftest import COMPILED
+
+ONES = 1000
+
+
+def test_a_short_soak_holds(capfd: pytest.CaptureFixture[str]) -> None:
+    sizes = (4096, 100, 8) if COMPILED else (160, 8, 2)
+    options = [f"--{name}={size}" for name, size in zip(soak.PARTS, sizes, strict=True)]
+    soak.main([*options, "--quiet"])  # its exit code does not matter: so short a run may grow
+    told = capfd.readouterr().out
+    for name, size in zip(soak.PARTS, sizes, strict=True):
+        assert f"{size:,} {name}: " in told
+    assert told.splitlines()[-1] in ("all held", "not all held")
+
+
+def leaking(kind: str, kept: list[Any]) -> Iterator[int]:
+    while True:
+        if kind == "memory":
+            kept.append(bytearray(b"1" * 2**16))
+        elif kind == "files":
+            kept.append(os.open(os.devnull, os.O_RDONLY))
+        elif kind == "threads":
+            kept.append(threading.Event())
+            threading.Thread(target=kept[-1].wait).start()
+        yield 1
+
+
+@pytest.mark.parametrize(("kind", "words"), [("memory", "memory grew by"), ("files", "file descriptors grew"),
+                                             ("threads", "threads grew"), ("nothing", "")])  # fmt: skip
+def test_leaks_are_noticed(kind: str, words: str) -> None:
+    kept: list[Any] = []
+    if not soak.PROC.exists() and kind != "threads":
+        pytest.skip("memory and files are not measured here")
+    try:
+        found = soak.soak(kind, leaking(kind, kept), 20 if kind == "threads" else ONES, quiet=True).faults()
+    finally:
+        for thing in kept:
+            if kind == "files":
+                os.close(thing)
+            elif kind == "threads":
+                thing.set()
+    assert [words in fault for fault in found] == ([True] if words else [])
+
+
+def test_what_does_not_hold_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def harm(walk: Any) -> None:
+        walk.env.worlds[Health].points[0, 0] = 0
+        walk.guard.check(walk.env.observe())
+
+    monkeypatch.setattr(soak.Walk, "step", harm)
+    monkeypatch.setattr(soak, "SCENARIOS", ["ffa_1"])
+    with pytest.raises(AssertionError):
+        next(soak.steps())

@@ -1,0 +1,210 @@
+"""What holds after every step of every world, whatever anybody does; and scenarios in which it might not."""
+
+from typing import Any
+
+import numpy as np
+
+import outlast
+from outlast.components import (
+    Bag,
+    Body,
+    Box,
+    BoxesPlaced,
+    Death,
+    End,
+    Episode,
+    Floor,
+    HealsUsed,
+    Health,
+    Item,
+    Reward,
+    Side,
+    Zone,
+)
+from outlast.ecs import Clock, Entity
+from outlast.envs.vector import SurvivalVectorEnv
+from tests.conftest import draw_actions
+
+Array = np.ndarray[Any, Any]
+
+CROWD = {"n_agents": 10, "n_boxes": 20, "boxes_dynamic": True, "n_heals": 20, "melee_damage": 20, "rewards_kill": 10.0}
+SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ffa_1": ("ffa_1", {}),
+    "ffa_4": ("ffa_4", {}),
+    "teams_4": ("teams_4", {}),
+    "crowd": ("ffa_4", CROWD | {"room_size": 12.0, "zone_radii": (5.0, 2.0), "cameras_mode": "revealed"}),
+    "three teams": ("teams_4", CROWD | {"sides_count": 3, "ending_rule": "all dead", "rewards_posthumous": False}),
+    "as written": ("teams_4", {"melee_blocked": False, "melee_cooldown": 5, "pickup_touch": True, "inventory_slots": 1,
+                               "boxes_offset": 0.0, "drop_scatter": "disc", "give_nearest": "suitable"}),
+    "mended": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "sides_count": 3, "rewards_alive": 1.0,
+                                                         "rewards_dead": -1.0}),
+    "steered": ("ffa_2+health_cap+bounty+steering", {"n_agents": 4}),
+}  # fmt: skip
+
+
+def scenario(name: str, **numbers: Any) -> outlast.Scenario:
+    """One of SCENARIOS, or a variant; with further numbers."""
+    variant, own = SCENARIOS.get(name, (name, {}))
+    return outlast.variant(variant).replace(**own | numbers)
+
+
+class Watch:
+    """Follows all worlds of an environment and checks, after each call that moves some of them, what must hold."""
+
+    def __init__(self, env: SurvivalVectorEnv) -> None:
+        self.env, self.numbers = env, env.scenario.numbers()
+        self.agents = env.worlds.span("agent")
+        self.returns = np.zeros((env.num_worlds, env.num_agents))
+        self.everybody_alive = np.zeros((env.num_worlds, env.num_agents), bool)
+
+    def check(self, observation: dict[str, Array], ran: Array | None = None) -> None:
+        """After any step or reset. ran: the worlds that it moved, bool (worlds,); all of them if not given."""
+        ran = np.ones(self.env.num_worlds, bool) if ran is None else ran
+        alive = self.env.worlds[Entity].alive.astype(bool)
+        self._numbers_are_finite(observation)
+        self._agents_are_inside(alive)
+        self._items_are_in_one_place(alive)
+        self._health_and_life_agree(alive[:, self.agents], ran)
+        self._zone_is_in_the_room()
+        self._rewards_are_right(alive[:, self.agents])
+        self._returns_add_up(ran)
+        self._statistics_fit(alive[:, self.agents])
+
+    def memory(self, where: Any) -> tuple[Array, Array]:
+        """What it remembers of the worlds `where`, for `recall` when they are put back."""
+        return self.returns[where].copy(), self.everybody_alive[where].copy()
+
+    def recall(self, memory: tuple[Array, Array], where: Any) -> None:
+        self.returns[where], self.everybody_alive[where] = memory
+
+    def _numbers_are_finite(self, observation: dict[str, Array]) -> None:
+        for key, values in observation.items():
+            assert np.isfinite(values).all(), key
+            if key.endswith("mask"):
+                assert np.isin(values, (0, 1)).all(), key
+        for column in self.env.worlds[Body]:
+            assert np.isfinite(column).all()
+
+    def _agents_are_inside(self, alive: Array) -> None:
+        """Their centres; who is pushed hard may sink a little into a wall."""
+        body, size, thin = self.env.worlds[Body], self.numbers["room_size"], self.numbers["room_thickness"]
+        inner = size / 2 - size * thin / 2
+        for place in (body.x, body.y):
+            assert np.abs(place[:, self.agents][alive[:, self.agents]]).max(initial=0) < inner
+
+    def _items_are_in_one_place(self, alive: Array) -> None:
+        """On the ground, in exactly one bag, or for box items: as a box that stands or has just broken; or consumed."""
+        worlds = self.env.worlds
+        bag, holder = worlds[Bag], worlds[Item].holder
+        carried = np.zeros(alive.shape, int)
+        held_by = np.full(alive.shape, -1)
+        for agent in range(self.agents.start, self.agents.stop):
+            assert (bag.count[:, agent] <= bag.items.shape[2]).all()
+            for slot in range(bag.items.shape[2]):
+                w = np.flatnonzero(slot < bag.count[:, agent])
+                carried[w, bag.items[w, agent, slot]] += 1
+                held_by[w, bag.items[w, agent, slot]] = agent
+        items = worlds.layout.rows(Item)
+        others = np.setdiff1d(np.arange(alive.shape[1]), items)
+        assert (bag.count[:, others[others >= self.agents.stop]] == 0).all()
+        assert (bag.count[:, self.agents][~alive[:, self.agents]] == 0).all()
+        assert (carried[:, others] == 0).all()
+        assert (holder[:, items] == held_by[:, items]).all()
+        places = carried + alive
+        heals = worlds.span("heal")
+        assert (places[:, heals] <= 1).all()
+        assert ((places[:, heals] == 0).sum(1) == worlds[HealsUsed].heals_used[:, 0]).all()
+        if Box in worlds:
+            boxes = worlds.span("box")
+            there = places[:, worlds.span("box_item")] + alive[:, boxes] + worlds[Box].broken[:, boxes]
+            assert (there == 1).all()
+
+    def _health_and_life_agree(self, alive: Array, ran: Array) -> None:
+        """Who lives has health, or lost it after this step's check; who does not has none, and stays dead."""
+        health, tick = self.env.worlds[Health], self.env.worlds[Clock].tick
+        points, doomed = health.points[:, self.agents], health.doomed[:, self.agents]
+        assert ((points > 0) | (doomed == tick.astype(np.int64)) | ~alive).all()
+        assert ((points <= 0) | alive).all()
+        if limit := self.numbers["health_limit"]:
+            assert (points <= limit).all()
+        went_on = ran & (tick[:, 0] > 0)
+        assert alive[tick[:, 0] == 0].all()
+        assert not (alive & ~self.everybody_alive)[went_on].any()
+        died = self.everybody_alive & ~alive
+        assert (died[went_on] == self.env.worlds[Death].now[:, self.agents][went_on].astype(bool)).all()
+        assert (alive == self.everybody_alive)[~ran].all()
+        self.everybody_alive = alive.copy()
+
+    def _zone_is_in_the_room(self) -> None:
+        zone, size = self.env.worlds[Zone], self.env.worlds[Floor].size
+        for x, y, radius in ((zone.x, zone.y, zone.radius), (zone.next_x, zone.next_y, zone.next_radius)):
+            assert (radius >= 0).all()
+            assert (np.maximum(np.abs(x), np.abs(y)) + radius <= size / 2 + 1e-4).all()
+
+    def _rewards_are_right(self, alive: Array) -> None:
+        """The formula of the paper and of the fixes, from who lives and who killed whom."""
+        worlds, pay = self.env.worlds, self.numbers
+        side, death = worlds[Side].side[:, self.agents], worlds[Death]
+        now, killer = death.now[:, self.agents].astype(bool), death.source[:, self.agents]
+        sides = range(worlds.dims["sides"])
+        lives = np.stack([(alive & (side == s)).any(1) for s in sides], 1)
+        died_out = np.stack([(now & (side == s)).any(1) for s in sides], 1) & ~lives
+        total = np.zeros(side.shape)
+        for s in sides:
+            paid = lives[:, s] | pay["rewards_posthumous"]
+            share = lives[:, s].astype(float)
+            if pay["rewards_basis"] == "members":
+                share = (alive & (side == s)).sum(1) / (side == s).sum(1)
+            reward = share * pay["rewards_alive"] + (1 - share) * pay["rewards_dead"]
+            reward += (now & (killer == s) & (side != s)).sum(1) * paid * pay["rewards_kill"]
+            reward += died_out.sum(1) * lives[:, s] * pay["rewards_outlive"]
+            reward += (now & (side == s)).sum(1) * pay["rewards_death"]
+            total[side == s] = np.broadcast_to(reward[:, None], side.shape)[side == s]
+        total[self._fresh] = 0
+        np.testing.assert_allclose(worlds[Reward].reward, total, rtol=1e-6, atol=1e-6)
+        self._ends_are_right(lives.sum(1))
+
+    def _ends_are_right(self, standing: Array) -> None:
+        """By the rule, from the number of sides that stand, or at the limit of ticks."""
+        worlds, limit = self.env.worlds, self.numbers["ending_limit"]
+        least = {"all dead": 0, "last alive": 1}[self.numbers["ending_rule"]]
+        terminated = ~self._fresh & (standing <= least)
+        late = (worlds[Clock].tick[:, 0] >= limit) & (limit > 0)
+        assert (worlds[End].terminated[:, 0] == terminated).all()
+        assert (worlds[End].truncated[:, 0] == (late & ~self._fresh & ~terminated)).all()
+
+    def _returns_add_up(self, ran: Array) -> None:
+        self.returns[ran] += self.env.worlds[Reward].reward[ran]
+        self.returns[self._fresh] = 0
+        np.testing.assert_allclose(self.env.worlds[Episode].returns, self.returns, rtol=1e-6, atol=1e-6)
+
+    def _statistics_fit(self, alive: Array) -> None:
+        worlds, episode = self.env.worlds, self.env.worlds[Episode]
+        assert (episode.length == worlds[Clock].tick).all()
+        assert (episode.deaths.sum(1) == (~alive).sum(1)).all()
+        assert (episode.kills.sum(1) <= episode.deaths[:, worlds.layout.causes.index("melee")]).all()
+        assert ((episode.first_death[:, 0] > 0) == (~alive).any(1)).all()
+        assert (episode.first_death <= episode.length).all()
+        if BoxesPlaced in worlds:
+            assert (worlds[BoxesPlaced].boxes_placed >= 0).all()
+
+    @property
+    def _fresh(self) -> Array:
+        """Worlds whose episode has just begun."""
+        return self.env.worlds[Clock].tick[:, 0] == 0
+
+
+class Walk:
+    """Random play with all checks. Now and then somebody is brought close to death, to see many of them."""
+
+    def __init__(self, env: SurvivalVectorEnv, seed: int) -> None:
+        self.env, self.guard, self.deaths = env, Watch(env), 0
+        self._rng = np.random.default_rng(seed)
+        self.guard.check(env.reset()[0])
+
+    def step(self) -> None:
+        weak = self._rng.random((self.env.num_worlds, self.env.num_agents)) < 0.01
+        points = self.env.worlds[Health].points[:, self.guard.agents]
+        points[weak & (points > 10)] = 10
+        self.guard.check(self.env.step(draw_actions(self.env, self._rng))[0])
+        self.deaths += int(self.env.worlds[Death].now[:, self.guard.agents].sum())
