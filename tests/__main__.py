@@ -8,6 +8,7 @@ two without the tests of the faces.
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -162,6 +163,7 @@ def main() -> int:
     asked = parser.parse_args(ours)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has those in the background ignore
     results = []
     for stage in [] if asked.nightly else checks():
         results.append(check(stage))
