@@ -18,7 +18,7 @@ DIGEST = 3  # the last word of what a process says
 Warm = tuple[dict[Path, tuple[bytes, int]], str]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_processes_fill_a_cold_cache_at_once(tmp_path: Path) -> None:
     """Three that begin together agree, and leave code that a fourth one takes."""
     told: list[list[str]] = []
@@ -58,7 +58,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Warm:
     return {path.relative_to(folder): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}, digest
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.xfail(reason=OPEN)
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     assert str(tmp_path / "file") in done.stderr.splitlines()[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.xfail(reason=OPEN)
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
 def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:

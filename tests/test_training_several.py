@@ -40,6 +40,7 @@ def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys: pyt
     assert points(tmp_path / "one") != points(tmp_path / "ffa_2-original-0")
 
 
+@pytest.mark.nightly
 def test_several_go_on_and_a_failure_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--seed", "0", "1", *TINY, "--out", str(tmp_path))
     assert (
