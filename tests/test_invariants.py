@@ -30,7 +30,7 @@ def test_what_must_hold_holds_in_random_play(name: str) -> None:
     walk(name, STEPS, scaled(16, least=2))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="a million world-steps")
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_what_must_hold_holds_for_a_million_world_steps(name: str) -> None:

@@ -47,7 +47,7 @@ def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
     assert max(runs) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
 def test_a_killed_process_leaves_whole_chunks_fifty_times(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
