@@ -1,13 +1,13 @@
 """Where generated ticks are kept: source and machine code on disk, loaded functions in memory."""
 
 import hashlib
-import importlib.util
-import inspect
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import platformdirs
@@ -15,57 +15,77 @@ import platformdirs
 from .fingerprint import fingerprint
 from .jit import entry
 from .module import System
+from .stored import FULL, StoredCode, keep, warn_not_kept, write
 
 LOADED: dict[Any, Any] = {}  # functions by file and kernels
 
 
 def load(source: str, names: dict[str, Any], systems: Sequence[System], jit: bool) -> Any:
-    """Write `source` into the cache folder, import it with `names` in scope, and mark it for compilation.
+    """Write `source` into the cache folder, run it with `names` in scope, and mark its function for compilation.
 
     Worlds of one structure share one function in a process: it is loaded once, however many environments come and go.
     """
-    folder = cache_folder() / fingerprint(systems)
     name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
-    path = folder / f"{name}.py"
-    if not path.exists():  # never rewritten: its age is part of numba's key
-        folder.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=folder, suffix=".tmp")
-        with os.fdopen(handle, "w") as file:
-            file.write(source)
-        os.replace(temporary, path)
+    path = cache_folder() / fingerprint(systems) / f"{name}.py"
     key = (path, jit, *(system.kernel for system in systems))
     if key not in LOADED:
-        LOADED[key] = _imported(path, names, jit)
+        written = _written(path, source)
+        tick = _function(path, source, names)
+        LOADED[key] = entry(tick) if jit else tick
+        if jit and written:
+            keep(LOADED[key])
     return LOADED[key]
 
 
-def _imported(path: Path, names: dict[str, Any], jit: bool) -> Any:
-    """The function `tick` of the file `path`."""
-    spec = importlib.util.spec_from_file_location(f"outlast_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    module.__dict__.update(names)
-    sys.modules[module.__name__] = module
-    spec.loader.exec_module(module)
-    return entry(module.tick, cache=True) if jit else module.tick
+def _written(path: Path, source: str) -> bool:
+    """Whether the file `path` holds the source, now at the latest. One that does is left: numba's key has its age."""
+    try:
+        if not path.exists() or path.read_bytes() != source.encode():
+            write(path, source)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        warn_not_kept(error)
+        return False
+    return True
+
+
+def _function(path: Path, source: str, names: dict[str, Any]) -> Any:
+    """The function `tick` of a module whose text is `source`, which debuggers find in the file `path`."""
+    module = ModuleType(f"outlast_{path.stem}")
+    module.__dict__.update(names, __file__=str(path))
+    sys.modules[module.__name__] = module  # where numba looks for it
+    exec(compile(source, path, "exec"), module.__dict__)
+    return module.tick
 
 
 def is_cached(tick: Any) -> bool:
     """Whether machine code of this function lies in the cache folder already, or none is needed."""
-    if not hasattr(tick, "py_func"):
-        return True
-    path = Path(inspect.getfile(tick.py_func))
-    return any((path.parent / "__pycache__").glob(f"{path.stem}.tick-*.nbi"))
+    return not hasattr(tick, "py_func") or (isinstance(tick._cache, StoredCode) and tick._cache.whole())
 
 
 def cache_folder() -> Path:
-    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (not writable) a folder for temporary files."""
+    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (not writable) one among the temporary files.
+
+    Raises PermissionError if the last one is not this user's alone.
+    """
     if "OUTLAST_CACHE_DIR" in os.environ:
         return Path(os.environ["OUTLAST_CACHE_DIR"])
     folder = Path(platformdirs.user_cache_dir("outlast"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return folder if os.access(folder, os.W_OK) else Path(tempfile.gettempdir()) / "outlast"
     except OSError:
+        return _temporary()
+    return folder if os.access(folder, os.W_OK) else _temporary()
+
+
+def _temporary() -> Path:
+    """A folder among the temporary files that only this user writes to, as what lies in it is run."""
+    if not hasattr(os, "getuid"):  # Windows: each user has temporary files of their own
         return Path(tempfile.gettempdir()) / "outlast"
+    folder = Path(tempfile.gettempdir()) / f"outlast-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise PermissionError(f"{folder} belongs to others: name a folder for compiled code in OUTLAST_CACHE_DIR")
+    return folder

@@ -49,9 +49,9 @@ def routine(function: Function) -> Function:
 
 
 @functools.cache
-def entry(function: Function, cache: bool = False) -> Function:
-    """Compile `function` to be called from Python. cache: keep machine code on disk."""
-    return numba.njit(**OPTIONS, cache=cache, no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
+def entry(function: Function) -> Function:
+    """Compile `function` to be called from Python."""
+    return numba.njit(**OPTIONS, no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
 
 
 def compiled() -> bool:

@@ -151,8 +151,9 @@ class Writer:
         name = f"{self._named(component)}_{access}"
         if component not in self.tables:
             self.tables[component] = min([self.plan.column(component, column) for column in component.columns])
-        ndims = [len(component.row_shape(column, self.layout.dims)) for column in component.columns]
-        self.names[f"view_{name}"] = table_view(component, ndims, access == "w", python=not self.compiled)
+        ndims = tuple(len(component.row_shape(column, self.layout.dims)) for column in component.columns)
+        hashable: Any = component  # as every class is, but mypy does not know
+        self.names[f"view_{name}"] = table_view(hashable, ndims, access == "w", python=not self.compiled)
         columns = zip(component.columns.items(), ndims, strict=True)
         types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
         self.inside.append(f"{name} = view_{name}(frame, {self.tables[component]}, w)  # {types}")

@@ -3,10 +3,11 @@
 The tick makes some hundred arrays a world. Slicing numpy arrays would count references up and down for each,
 atomically; these borrow: the Worlds object that owns the memory outlives the call. The code is built by hand, field by
 field, as numba's own way of making arrays would take seconds to compile for so many. What a kernel does not use of an
-array (its shape, most often) the compiler leaves out.
+array (its shape, most often) the compiler leaves out. Each is made once a process: numba keeps its intrinsics for ever.
 """
 
 import ctypes
+import functools
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .jit import compiled
 WORD = ir.IntType(64)
 
 
+@functools.cache
 def array_view(dtype: np.dtype[Any], ndim: int, writable: bool, python: bool) -> Any:
     """A function (frame, place, w) -> the array at word `place`, for world w."""
     if python or not compiled():
@@ -38,7 +40,8 @@ def array_view(dtype: np.dtype[Any], ndim: int, writable: bool, python: bool) ->
     return view
 
 
-def table_view(component: type[Component], ndims: list[int], writable: bool, python: bool) -> Any:
+@functools.cache
+def table_view(component: type[Component], ndims: tuple[int, ...], writable: bool, python: bool) -> Any:
     """A function (frame, first, w) -> table of `component` for world w; its columns are at word `first` and after."""
     columns = [(column.dtype, ndim) for column, ndim in zip(component.columns.values(), ndims, strict=True)]
     if python or not compiled():
@@ -67,6 +70,7 @@ def table_view(component: type[Component], ndims: list[int], writable: bool, pyt
     return view
 
 
+@functools.cache
 def number_view(kind: str, python: bool) -> Any:
     """A function (frame, place) -> the number at word `place`: kind "int64" or "float32"."""
     if python or not compiled():

@@ -128,13 +128,15 @@ class Worlds:
 
         if self._pool is None or self._owner != os.getpid():  # after a fork, threads do not exist any more
             self._pool, self._owner = ThreadPoolExecutor(self.threads - 1, "outlast"), os.getpid()
-        others = [self._pool.submit(work, thread) for thread in range(1, self.threads)]
         try:
+            others = [self._pool.submit(work, thread) for thread in range(1, self.threads)]
             work(0)
-        finally:
-            for _ in starts:  # after an error or Ctrl-C: no new blocks
-                pass
             wait(others)
+        except BaseException:  # an error or Ctrl-C: no new blocks, and an end of those that run, whoever knows of them
+            for _ in starts:
+                pass
+            self.close()
+            raise
         for other in others:
             other.result()
 

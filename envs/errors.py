@@ -14,7 +14,7 @@ class ClosedError(RuntimeError):
 
 
 class PendingError(RuntimeError):
-    """A call between send() and recv(), or recv() without send()."""
+    """A call between send() and recv() or while another thread is in one, or recv() without send()."""
 
 
 class FaultError(RuntimeError):

@@ -289,7 +289,8 @@ def twice(arena, settings, scene, count):
 
 
 def main(file):
-    outer, scene = entry(twice, cache=True), np.load(file)
+    outer, scene = entry(twice), np.load(file)
+    outer.enable_caching()
     assert outer(box2d_native.make_arena(), Settings(), scene, len(scene)) == 0
     print(sum(outer.stats.cache_hits.values()), scene.tobytes().hex())
 """

@@ -1,17 +1,14 @@
-"""Running worlds: modes, resets, random streams and threads give each world what it would have alone."""
+"""Running worlds: modes, resets and random streams give each world what it would have alone."""
 
 import dataclasses
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import pytest
 
 from outlast.ecs import Random, Worlds, Write
 from outlast.ecs.random import uniform
 from tests import toy
-from tests.conftest import COMPILED, digest, scaled
+from tests.conftest import digest, scaled
 from tests.toy import (
     RESET,
     SKIP,
@@ -30,18 +27,10 @@ from tests.toy import (
     Wind,
     make,
     run,
+    walked,
 )
 
 MANY = scaled(200, least=40)  # more than a thread takes at a time
-
-
-def walked(worlds: Worlds, ticks: int, start: int = 0) -> Worlds:
-    """The same after ticks of random paces, that depend on the tick and on each world's number."""
-    numbers = worlds[Clock].world[:, 0].astype(int)
-    for tick in range(start, start + ticks):
-        worlds[Pace].pace[:] = np.random.default_rng(tick).integers(-1, 2, (1000, 3))[numbers]
-        run(worlds, STEP)
-    return worlds
 
 
 def walkers(worlds: Worlds) -> Any:
@@ -148,82 +137,6 @@ def test_more_entities_move_no_draw_of_those_before() -> None:
     few, many = make(Walkers(3), Food(2)), make(Walkers(5), Food(9))
     assert np.array_equal(walkers(few), walkers(many)[:, :3])
     assert np.array_equal(few[Place].x[:, few.span("food")], many[Place].x[:, many.span("food")][:, :2])
-
-
-# ---- batches and threads
-
-
-def test_a_world_among_many_is_what_it_is_alone() -> None:
-    batch = walked(make(count=64), 10)
-    for w in (0, 1, 31, 63):
-        assert digest(walked(make(count=1, first=w), 10)) == digest(batch, slice(w, w + 1))
-    part = walked(make(count=7, first=20), 10)
-    assert digest(part) == digest(batch, slice(20, 27))
-
-
-@pytest.mark.parametrize("threads", [2, 3, 5])
-def test_threads_give_the_same_bits(threads: int) -> None:
-    worlds = make(count=MANY, threads=threads)
-    assert digest(walked(worlds, 20)) == digest(walked(make(count=MANY), 20))
-    worlds.close()
-    worlds.close()
-    assert digest(run(worlds, STEP)) != ""  # after close the threads come back when needed
-    worlds.close()
-
-
-@pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
-def test_scratch_memory_belongs_to_one_thread() -> None:
-    """The toy's Weather counts in it the ticks that its thread has seen: together, each world's once."""
-    made: list[Any] = []
-
-    class Gale(Weather):
-        def scratch(self, name: str, dims: dict[str, int]) -> Any:
-            made.append(super().scratch(name, dims))
-            return made[-1]
-
-        def systems(self) -> Any:
-            return Weather.registered
-
-        @classmethod
-        def name(cls) -> str:
-            return "weather"
-
-    worlds = Worlds([Walkers(), Food(), Gale()], MANY, 3)
-    made.clear()  # one was made to learn its type
-    run(worlds, RESET, STEP, STEP)
-    worlds.close()
-    assert 1 <= len(made) <= 3
-    assert sum(memory[0, 0] for memory in made) == 2 * MANY
-    assert len({memory.ctypes.data for memory in made}) == len(made)
-
-
-def test_an_error_in_one_thread_reaches_the_caller() -> None:
-    """And the worlds go on afterwards."""
-    worlds = make(count=MANY, threads=3)
-    call, name = worlds._call, threading.current_thread().name
-
-    def fail(*arguments: Any) -> None:
-        raise RuntimeError(f"not in {name}")
-
-    worlds._call = fail  # type: ignore[method-assign]
-    with pytest.raises(RuntimeError, match="not in"):
-        run(worlds, STEP)
-    worlds._call = call  # type: ignore[method-assign]
-    run(worlds, STEP)
-    worlds.close()
-
-
-def test_several_python_threads_may_run_worlds_of_their_own() -> None:
-    expected = digest(walked(make(count=MANY), 10))
-
-    def play(threads: int) -> str:
-        worlds = make(count=MANY, threads=threads)
-        found = digest(walked(worlds, 10))
-        worlds.close()
-        return found
-
-    with ThreadPoolExecutor(6) as pool:
-        assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}
 
 
 def test_changed_numbers_reach_the_kernels() -> None:

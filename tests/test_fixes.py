@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import COMPILED
 from stage import Stage
 
 import outlast
@@ -143,6 +144,7 @@ def test_velocity_follows_the_wish_at_once(steered: outlast.envs.vector.Survival
     np.testing.assert_allclose(body.omega[:, n], math.pi * turn * left_over, atol=1e-5)
 
 
+@pytest.mark.skipif(not COMPILED, reason="needs 100,000 world-steps")
 def test_scripted_agents_can_steer(steered: outlast.envs.vector.SurvivalVectorEnv) -> None:
     """They live longer than idle ones, which are in the first zone or not, and die with it."""
     ends = {}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import COMPILED, draw_actions
+from histories import digest_of_episode
 
 import outlast
 from outlast.ecs import Clock
@@ -111,9 +112,12 @@ def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     env = make()
     env.reset()
     env.record(tmp_path / "a.rec")
-    for call in (lambda: play(env, 1), lambda: env.reset(options={"reset_mask": np.array([True, False, True])})):
+    before, some = digest_of_episode(env.worlds), {"reset_mask": np.array([True, False, True])}
+    for call in (lambda: play(env, 1), lambda: env.reset(options=some), lambda: env.reset(seed=7, options=some)):
         with pytest.raises(RecordingError, match="reset all worlds before anything else"):
             call()
+        assert env.get_state().arrays["started"].all()
+    assert before == digest_of_episode(env.worlds)
     env.reset()
     play(env, 3)
     env.close()

@@ -66,7 +66,6 @@ def test_what_does_not_hold_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> Non
         next(soak.steps())
 
 
-@pytest.mark.xfail(COMPILED, reason="ecs/view.py makes intrinsics for each environment, and numba keeps them for ever")
 def test_environments_leave_no_objects_behind() -> None:
     work, counts = soak.environments(), []
     for _ in range(3):

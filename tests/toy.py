@@ -218,3 +218,12 @@ def run(worlds: Worlds, *modes: Any) -> Worlds:
     for mode in modes:
         worlds.run(np.full(worlds.count, mode, np.int8) if np.ndim(mode) == 0 else np.array(mode, np.int8))
     return worlds
+
+
+def walked(worlds: Worlds, ticks: int, start: int = 0) -> Worlds:
+    """The same after ticks of random paces, that depend on the tick and on each world's number."""
+    numbers = worlds[Clock].world[:, 0].astype(int)
+    for tick in range(start, start + ticks):
+        worlds[Pace].pace[:] = np.random.default_rng(tick).integers(-1, 2, (1000, 3))[numbers]
+        run(worlds, STEP)
+    return worlds

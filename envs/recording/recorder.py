@@ -76,7 +76,7 @@ class Recorder:
         if not self.recording:
             self._worlds.run(mode)
             return
-        self._check(mode)
+        self.check(mode)
         steps, keys = mode == STEP, NO_KEYS
         if all_step := bool(steps.all()):
             codes = self._joint.encode(self._worlds.actions)
@@ -105,7 +105,8 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"{self.path}: {error.strerror}; its end is missing") from error
 
-    def _check(self, mode: Array) -> None:
+    def check(self, mode: Array) -> None:
+        """Raise RecordingError if a run of these modes cannot be recorded."""
         if os.getpid() != self._owner:
             raise RecordingError(f"{self.path} is recorded by another process; close() the recorder in this one")
         if not self._whole and (mode != RESET).any():
