@@ -31,7 +31,7 @@ PLAN = Plan(SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings={"b
 def spoiled(content: bytes, dice: Dice) -> bytes:
     """A checkpoint with something wrong in it, or in one of the files in it."""
     files = unzipped(content)
-    match dice.randrange(10) if len(files) > 1 else dice.randrange(3):
+    match dice.randrange(10):
         case 0:
             return mutated(content, dice)
         case 1:
@@ -160,7 +160,7 @@ class Policies:
 
 
 class Results:
-    """Logs of runs, what their checkpoints say, and kept results: put into tables and figures."""
+    """Logs of runs, what these say of themselves, and kept results: put into tables and figures."""
 
     refusals: ClassVar = (TrainingError,)
 
@@ -169,19 +169,20 @@ class Results:
         rows = [f"{tag},{step},{step * k / 7}\n" for step in range(9, 400, 9) for k, tag in enumerate(TAGS)]
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
         header = {"version": 1, "scenario": checkpoint.identity(preset("paper").scenario(outlast.variant("teams_3")))}
-        self.header = _archived({"run.json": json.dumps(header | PLAN.about()).encode()})
+        self.header = json.dumps(header | PLAN.about()).encode()
         (self.folder / "log.csv").write_bytes(self.log)
-        (self.folder / "steps_1.zip").write_bytes(self.header)
+        (self.folder / "run.json").write_bytes(self.header)
         (found,) = results.load([self.folder])
         self.valid = found.text().encode()
 
     def mutate(self, dice: Dice) -> bytes:
-        """A hostile log, kept result or checkpoint."""
+        """A hostile log, kept result or run.json."""
         match dice.randrange(5):
             case 0:
                 return dice.choice((mutated, _rewritten))(self.log, dice)
             case 1:
-                return spoiled(self.header, dice) if dice.random() < 0.9 else self.header
+                whole = text(mutated_json(json.loads(self.header), dice))
+                return dice.choice((whole, whole, mutated(self.header, dice), self.header))
             case 2:
                 first, _, rest = self.valid.partition(b"\n")
                 return b"# " + text(mutated_json(json.loads(first[2:]), dice)) + b"\n" + rest
@@ -190,11 +191,11 @@ class Results:
 
     def use(self, path: Path) -> None:
         """A table, and sometimes figures."""
-        begin, place = path.read_bytes()[:4], path
-        if begin in (b"tag,", self.header[:4]):
+        begin, place = path.read_bytes()[:1], path
+        if begin in (b"t", b"{"):
             place = self.folder
-            (place / "log.csv").write_bytes(path.read_bytes() if begin == b"tag," else self.log)
-            (place / "steps_1.zip").write_bytes(path.read_bytes() if begin != b"tag," else self.header)
+            (place / "log.csv").write_bytes(path.read_bytes() if begin == b"t" else self.log)
+            (place / "run.json").write_bytes(path.read_bytes() if begin == b"{" else self.header)
         (group,) = results.grouped(results.load([place]))
         for name in (group.name, group.runs[0].name):
             assert Path(name).name == name, f"{name} would be written elsewhere"

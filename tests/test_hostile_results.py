@@ -1,4 +1,4 @@
-"""Hostile logs, kept results and what checkpoints say of runs: `outlast plot` draws them, or says why it does not."""
+"""Hostile logs, kept results and what runs say of themselves: `outlast plot` draws them, or says why it does not."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,6 @@ from outlast.envs.errors import TrainingError
 from outlast.envs.state import identity
 from outlast.training import results
 from outlast.training.presets import preset
-from tests.fuzz_mutations import zipped
 
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
 
@@ -21,9 +20,7 @@ def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> li
     given = {"preset": "paper", "seed": 0} | plan
     scenario = identity(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
     (folder / "log.csv").write_text(text)
-    (folder / "steps_1.zip").write_bytes(
-        zipped({"run.json": json.dumps({"plan": given, "scenario": scenario}).encode()})
-    )
+    (folder / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
     return results.load([folder])
 
 

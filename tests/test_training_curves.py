@@ -1,7 +1,6 @@
 """Curves of runs: the paper's are those that were published, logs and kept files are read exactly or refused."""
 
 import json
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -168,13 +167,12 @@ def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> P
     place.mkdir()
     given = {"preset": "original", "seed": 0, "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}} | plan
     scenario = preset(given["preset"]).scenario(variant("ffa_2").replace(**changes or {}))
-    with zipfile.ZipFile(place / "steps_0000000020.zip", "w") as archive:
-        archive.writestr("run.json", json.dumps({"plan": given, "scenario": identity(scenario)}))
+    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": identity(scenario)}))
     log(place, LINES)
     return place
 
 
-def test_a_run_is_what_its_checkpoint_says(tmp_path: Path) -> None:
+def test_a_run_is_what_it_says(tmp_path: Path) -> None:
     changed = folder(tmp_path / "x", {"zone_harm": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5})
     (run,) = results.load([changed])
     assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
@@ -212,6 +210,7 @@ def test_folders_without_runs_are_refused(tmp_path: Path) -> None:
     refused([tmp_path], "there are no runs in")
     refused([tmp_path / "none"], "there is no .*none")
     log(tmp_path, LINES)
-    refused([tmp_path], "has no checkpoint yet")
-    (tmp_path / "steps_0000000001.zip").write_bytes(b"no archive")
-    refused([tmp_path], r"steps_0000000001.zip is not a checkpoint")
+    refused([tmp_path], r"has no run.json, which would say what is trained in it")
+    for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
+        (tmp_path / "run.json").write_bytes(content)
+        refused([tmp_path], r"run.json does not say what the run is")

@@ -1,4 +1,4 @@
-"""What a checkpoint says of itself in run.json: checked before it is believed. Needs no PyTorch."""
+"""What a run and each of its checkpoints say of themselves in run.json: checked before it is believed. No PyTorch."""
 
 import json
 import math
@@ -30,16 +30,35 @@ def read(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple
         raise TrainingError(f"there is no checkpoint {path}") from error
     except archive.BROKEN as error:
         raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}") from error
+    return sound(path, header, needed), files
+
+
+def of_run(folder: Path) -> Header:
+    """What the run in a folder says of itself, before and without any checkpoint. Raises TrainingError."""
+    path = folder / NAME
+    try:
+        with path.open("rb") as file:
+            header = json.loads(file.read(LONGEST))
+    except FileNotFoundError as error:
+        raise TrainingError(f"{folder} has no {NAME}, which would say what is trained in it") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise TrainingError(f"{path} does not say what the run is: {error}") from error
+    return sound(path, header, ("plan", "scenario"))
+
+
+def sound(path: Path, header: Any, needed: Collection[str]) -> Header:
+    """The same, if it is what a run would say, with all that is needed. Raises TrainingError."""
+    told = f"{path} does not say what the run is"
     if not isinstance(header, dict):
-        raise TrainingError(f"{path} is not a checkpoint: {NAME} does not say what it is")
+        raise TrainingError(f"{told}: it holds {type(header).__name__}")
     if header.get("version", VERSION) != VERSION:
         raise TrainingError(f"{path} has version {header['version']!r:.20}: {VERSION} is needed")
     if missing := set(needed) - header.keys():
-        raise TrainingError(f"{path} is not a checkpoint: it does not say its {', '.join(sorted(missing))}")
+        raise TrainingError(f"{told}: its {', '.join(sorted(missing))} is missing")
     for key, fits in KINDS.items():
         if key in header and not fits(header[key]):
-            raise TrainingError(f"{path} is not a checkpoint: its {key} cannot be {header[key]!r:.80}")
-    return header, files
+            raise TrainingError(f"{told}: its {key} cannot be {header[key]!r:.80}")
+    return header
 
 
 def is_plain(given: Any) -> bool:

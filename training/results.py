@@ -143,11 +143,8 @@ def _found(place: Path) -> list[Path]:
 
 
 def _of_folder(folder: Path) -> Result:
-    """The run in a folder; its newest checkpoint says what it is."""
-    checkpoints = sorted(folder.glob("steps_*.zip"))
-    if not checkpoints:
-        raise TrainingError(f"{folder} has no checkpoint yet, which would say what is trained in it")
-    told, _ = header.read(checkpoints[-1], (), ("plan", "scenario"))
+    """The run in a folder."""
+    told = header.of_run(folder)
     scenario = told["scenario"]
     try:
         name = variant(scenario["name"]).name

@@ -15,13 +15,12 @@ from outlast.envs.errors import TrainingError
 from outlast.envs.scenario import Scenario
 from outlast.envs.state import difference, identity
 
-from . import checkpoint
+from . import checkpoint, header
 from .logs import open_logs
 from .ppo import SharedPPO
 from .presets import preset
 from .settings import ROLLOUT
 
-ABOUT = "run.json"  # what the run is; written before anything else
 THREADS = 4  # more do not pay for networks this small
 SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs": "epochs"}
 Progress = Callable[["Run"], None]
@@ -148,20 +147,16 @@ class Run:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before it could say what it is
             return None
-        if (about := self.folder / ABOUT) in there and not any(self.folder.glob("steps_*.zip")):
-            self._check_begun(about)
+        if self.folder / header.NAME in there and not any(self.folder.glob("steps_*.zip")):
+            self._check_begun()
             return None
         return checkpoint.read(checkpoint.newest(self.folder))
 
-    def _check_begun(self, about: Path) -> None:
+    def _check_begun(self) -> None:
         """A run that has no checkpoint yet is this one."""
-        try:
-            header = json.loads(about.read_text(encoding="utf-8"))
-            then, scenario = {"plan": dict(header["plan"])}, header["scenario"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise TrainingError(f"{about} does not say what the run is: {error}") from error
-        self._check_plan(then)
-        if other := difference(scenario, identity(preset(self.plan.preset).scenario(self.plan.scenario))):
+        told = header.of_run(self.folder)
+        self._check_plan(told)
+        if other := difference(told["scenario"], identity(preset(self.plan.preset).scenario(self.plan.scenario))):
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self) -> None:
@@ -169,10 +164,10 @@ class Run:
         self.folder.mkdir(parents=True, exist_ok=True)
         for path in filter(is_draft, list(self.folder.iterdir())):
             discard(path)
-        if not (self.folder / ABOUT).exists():
-            header = self.plan.about() | {"scenario": identity(self.model.core.scenario)}
-            with draft(self.folder / ABOUT) as place:
-                place.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+        if not (self.folder / header.NAME).exists():
+            told = self.plan.about() | {"scenario": identity(self.model.core.scenario)}
+            with draft(self.folder / header.NAME) as place:
+                place.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -183,10 +178,10 @@ class Run:
             told = f"{error.filename or self.folder}: {error.strerror or error}"
             raise TrainingError(f"{told}; make room there, and go on with --resume") from error
 
-    def _check_plan(self, header: dict[str, Any]) -> None:
+    def _check_plan(self, told: dict[str, Any]) -> None:
         """Going on with other numbers would not be the same run."""
-        then, now = header["plan"], json.loads(json.dumps(self.plan.about()["plan"]))
+        then, now = told["plan"], json.loads(json.dumps(self.plan.about()["plan"]))
         differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
         if differ:
-            told = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
-            raise TrainingError(f"the run in {self.folder} was begun with {told}")
+            others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
+            raise TrainingError(f"the run in {self.folder} was begun with {others}")
