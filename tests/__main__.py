@@ -23,9 +23,9 @@ ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
 WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
 # Faces have no kernels: with bounds checks or as plain Python their tests would go through the same code again.
-FACES = "agents* cache_folder cleanrl cli_frames dataset docs* film* footage fuzz gymnasium interrupts killing "
-FACES += "learners memory packaging page* parallel* play* puffer ray readme recording* replay rllib sb3* site soak "
-FACES += "supersuit torchrl training*"
+FACES = "agents* cache_folder cleanrl cli* dataset docs* film* footage fuzz gymnasium hostile_* interrupts killing "
+FACES += "learners memory mutants packaging page* parallel* play* processes puffer ray readme recording* render replay "
+FACES += "rllib rollout sb3* site soak supersuit torchrl training* views*"
 WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES.split())
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 

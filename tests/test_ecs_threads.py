@@ -20,6 +20,7 @@ from tests.toy import (
     walked,
 )
 
+threaded = pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
 MANY = scaled(200, least=40)  # more than a thread takes at a time
 
 
@@ -41,7 +42,7 @@ def test_threads_give_the_same_bits(threads: int) -> None:
     worlds.close()
 
 
-@pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
+@threaded
 def test_scratch_memory_belongs_to_one_thread() -> None:
     """The toy's Weather counts in it the ticks that its thread has seen: together, each world's once."""
     made: list[Any] = []
@@ -83,6 +84,7 @@ def test_an_error_in_one_thread_reaches_the_caller() -> None:
     worlds.close()
 
 
+@threaded
 def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in `submit`, when the thread has begun and nobody has been told."""
     worlds, submit, running = make(count=MANY, threads=3), ThreadPoolExecutor.submit, []

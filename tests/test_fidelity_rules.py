@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from conftest import COMPILED
 from stage import Stage, duel, mates
 
 from outlast.components import HealsUsed
@@ -155,6 +156,7 @@ def test_the_box_of_a_dead_owner_is_indestructible() -> None:
     assert stage.step({1: "attack"}, 20).here("box", 0)
 
 
+@pytest.mark.skipif(not COMPILED, reason="1500 steps")
 def test_the_longest_life_without_heals() -> None:
     """The zone is void from the end of step 1400, hurts from 1401, and the last agent is removed in 1501."""
     stage = Stage("ffa_1", zone_centres="middle")

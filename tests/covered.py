@@ -1,0 +1,71 @@
+"""How much of the code is run by the tests: `python -m tests.covered [--least-lines 95] [--least-branches 90]`.
+
+They run twice: as plain Python, in which kernels are followed line by line, and compiled, for faces, commands, training
+and what makes kernels. Processes that tests start are followed, too. A table lists the files that have most left; the
+exit code is 1 if a test failed, or if less is covered than asked for.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from pathlib import Path
+from typing import Any
+
+from tests.__main__ import ROOT, WITHOUT_FACES, Stage, suite
+
+FOLLOWED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
+SHOWN = 20  # files of the table
+
+
+def followed() -> tuple[bool, dict[str, Any]]:
+    """Whether all tests passed, and what coverage reports as JSON."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["COVERAGE_FILE"] = str(Path(folder) / "data")
+        passed = True
+        for stage in (
+            Stage("pytest not compiled", (*FOLLOWED, *WITHOUT_FACES), "NUMBA_DISABLE_JIT"),
+            Stage("pytest compiled", (*FOLLOWED, "-m", "not nightly")),
+        ):
+            result = suite(stage, [])
+            print(result, flush=True)
+            passed &= result.passed
+        file = Path(folder) / "report.json"
+        subprocess.run([sys.executable, "-m", "coverage", "json", "-q", "-o", str(file)], cwd=ROOT, check=True)
+        return passed, json.loads(file.read_text())
+
+
+def shares(summary: dict[str, int]) -> tuple[float, float]:
+    """Percent of lines and of branches."""
+    lines = summary["covered_lines"] / max(1, summary["num_statements"])
+    branches = (summary["covered_branches"] + (not summary["num_branches"])) / max(1, summary["num_branches"])
+    return 100 * lines, 100 * branches
+
+
+def table(files: dict[str, Any]) -> str:
+    """Files by what is left to cover, most first: percents, and the lines."""
+    rows = []
+    for name, file in files.items():
+        summary = file["summary"]
+        left = summary["missing_lines"] + summary["missing_branches"]
+        rows.append((-left, name, *shares(summary), " ".join(map(str, file["missing_lines"]))))
+    lines = [f"{name:<40}{own:6.1f}{branches:6.1f}  {missing:.60}" for _, name, own, branches, missing in sorted(rows)]
+    return "\n".join([f"{'':<40}{'lines':>6}{'branches':>9}", *lines[:SHOWN]])
+
+
+def main() -> int:
+    """The command."""
+    parser = ArgumentParser("python -m tests.covered", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--least-lines", type=float, default=95, help="percent (default 95)")
+    parser.add_argument("--least-branches", type=float, default=90, help="percent (default 90)")
+    asked = parser.parse_args()
+    passed, report = followed()
+    lines, branches = shares(report["totals"])
+    print(f"\n{table(report['files'])}\n\n{lines:.1f} % of lines, {branches:.1f} % of branches are run by tests")
+    return int(not passed or lines < asked.least_lines or branches < asked.least_branches)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
