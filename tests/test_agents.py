@@ -13,7 +13,7 @@ from outlast import ScenarioError, make_vec
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from outlast.envs.faces.agents import SurvivalAgentVectorEnv
 from tests.conftest import scaled
-from tests.test_vector import equal, short
+from tests.ways import equal, short
 
 KINDS = ("ffa_3", "teams_3")
 MODES = [mode.value for mode in AutoresetMode]

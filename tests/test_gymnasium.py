@@ -18,7 +18,7 @@ from outlast.envs.faces.learners import SurvivalLearnerVectorEnv
 from outlast.envs.faces.register import IDS
 from outlast.envs.faces.single import SurvivalEnv
 from tests.conftest import scaled
-from tests.test_vector import equal, short
+from tests.ways import equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]

@@ -15,7 +15,7 @@ from outlast.envs.faces.learners import SurvivalLearnerVectorEnv
 from outlast.envs.faces.opponents import Opponents
 from outlast.envs.faces.single import SurvivalEnv
 from tests.conftest import COMPILED, digest, scaled
-from tests.test_vector import equal, short
+from tests.ways import equal, short
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
 MODES = list(AutoresetMode)

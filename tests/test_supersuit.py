@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import outlast
-from tests.test_vector import short
+from tests.ways import short
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
