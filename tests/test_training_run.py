@@ -79,13 +79,13 @@ def interrupted(run: Run) -> None:
     run.model.policy.optimizer.register_step_post_hook(stop)
 
 
-@pytest.mark.parametrize("updates", [0, 3])
-def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int) -> None:
+@pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
+def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) -> None:
     run = Run(plan(6 * EACH), tmp_path / "parts")
     if not updates:
         interrupted(run)
     with pytest.raises(KeyboardInterrupt):
-        run.go(lambda run: interrupted(run) if run.model.num_timesteps == updates * EACH else None)
+        run.go(lambda run: interrupted(run) if (run.done, run.shown["now"]) == (updates * EACH, now) else None)
     assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
     Run(plan(6 * EACH), tmp_path / "parts", resume=True).go()
     Run(plan(6 * EACH), tmp_path / "whole").go()
@@ -221,3 +221,13 @@ def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
     length, distance = ([value for _, value in found[tag]] for tag in ("rollout/reward0", "behaviour/zone_distance"))
     assert np.mean(length[-5:]) > 1.5 * np.mean(length[:5])
     assert np.mean(distance[-5:]) < 0.7 * np.mean(distance[:5])
+
+
+def test_progress_is_told_of_each_epoch(tmp_path: Path) -> None:
+    """An update counts when it is over; the first ones take minutes."""
+    told: list[tuple[int, str]] = []
+    Run(plan(2 * EACH), tmp_path).go(lambda run: told.append((run.done, run.shown["now"])))
+    expected = [(0, "epoch 1"), (EACH, "collecting"), (EACH, "epoch 1"), (2 * EACH, "collecting")]
+    assert [pair for pair in told if pair[1] in ("epoch 1", "collecting")] == expected
+    epochs = [value for _, value in points(tmp_path)["train/epochs"]]
+    assert [now for _, now in told].count("epoch 2") == sum(value > 1 for value in epochs)

@@ -1,6 +1,6 @@
 """The rollout buffer: one contiguous array for each quantity, filled in place, of all agents of all worlds."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,12 @@ class Rollout(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
 
     observations: packed, float32; one step more than the others, so that the last one starts the next rollout.
     alive: bool; whether the agent lived when it observed. With dead = "drop" only those samples are trained on.
+    watch: called with the number of each epoch as it begins.
     """
 
     def __init__(self, *args: Any, layout: Layout, dead: str, generator: torch.Generator, **options: Any) -> None:
         self.layout, self.dead, self.generator = layout, dead, generator
+        self.watch: Callable[[int], None] = lambda epoch: None
         self._allocated = False
         super().__init__(*args, **options)
 
@@ -29,7 +31,7 @@ class Rollout(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
         """Begin a new rollout where the last one ended."""
         if not self._allocated:
             self._allocate()
-        self.pos, self.full, self.generator_ready = 0, False, False
+        self.pos, self.full, self.generator_ready, self.epochs = 0, False, False, 0
 
     def _allocate(self) -> None:
         shape = (self.buffer_size, self.n_envs)
@@ -44,6 +46,8 @@ class Rollout(RolloutBuffer):  # type: ignore[misc]  # mypy does not follow it
         """Minibatches of one epoch: every sample once, in random order, in parts of about equal size."""
         if not self.generator_ready:
             self._gather()
+        self.epochs += 1
+        self.watch(self.epochs)
         chosen = self._chosen[torch.randperm(len(self._chosen), generator=self.generator)].to(self.device)
         for part in chosen.tensor_split(max(1, round(len(chosen) / batch_size))):
             yield RolloutBufferSamples(*(flat.index_select(0, part) for flat in self._flat))

@@ -63,12 +63,12 @@ def _alone(options: argparse.Namespace, chosen: Scenario, settings: dict[str, An
 
 def _watched(work: Any, quiet: bool) -> int:
     """Train behind a progress bar and say what came of it; the exit status."""
-    model, begun, start, status = work.model, work.model.num_timesteps, time.perf_counter(), 0
+    begun, start, status = work.done, time.perf_counter(), 0
     bar = tqdm(total=work.plan.steps, initial=begun, unit="agent-step", unit_scale=True, disable=quiet)
 
     def progress(run: Any) -> None:
-        bar.set_postfix(run.shown, refresh=False)
-        bar.update(model.num_timesteps - bar.n)
+        bar.update(run.done - bar.n)
+        bar.set_postfix(run.shown)
 
     try:
         work.go(progress)
@@ -79,7 +79,7 @@ def _watched(work: Any, quiet: bool) -> int:
         bar.close()
     seconds = time.perf_counter() - start
     done = work.saved
-    print(f"{done:,} agent-steps = {done // model.core.num_agents:,} environment steps in {work.folder}")
+    print(f"{done:,} agent-steps = {done // work.model.core.num_agents:,} environment steps in {work.folder}")
     print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
     return status
 

@@ -82,18 +82,26 @@ class Run:
         with self._writing():
             self._prepare()
             self.model.set_logger(open_logs(folder, self.model.num_timesteps))
-        self.saved = self.model.num_timesteps
+        self.saved = self.done = self.model.num_timesteps  # in a checkpoint; and in updates that are done
         self.shown: dict[str, str] = {}  # a few of the numbers that were logged last
 
     def go(self, progress: Progress = lambda run: None) -> None:
         """Train to the end of the plan. Ctrl-C saves where the last update ended and is raised again.
 
+        progress is called after each update, and as each of its epochs begins: the first ones take minutes.
         Raises TrainingError if the disk is full; what is in the folder can be resumed.
         """
+
+        def begins(epoch: int) -> None:
+            self.shown["now"] = f"epoch {epoch}"
+            progress(self)
+
+        self.model.rollout_buffer.watch = begins
         kept = self._capture() if not self.saved else None
         try:
             while self.model.num_timesteps < self.plan.steps:
                 self._iterate()
+                self.done, self.shown["now"] = self.model.num_timesteps, "collecting"
                 kept = self._capture()
                 if self.model.num_timesteps // self.plan.every > self.saved // self.plan.every:
                     self._save(kept)
