@@ -13,7 +13,14 @@ from outlast.envs.policies import Policy, noop_policy
 from outlast.envs.vector import SurvivalVectorEnv
 
 COMPILED = not numba.config.DISABLE_JIT
-slow_compiled: Any = pytest.mark.slow if COMPILED else lambda test: test  # what it compiles is what takes long
+
+
+def if_compiled(mark: Any) -> Any:
+    """The mark for a test of which the compilation is what takes long; as plain Python it is a fast one."""
+    return mark if COMPILED else lambda test: test
+
+
+slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pytest.mark.nightly)
 
 
 def scaled(count: int, least: int = 1) -> int:

@@ -77,7 +77,7 @@ def test_advantages_are_sums_of_what_follows(ppo: SimpleNamespace) -> None:
     assert torch.allclose(found["advantage"], found["target"] - value)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
 def test_it_learns(ppo: SimpleNamespace) -> None:
     """Ticks that agents live, 200 at most: in the last updates far more than in the first, without training."""

@@ -32,7 +32,7 @@ def test_a_few_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) ->
     assert not COMPILED or 0.2 < refused / task.files < 0.95  # some are accepted, or nothing behind that is tried
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("loader", LOADERS)
 def test_many_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) -> None:
     assert fuzz.main([loader, "--files", str(scaled(10 * FILES[loader])), "--seed", "2", "--out", str(tmp_path)]) == 0

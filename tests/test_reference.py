@@ -62,6 +62,7 @@ def test_whole_episodes_are_those_of_the_reference(name: str, policy: str) -> No
     assert happened["boxes broken"] > 0 or policy != "held", happened
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="numpy has sines of its own")
 def test_motion_is_the_references_to_the_bit() -> None:
     """What flies free moves by Box2D's own arithmetic, in float32: as if Box2D had all bodies."""

@@ -13,7 +13,7 @@ from outlast import ALIASES, VARIANTS, Scenario, make_vec, variant
 from outlast.ecs import DeclarationError, ScheduleError, Worlds
 from outlast.envs.spaces import action_space, observation_space
 from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
-from tests.conftest import draw_actions, slow_compiled
+from tests.conftest import draw_actions, nightly_compiled
 
 HERE = Path(__file__).parent
 
@@ -218,7 +218,7 @@ def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
-@slow_compiled  # 20 s for each
+@nightly_compiled  # 20 s for each
 def test_what_is_left_runs(names: tuple[str, ...]) -> None:
     env = make_vec(derived(names), 3, seed=0)
     env.reset()
