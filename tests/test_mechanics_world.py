@@ -14,6 +14,7 @@ from outlast.envs.vector import SurvivalVectorEnv
 from outlast.systems import DropLast, drop_last
 from tests import twin_faces, twins
 from tests.conftest import COMPILED, draw_actions, scaled
+from tests.stage import Stage
 from tests.twin_scenes import RUNS
 from tests.twin_world import TOLERANCE, read
 
@@ -148,3 +149,11 @@ def test_other_numbers_compile_nothing_anew() -> None:
     paper = outlast.variant("teams_4")
     few, many = (outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS, n_heals=3)))
     assert [s.source for s in few.worlds._segments] == [s.source for s in many.worlds._segments]
+
+
+def test_a_limit_of_one_hit_point_is_a_limit() -> None:
+    """0 is none, and nothing else."""
+    stage = Stage("ffa_1", agents_health=1, health_limit=1, zone_harm=0)
+    stage.hand(0, "heal", 0)
+    assert stage.step({0: "use"}).health(0) == 1
+    assert stage.bag(0) == []

@@ -39,15 +39,6 @@ def make_arena() -> None:
     return None
 
 
-def available() -> bool:
-    """Always: the public API is there wherever Box2D can be imported."""
-    return True
-
-
-def verify() -> None:
-    """Nothing to check."""
-
-
 def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
     """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
 
