@@ -176,8 +176,8 @@ def test_a_run_is_what_it_says(tmp_path: Path) -> None:
     changed = folder(tmp_path / "x", {"zone_harm": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5})
     (run,) = results.load([changed])
     assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
-    assert run.unlike == {"gamma": 0.9, "zone_harm": 2}
-    (plain,) = results.load([folder(tmp_path / "y")])
+    assert run.unlike == {"worlds": 64, "gamma": 0.9, "zone_harm": 2}
+    (plain,) = results.load([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}
 
 

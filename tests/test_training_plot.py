@@ -98,7 +98,7 @@ def test_a_figure_says_what_is_unlike_the_paper(tmp_path: Path) -> None:
     shown = group(keep(tmp_path, "ffa_2", 3, points=60, dead="drop"), keep(tmp_path, "ffa_2", 5, dead="drop"))
     told = "\n".join(text.get_text() for text in drawn(shown).texts)
     assert "Unfinished: seed 3 (2.0 million agent-steps); not counted in end values" in told
-    assert "Unlike the paper: dead = drop" in told
+    assert "Unlike the paper: worlds = 64, dead = drop" in told
     assert "averages over 5 % of the points (of ours 15)" in told
 
 
@@ -223,7 +223,7 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         Run(plan, tmp_path / "runs" / str(seed)).go()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
     assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
-    unlike = "rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
+    unlike = "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
     assert f"Unlike the paper: {unlike}" in (tmp_path / "out/ends.md").read_text()
     shown = group(tmp_path / "kept")
     assert figures.digest(group(tmp_path / "runs")) == figures.digest(shown)

@@ -18,7 +18,7 @@ from .settings import PAPER, ROLLOUT
 
 LOG = "log.csv"
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
-USUAL = {"dead": "keep", "rollout": ROLLOUT, **PAPER}  # as in the paper
+USUAL = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **PAPER}  # as in the paper
 LACKING, USUALLY = "not there", "as usual"
 
 

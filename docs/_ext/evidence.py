@@ -90,11 +90,15 @@ def deviations() -> str:
     return grid(["number", "the paper's text", "its runs", "explained at"], rows)
 
 
-def trained() -> str:
-    """Figures, end values and what they say of the paper, of the results in docs/results."""
+def trained(folder: str = ".") -> str:
+    """Figures, end values and what they say of the paper, of the results in docs/results or a folder there; films."""
     parts = []
-    for group in grouped(load([DOCS / "results"])):
-        picture = f"![Learning curves of {group.variant}: ours and the paper's](training/{group.name}.png)"
-        film = f"![An episode of {group.variant} after training](training/{group.variant}.gif)"
-        parts += [f"### {group.variant}", picture, markdown(group), sentences(group), film]
+    for group in grouped(load([DOCS / "results" / folder])):
+        place = Path("training", folder)
+        film = place / f"{group.variant}.gif"
+        filmed = (DOCS / film).exists()
+        parts += [f"### {group.variant}"] * filmed
+        parts.append(f"![Learning curves of {group.variant}: ours and the paper's]({place / group.name}.png)")
+        parts += [markdown(group), sentences(group)]
+        parts += [f"![An episode of {group.variant} after training]({film})"] * filmed
     return "\n\n".join(parts)
