@@ -5,7 +5,7 @@ import math
 import pytest
 
 import outlast
-from outlast.components import Guard, Shape, Side
+from outlast.components import Body, Guard, Shape, Side
 from tests.conftest import scaled
 from tests.reference_dice import identity, uniform2, words
 from tests.twin_scenes import RUNS
@@ -104,3 +104,18 @@ def test_the_circle_around_a_body_holds_all_of_it() -> None:
     bounds = shape.bound.ravel().tolist()
     corners = [max(thing.radius, math.hypot(thing.half_width, thing.half_height)) for thing in things]
     assert bounds == pytest.approx(corners, rel=1e-6)
+
+
+@pytest.mark.parametrize("numbers", [{}, {"room_size": 40.0, "room_thickness": 0.1}], ids=["paper", "larger"])
+def test_walls_stand_astride_the_edges_and_meet_in_the_corners(numbers: dict[str, float]) -> None:
+    """As long as the floor, and in the paper a hundredth of it thick (reference rules, section 1)."""
+    env = outlast.make_vec(outlast.variant("ffa_1").replace(**numbers), 1, seed=0)
+    env.reset()
+    span, (body, shape) = env.worlds.span("wall"), (env.worlds[Body], env.worlds[Shape])
+    columns = (body.x, body.y, shape.half_width, shape.half_height)
+    walls = [tuple(round(float(column[0, e]), 6) for column in columns) for e in range(span.start, span.stop)]
+    size = numbers.get("room_size", 25.0)
+    edge, thin = size / 2, size * numbers.get("room_thickness", 0.01) / 2
+    assert sorted(walls) == sorted(
+        [(edge, 0, thin, edge), (-edge, 0, thin, edge), (0, edge, edge, thin), (0, -edge, edge, thin)]
+    )
