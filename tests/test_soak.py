@@ -1,6 +1,7 @@
 """The long run, made short; and that it notices what it is for."""
 
 import gc
+import mmap
 import os
 import threading
 from collections.abc import Iterator
@@ -29,7 +30,8 @@ def test_a_short_soak_holds(capfd: pytest.CaptureFixture[str]) -> None:
 def leaking(kind: str, kept: list[Any]) -> Iterator[int]:
     while True:
         if kind == "memory":
-            kept.append(bytearray(b"1" * 2**16))
+            kept.append(mmap.mmap(-1, 2**16))  # pages of its own: malloc may have some left over from other tests
+            kept[-1].write(b"1" * 2**16)
         elif kind == "files":
             kept.append(os.open(os.devnull, os.O_RDONLY))
         elif kind == "threads":
