@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
     command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
     command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
-    command.add_argument("--worlds", type=positive, default=64, help="that share a rollout (default 64)")
+    command.add_argument("--worlds", type=positive, default=64, help="that share a rollout (default 64; the paper: 1)")
     command.add_argument("--rollout", type=positive, default=ROLLOUT, help="environment steps of it (default 16384)")
     command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="of PPO: gamma=0.999")
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
