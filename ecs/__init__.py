@@ -1,7 +1,8 @@
 """The engine: components, systems, schedule, runner. It knows no game.
 
 Read in this order: component (nouns), access and module (verbs and their numbers), phase and schedule (the order),
-layout (where it all lies), tick and cache (the order as code), worlds (a batch of worlds, and the threads).
+layout (where it all lies), frame and view (how kernels come by it), tick (the order as code), cache and stored (that
+code on disk), worlds (a batch of worlds, and the threads), lanes (sixteen rows at a time).
 """
 
 from .access import Add, Bits, Cause, Random, Rank, Read, Rows, Scratch, Write

@@ -27,6 +27,7 @@ OFFSETS = [name for name in OFFSETS if name not in CONSTANTS | UNREAD]
 SMALL = (-64, -32, -24, -16, -12, -8, -6, -4, -2, -1, 1, 2, 4, 6, 8, 12, 16, 24, 32, 64)
 CHANCE = 0.002  # of what lies behind an object to look right
 PATIENCE = 20  # seconds
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def asked(offset: str, value: int) -> str:
@@ -58,17 +59,24 @@ def check(deltas: tuple[int, ...]) -> None:
     assert named[True] > 0.9 * named.total()
 
 
+def at_start(deltas: tuple[int, ...]) -> None:
+    """In a process of its own: what others have left in memory looks right more often."""
+    script = f"from tests.test_bridge import check; check({deltas})"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_nothing_is_wrong_with_this_one() -> None:
     assert asked("BODY_SIZE", layout.BODY_SIZE) == ""
 
 
 def test_every_offset_that_is_a_word_off_is_found() -> None:
-    check((-8, 8))
+    at_start((-8, 8))
 
 
 @pytest.mark.nightly
 def test_every_offset_that_is_a_little_off_is_found() -> None:
-    check(SMALL)
+    at_start(SMALL)
 
 
 @pytest.mark.parametrize("first", [name for name in OFFSETS if name.startswith("SOLVER_")])
