@@ -60,8 +60,10 @@ def _function(path: Path, source: str, names: dict[str, Any]) -> Any:
 
 
 def is_cached(tick: Any) -> bool:
-    """Whether machine code of this function lies in the cache folder already, or none is needed."""
-    return not hasattr(tick, "py_func") or (isinstance(tick._cache, StoredCode) and tick._cache.whole())
+    """Whether machine code of this function is in memory or lies in the cache folder already, or none is needed."""
+    if not hasattr(tick, "py_func") or tick.overloads:
+        return True
+    return isinstance(tick._cache, StoredCode) and tick._cache.whole()
 
 
 def cache_folder() -> Path:

@@ -227,7 +227,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def _run(self, resets: Actions | None = None, given: tuple[Actions, Actions] | None = None) -> None:
         """Reset these worlds, keyed as given; or take a step everywhere, which is a reset where an episode is over."""
         self._mode[:] = STEP + self._over if resets is None else np.where(resets, RESET, SKIP)
-        if self._recording:
+        if given is not None and self._recording:
             self._runner.check(self._mode)  # ahead of new seeds
         self._painter.moved()
         self._progress.run(self._runner, self._mode, resets, given)
