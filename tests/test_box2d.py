@@ -1,5 +1,6 @@
 """The two Box2D bridges: equal bit for bit, free of history, close to a world that is never taken apart."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs.jit import compiled
+from outlast.systems.box2d import arena as box2d_arena
 from outlast.systems.box2d import layout as box2d_layout
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d import portable as box2d_portable
@@ -101,6 +103,22 @@ def test_flat_boxes_and_too_many_bodies_are_invalid(bridge: Any) -> None:
     assert solved(bridge, bridge.make_arena(), scene)[0] == INVALID
     crowd = circles(*((2.0 * k, 0) for k in range(box2d_native.CAPACITY + 1)))
     assert solved(bridge, bridge.make_arena(), crowd)[0] == INVALID
+
+
+@needs_native
+def test_the_world_of_an_arena_ends_with_its_last_view_and_before_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended, destroy = [], box2d_arena._destroy
+
+    def watched(base: int, memory: np.ndarray[Any, Any]) -> None:
+        destroy(base, memory)
+        ended.append(0 <= base - memory.ctypes.data < 64)
+
+    monkeypatch.setattr(box2d_arena, "_destroy", watched)
+    view = box2d_native.make_arena()[64:]
+    gc.collect()
+    assert not ended
+    del view
+    assert ended == [True]
 
 
 @needs_native

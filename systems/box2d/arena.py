@@ -43,15 +43,28 @@ def make_arena() -> NDArray[np.uint8]:
     About 1 MiB, most of which is never touched.
     """
     memory = np.zeros(SIZE + 64, np.uint8)
+    owner = _Owner(memory)
     start = -memory.ctypes.data % 64
-    arena = memory[start : start + SIZE]
+    arena = np.asarray(owner)[start : start + SIZE]
     base = arena.ctypes.data
-    library = ctypes.CDLL(at.FILE)
-    library["_ZN7b2WorldC1ERK6b2Vec2"](ctypes.c_void_p(base), ctypes.c_void_p(base + GROUP))  # gravity: zeros
-    weakref.finalize(memory, library["_ZN7b2WorldD1Ev"], ctypes.c_void_p(base)).atexit = False
+    construct = ctypes.CDLL(at.FILE)["_ZN7b2WorldC1ERK6b2Vec2"]
+    construct(ctypes.c_void_p(base), ctypes.c_void_p(base + GROUP))  # gravity: zeros
+    weakref.finalize(owner, _destroy, base, memory).atexit = False
     _write_templates(arena)
     _write_pointers(arena, base)
     return arena
+
+
+class _Owner:
+    """What views of the memory refer to. An array would not do: in numpy 2.5 its finalizers come after its memory."""
+
+    def __init__(self, memory: NDArray[np.uint8]) -> None:
+        self.__array_interface__ = memory.__array_interface__
+
+
+def _destroy(base: int, memory: NDArray[np.uint8]) -> None:
+    """End the b2World at `base`, in memory that is there as long as this runs."""
+    ctypes.CDLL(at.FILE)["_ZN7b2WorldD1Ev"](ctypes.c_void_p(base))
 
 
 def _write_templates(arena: NDArray[np.uint8]) -> None:
