@@ -2,7 +2,7 @@
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
 The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python; the last
-two without the tests of the faces.
+two without tests that would go through the same code again.
 `--quick` leaves out the slow tests and the last two ways. `--nightly` runs those tests, compiled, that take minutes.
 """
 
@@ -27,6 +27,8 @@ FACES = "agents* cache_folder cleanrl cli* dataset docs* film* footage fuzz gymn
 FACES += "learners memory mutants packaging page* parallel* play* processes puffer ray readme recording* render replay "
 FACES += "rllib rollout sb3* site soak supersuit torchrl training* views*"
 WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES.split())
+ALIKE = "determinism digests ecs_compile policies reference statistics"  # compare what bounds checks make no other
+WITHOUT_ALIKE = tuple(f"--ignore=tests/test_{name}.py" for name in ALIKE.split())
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -77,7 +79,7 @@ def suites(quick: bool, nightly: bool) -> list[Stage]:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "not nightly")),
-        Stage("pytest bounds-checked", WITHOUT_FACES, "NUMBA_BOUNDSCHECK"),
+        Stage("pytest bounds-checked", (*WITHOUT_FACES, *WITHOUT_ALIKE), "NUMBA_BOUNDSCHECK"),
         Stage("pytest not compiled", WITHOUT_FACES, "NUMBA_DISABLE_JIT"),
     ]
 

@@ -1,9 +1,9 @@
 """Memory safety: Box2D's machine code and ours at work, under whatever this machine has to watch over memory.
 
-    python -m tests.memory [CHECKER ...] [--steps N | --box2d]
+    python -m tests.memory [CHECKER ...] [--steps N | --tests FILE ...]
 
 Worlds of teams_4, sparse and crowded, are played in a process of its own, and their digests have to be those without a
-checker; with --box2d, tests/test_box2d.py runs there instead, and has to pass. The checkers:
+checker; or these files of tests run there instead, and have to pass. The checkers:
 
 ========== =============================================================================================================
 plain      nothing watches: the digest
@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,7 +35,7 @@ STEPS = 300  # of each world
 WORLDS = 8
 CROWD = {"agents_count": 12, "room_size": 10.0, "zone_radii": (5.0, 3.0)}  # contacts in every tick
 WORK = ("-c", "from tests.memory import work; work({steps})")
-BOX2D = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_box2d.py")
+TESTS = ("-m", "pytest", "-q", "-p", "no:cacheprovider")
 TOLD = re.compile(r"(?m)^[0-9a-f]{32}$|\b\d+ passed")
 FAULTY = ("ERROR: AddressSanitizer", "free(): invalid", "corrupted", "malloc(): ", "double free")
 OURS = re.compile(r"(?m)\bb2[A-Z]\w*::|_Box2D|: \?\?\?$")  # in a stack: Box2D, or code of no library, as the tick's
@@ -113,12 +114,12 @@ def library(name: str) -> str | None:
     return next((str(path) for path in places if path.exists()), None)
 
 
-def run(checker: Checker, steps: int) -> Report:
-    """The work under a checker, after a first run without that compiles what is not in the cache. 0 steps: BOX2D."""
+def run(checker: Checker, steps: int, files: Sequence[str] = ()) -> Report:
+    """The work, or these files of tests, under a checker; after a first run without that compiles what it needs."""
     environment = os.environ | ({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""} if checker.generic else {})
     command, first = ((sys.executable, *(word.format(steps=n) for word in WORK)) for n in (steps, 1))
-    if not steps:
-        command = (sys.executable, *BOX2D)
+    if files:
+        command = first = (sys.executable, *TESTS, *files)
     if checker.generic:
         subprocess.run(first, cwd=ROOT, env=environment, check=True, capture_output=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -129,7 +130,8 @@ def run(checker: Checker, steps: int) -> Report:
         told = log.read_text() if log.exists() else ""
     found = faults(told) + [line for line in done.stderr.splitlines() if any(word in line for word in FAULTY)]
     if done.returncode:
-        found.append(f"it ended with status {done.returncode}: {done.stderr.strip()[-300:]}")
+        told = done.stderr.strip() or done.stdout.strip()
+        found.append(f"it ended with status {done.returncode}: {told[-300:]}")
     return Report(checker.name, "".join(TOLD.findall(done.stdout)), found, time.perf_counter() - start)
 
 
@@ -153,18 +155,18 @@ def main(arguments: list[str]) -> int:
     known = checkers()
     parser.add_argument("checkers", nargs="*", metavar="CHECKER", help="all if none is named")
     parser.add_argument("--steps", type=int, default=STEPS, help="of each world (%(default)s)")
-    parser.add_argument("--box2d", action="store_const", const=0, dest="steps", help="tests/test_box2d.py")
+    parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="run these in place of worlds")
     asked = parser.parse_args(arguments)
     if strange := set(asked.checkers) - {checker.name for checker in known}:
         parser.error(f"{', '.join(strange)}: choose among {', '.join(checker.name for checker in known)}")
-    expected, bad = run(known[0], asked.steps), False
+    expected, bad = run(known[0], asked.steps, asked.tests), False
     for checker in known:
         if asked.checkers and checker.name not in asked.checkers:
             continue
         if checker.missing:
             print(f"{checker.name:<10} not run: {checker.missing} is not here", flush=True)
             continue
-        report = expected if checker is known[0] else run(checker, asked.steps)
+        report = expected if checker is known[0] else run(checker, asked.steps, asked.tests)
         told = verdict(report, expected.digest)
         bad |= told != "ok" or not report.digest
         print(f"{checker.name:<10} {told:<16} {report.seconds:7.1f} s  {report.digest[:16]}", flush=True)

@@ -21,7 +21,7 @@ from tests.digests import behaviour, numbered_actions
 from tests.ways import FEW, SHORT, Way, lockstep, short, unlike
 
 ROOT = Path(__file__).parent.parent
-QUICK = ("ffa_1", "teams_4")  # variants of the fast tests
+QUICK = ("teams_4",)  # variants of the fast tests
 
 
 # ---- however worlds are run

@@ -74,7 +74,7 @@ def test_errors_of_box2d_and_of_the_tick_are_told_from_others() -> None:
 
 def test_what_is_not_here_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory.shutil, "which", lambda name: None)
-    monkeypatch.setattr(memory, "run", lambda checker, steps: memory.Report(checker.name, "0", [], 0.0))
+    monkeypatch.setattr(memory, "run", lambda checker, steps, files: memory.Report(checker.name, "0", [], 0.0))
     assert memory.main(["valgrind"]) == 0
     assert "valgrind   not run: valgrind is not here" in capsys.readouterr().out
 

@@ -246,7 +246,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     assert kept.episode_starts[1:].any()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
 def test_ppo_learns() -> None:
     """The example of the documents: who is trained lives far longer, and by many standard errors."""

@@ -17,6 +17,7 @@ from tests.conftest import COMPILED
 ONES = 1000
 
 
+@pytest.mark.nightly
 def test_a_short_soak_holds(capfd: pytest.CaptureFixture[str]) -> None:
     sizes = (4096, 100, 8) if COMPILED else (160, 8, 2)
     options = [f"--{name}={size}" for name, size in zip(soak.PARTS, sizes, strict=True)]

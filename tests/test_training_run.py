@@ -210,7 +210,7 @@ def test_the_command_refuses_numbers_that_ppo_has_not(text: str, message: str) -
         outlast_train("ffa_2", "--ppo", text)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
     """In a world that is all about it: they live longer, and nearer to its middle, than at first."""
     zone = {"zone_radii": (4.0,), "zone_centres": "middle", "zone_stand": 1000, "zone_harm": 2}

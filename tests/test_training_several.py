@@ -20,6 +20,7 @@ from tests.test_training_run import names, outlast_train, points  # noqa: E402
 TINY = ("--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
 
 
+@pytest.mark.nightly
 def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What comes out is what single runs give."""
     assert (
