@@ -147,6 +147,7 @@ def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
 # ---- PettingZoo's registry
 
 
+@pytest.mark.skipif(not hasattr(pettingzoo, "parallel_registry"), reason="a PettingZoo without a registry")
 @pytest.mark.parametrize("kind", ["parallel", "aec"])
 @everywhere
 def test_the_registry_makes_them(kind: Any, name: str) -> None:
