@@ -12,7 +12,8 @@ asan       AddressSanitizer's allocator: red zones around blocks, freed ones kep
 valgrind   Memcheck: every load and store of every instruction; slow (some minutes), without the machine's AVX-512
 ========== =============================================================================================================
 
-What is not installed is named, and left out. The exit status is 1 if a checker found something.
+What is not installed is named, and left out. The exit status is 1 if a checker found something. A process that forks,
+as some tests do, may hang under `perturbed`: the lock of glibc's checks does not survive it.
 """
 
 import argparse
