@@ -1,9 +1,9 @@
 """The whole check, one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs three ways: compiled (with the slow tests), compiled with bounds checks, and as plain Python; the last
-two without tests that would go through the same code again.
-`--quick` leaves out the slow tests and the last two ways. `--nightly` runs those tests, compiled, that take minutes.
+The suite runs two ways: compiled (with the slow tests), and as plain Python, there without the tests of the faces.
+`--quick` leaves out the slow tests and the second way. `--nightly` runs those tests, compiled, that take minutes, and
+then the suite, without the tests of the faces, compiled with bounds checks.
 """
 
 import importlib.util
@@ -27,8 +27,6 @@ FACES = "agents* cache_folder cleanrl cli* dataset docs* film* footage fuzz gymn
 FACES += "learners memory mutants packaging page* parallel* play* processes puffer ray readme recording* render replay "
 FACES += "rllib rollout sb3* site soak supersuit torchrl training* views*"
 WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES.split())
-ALIKE = "determinism digests ecs_compile policies reference statistics"  # compare what bounds checks make no other
-WITHOUT_ALIKE = tuple(f"--ignore=tests/test_{name}.py" for name in ALIKE.split())
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -74,12 +72,12 @@ def checks() -> list[Stage]:
 def suites(quick: bool, nightly: bool) -> list[Stage]:
     """The ways in which the tests run."""
     if nightly:
-        return [Stage("pytest nightly", ("-m", "nightly"))]
+        bounds = Stage("pytest bounds-checked", WITHOUT_FACES, "NUMBA_BOUNDSCHECK")
+        return [Stage("pytest nightly", ("-m", "nightly")), bounds]
     if quick:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "not nightly")),
-        Stage("pytest bounds-checked", (*WITHOUT_FACES, *WITHOUT_ALIKE), "NUMBA_BOUNDSCHECK"),
         Stage("pytest not compiled", WITHOUT_FACES, "NUMBA_DISABLE_JIT"),
     ]
 
@@ -161,7 +159,7 @@ def main() -> int:
     ours, theirs = divided(sys.argv[1:])
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
-    parser.add_argument("--nightly", action="store_true", help="the tests that take minutes, and nothing else")
+    parser.add_argument("--nightly", action="store_true", help="what takes many minutes, and nothing else")
     asked = parser.parse_args(ours)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
