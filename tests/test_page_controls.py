@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import outlast
 from outlast.envs.page import write
 from tests import screen as screen_
@@ -10,6 +12,7 @@ from tests.screen import WORLDS, Screen, Truth
 from tests.test_page import ticks
 from tests.test_page_browser import HALF, check
 
+pytestmark = pytest.mark.nightly  # each of them loads a page of its own
 browser, file, truths, look = screen_.browser, screen_.file, screen_.truths, screen_.look
 
 LEFT, RIGHT = 30, 10  # pixels of the timeline beside its strips

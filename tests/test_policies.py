@@ -8,7 +8,10 @@ import outlast
 from outlast.envs.policies import POLICIES, random_policy, scripted_policy
 
 WORLDS, STEPS = scaled(256, 2), scaled(700, 5)
-SOON = ("ffa_2", "teams_4")
+SOON = ("ffa_2", "teams_4")  # the others at night
+variants = pytest.mark.parametrize(
+    "variant", [name if name in SOON else pytest.param(name, marks=pytest.mark.nightly) for name in outlast.VARIANTS]
+)
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))
@@ -31,7 +34,7 @@ def test_noop_changes_nothing_that_moves():
 
 
 @pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
-@pytest.mark.parametrize("variant", sorted(outlast.VARIANTS))
+@variants
 def test_the_script_beats_chance(variant):
     """Side 0 follows the script, the others act at random, in the same worlds for the same number of steps."""
     env = outlast.make_vec(variant, WORLDS, seed=1, check_actions=False)
@@ -48,9 +51,7 @@ def test_the_script_beats_chance(variant):
 
 
 @pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
-@pytest.mark.parametrize(
-    "variant", [name if name in SOON else pytest.param(name, marks=pytest.mark.nightly) for name in outlast.VARIANTS]
-)
+@variants
 def test_worlds_of_the_script_outlast_worlds_of_chance(variant):
     """All agents of a world do the same; the length of the first episode, cut off at STEPS."""
     env = outlast.make_vec(variant, WORLDS, seed=2, check_actions=False)
