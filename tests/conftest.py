@@ -1,7 +1,7 @@
 """What all tests share: how they run, and what it means that two environments are the same."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numba
@@ -21,6 +21,11 @@ def if_compiled(mark: Any) -> Any:
 
 
 slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pytest.mark.nightly)
+
+
+def few_by_day(names: Iterable[str], few: tuple[str, ...]) -> list[Any]:
+    """Parameters of a test: of these names, all but the few are for the night."""
+    return [name if name in few else pytest.param(name, marks=pytest.mark.nightly) for name in names]
 
 
 def scaled(count: int, least: int = 1) -> int:

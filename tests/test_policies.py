@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import COMPILED, scaled
+from conftest import COMPILED, few_by_day, scaled
 
 import outlast
 from outlast.envs.policies import POLICIES, random_policy, scripted_policy
 
 WORLDS, STEPS = scaled(256, 2), scaled(700, 5)
-SOON = ("ffa_2", "teams_4")  # the others at night
-variants = pytest.mark.parametrize(
-    "variant", [name if name in SOON else pytest.param(name, marks=pytest.mark.nightly) for name in outlast.VARIANTS]
-)
+variants = pytest.mark.parametrize("variant", few_by_day(outlast.VARIANTS, ("ffa_2", "teams_4")))
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))

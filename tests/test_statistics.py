@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import COMPILED, draw_actions
+from conftest import COMPILED, draw_actions, few_by_day
 
 import outlast
 from outlast.components import Body
@@ -17,7 +17,6 @@ ERRORS = 4  # combined standard errors
 GLIMPSE = 100  # steps over which what is visible was counted
 TABLE = list(csv.DictReader((Path(__file__).parent / "data" / "random_statistics.csv").read_text().splitlines()))
 VARIANTS = list(dict.fromkeys(row["variant"] for row in TABLE))
-SOON = ("1v1_heals_low", "2v2_all_high")  # the others at night
 
 Samples = dict[str, np.ndarray]
 
@@ -70,9 +69,7 @@ def errors_apart(row: dict[str, str], sample: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="half a million world-steps a variant")
-@pytest.mark.parametrize(
-    "variant", [name if name in SOON else pytest.param(name, marks=pytest.mark.nightly) for name in VARIANTS]
-)
+@pytest.mark.parametrize("variant", few_by_day(VARIANTS, ("1v1_heals_low", "2v2_all_high")))
 def test_random_play_gives_the_statistics_of_the_original(variant: str) -> None:
     samples, rows = play(variant), [row for row in TABLE if row["variant"] == variant]
     assert {row["quantity"] for row in rows} == samples.keys()
