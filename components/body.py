@@ -1,10 +1,16 @@
 """Where things are, what they look like from outside, and how they move."""
 
-from outlast.ecs import Array, Component, Singleton, column
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Array, Component, Singleton, column, kernel
+
+ONE, ZERO = np.float32(1), np.float32(0)
 
 
 class Body(Component):
-    """Pose and velocity, world frame. Written by spawners (at birth) and by contacts (every tick)."""
+    """Pose and velocity, world frame. Written by spawn, boxes and drop, by motors, and by physics in every tick."""
 
     x: Array = column("f4")  # metres
     y: Array = column("f4")
@@ -29,16 +35,17 @@ class Solid(Component):
     """Takes part in contacts. Without it a body is intangible, as items are."""
 
     dynamic: Array = column("u1")  # 1: can be pushed; 0: stands like a wall
-    near: Array = column("u1")  # 1: may touch something in this tick; written by contacts
-    reach: Array = column("f4")  # metres it may travel in this tick; written by contacts
+    density: Array = column("f4", fill=1)  # kilograms/square metre
+    mass: Array = column("f4")  # kilograms, of density and shape; written by physics at reset
+    inertia: Array = column("f4")  # kilogram square metres about the centre; likewise
+    near: Array = column("u1")  # 1: may touch something in this tick; written by physics
+    reach: Array = column("f4")  # metres it may travel in this tick; written by physics
 
 
 class Push(Component):
-    """What motors have to work against, and their push of this tick, world frame. Written by motors."""
+    """The push of motors in this tick, world frame, which physics applies. Written by motors."""
 
-    inverse_mass: Array = column("f4")  # 1/kilogram
-    inverse_inertia: Array = column("f4")
-    x: Array = column("f4")  # newton-seconds, applied in each physics substep
+    x: Array = column("f4")  # newton-seconds of the whole tick, shared out evenly over its substeps
     y: Array = column("f4")
     turn: Array = column("f4")
 
@@ -56,6 +63,12 @@ class Floor(Singleton):
 
 
 class Fault(Singleton):
-    """What went wrong in this world beyond repair; a face that finds it set raises. Written by contacts."""
+    """What went wrong in this world beyond repair; a face that finds it set raises. Written by physics."""
 
     physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)
+
+
+@kernel
+def inverse(quantity: Any) -> Any:
+    """1 / mass or 1 / inertia, float32; 0 for a body that has none, as nothing moves it."""
+    return ONE / quantity if quantity > 0 else ZERO

@@ -4,9 +4,11 @@ from outlast.ecs import Array, Component, Observation, Statistic, column
 
 
 class Box(Component):
-    """An intact box while alive. `broken` is 1 for the one tick between box and item."""
+    """An intact box while alive."""
 
-    broken: Array = column("u1")
+    broken: Array = column("u1")  # 1 for the one tick between box and item
+    placed: Array = column("u1")  # 1 once it was set up from its item
+    fresh: Array = column("u1")  # 1 in the tick in which it is set up, until boxes break
 
 
 class BoxItem(Component):

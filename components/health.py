@@ -2,7 +2,12 @@
 
 from typing import Any
 
+import numpy as np
+
 from outlast.ecs import Array, Component, column, kernel
+
+MOST = 1_000_000  # hit points: the most that a number of a mechanic may say
+LARGEST = 2**31 - 1  # hit points that a column holds
 
 
 class Health(Component):
@@ -46,7 +51,7 @@ def hurt(health: Any, guard: Any, e: int, amount: int, cause: int, source: int, 
     if immune(guard, e, source):
         return False
     before = health.points[e]
-    health.points[e] = before - amount
+    health.points[e] = min(max(np.int64(before) - amount, -LARGEST), LARGEST)
     if before > 0 or health.doomed[e] == tick:
         health.cause[e] = cause
         health.source[e] = source

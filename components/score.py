@@ -4,7 +4,7 @@ from outlast.ecs import Array, Signal, Singleton, Statistic, column
 
 
 class Score(Singleton):
-    """By side: members alive, and deaths and kills of this tick. Written by rewards."""
+    """By side: members alive, and deaths and kills of this tick. Written by ending.count."""
 
     alive: Array = column("i4", "sides")
     deaths: Array = column("i4", "sides")

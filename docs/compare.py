@@ -1,6 +1,6 @@
 """Our episodes under random actions beside the original's, for docs/paper.md: python docs/compare.py (half a minute).
 
-Writes docs/statistics.csv from what tests/test_statistics.py plays and compares.
+Writes docs/statistics.csv from what tests/mechanics/test_statistics.py plays and compares.
 """
 
 import csv
@@ -13,8 +13,8 @@ FIELDS = ("variant", "quantity", "original", "episodes", "outlast", "our episode
 
 def main() -> None:
     """Play every variant and write the table."""
-    sys.path.insert(0, str(DOCS.parent / "tests"))
-    from test_statistics import EPISODES, TABLE, VARIANTS, errors_apart, play
+    sys.path.insert(0, str(DOCS.parent))
+    from tests.mechanics.test_statistics import EPISODES, TABLE, VARIANTS, errors_apart, play
 
     with (DOCS / "statistics.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

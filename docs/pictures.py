@@ -11,10 +11,10 @@ import numpy as np
 import outlast
 from outlast.components import Bag, Body, Item, Shape
 from outlast.ecs import Entity
-from outlast.envs.policies import POLICIES
-from outlast.envs.render import draw
-from outlast.envs.vector import SurvivalVectorEnv
-from outlast.envs.views import VIEWS, Cameras, Scene
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rendering.layers import VIEWS, Cameras, Scene
+from outlast.envs.rendering.rgb import draw
+from outlast.envs.rollout.policies import POLICIES
 
 DOCS = Path(__file__).resolve().parent
 GAP = 8  # white pixels between panels

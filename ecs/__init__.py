@@ -1,8 +1,9 @@
 """The engine: components, systems, schedule, runner. It knows no game.
 
-Read in this order: component (nouns), access and module (verbs and their numbers), phase and schedule (the order),
-layout (where it all lies), frame and view (how kernels come by it), tick (the order as code), cache and stored (that
-code on disk), worlds (a batch of worlds, and the threads), lanes (sixteen rows at a time).
+Read in this order: component (nouns), access, system, numbers and module (verbs and their numbers), phase and schedule
+(the order), layout (where it all lies), frame and view (how kernels come by it), tick (the order as code), cache and
+stored (that code on disk), references and fingerprint (what it depends on), worlds (a batch of worlds, and the
+threads), lanes (sixteen rows at a time).
 """
 
 from .access import Add, Bits, Cause, Random, Rank, Read, Rows, Scratch, Write
@@ -22,9 +23,11 @@ from .component import (
 )
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
 from .jit import kernel
-from .layout import Layout
-from .module import Archetype, Module, System, number
+from .layout import Archetype, Layout
+from .module import Module
+from .numbers import number
 from .phase import Phase, When
+from .system import System
 from .tick import RESET, SKIP, STEP
 from .worlds import Worlds
 

@@ -67,6 +67,7 @@ class Parameter:
     name: str
     kind: str
     components: tuple[type[Component], ...] = ()
+    type: type = object  # of a number: int, float, bool or tuple
 
 
 def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
@@ -82,9 +83,9 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     if get_origin(hint) in SELECTIONS:
         return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))
     if hint in (int, float, bool):
-        return Parameter(name, "number")
+        return Parameter(name, "number", type=hint)
     if get_origin(hint) is tuple:
-        return Parameter(name, "numbers")
+        return Parameter(name, "numbers", type=tuple)
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
         "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bits[A, ...], Rank[A, ...], Random, Scratch, Cause, int, "

@@ -9,32 +9,46 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import platformdirs
 
-from .fingerprint import fingerprint
+from .fingerprint import Code
 from .jit import entry
-from .module import System
 from .stored import FULL, StoredCode, keep, warn_not_kept, write
+from .system import System
 
 LOADED: dict[Any, Any] = {}  # functions by file and kernels
+STAMPS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what kernels depended on when a tick last took them
 
 
-def load(source: str, names: dict[str, Any], systems: Sequence[System], jit: bool) -> Any:
+def load(source: str, names: dict[str, Any], systems: Sequence[System], code: Code | None) -> Any:
     """Write `source` into the cache folder, run it with `names` in scope, and mark its function for compilation.
 
     Worlds of one structure share one function in a process: it is loaded once, however many environments come and go.
+    code: what the systems compile to; None: it stays plain Python, which looks up everything anew.
     """
-    name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
-    path = cache_folder() / fingerprint(systems) / f"{name}.py"
+    name, jit = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16], code is not None
+    path = cache_folder() / (code.fingerprint if code else "python") / f"{name}.py"
     key = (path, jit, *(system.kernel for system in systems))
     if key not in LOADED:
+        if code:
+            _forget_stale(code)
         written = _written(path, source)
         tick = _function(path, source, names)
         LOADED[key] = entry(tick) if jit else tick
         if jit and written:
             keep(LOADED[key])
     return LOADED[key]
+
+
+def _forget_stale(code: Code) -> None:
+    """Have numba compile those kernels again whose code, or a constant of whose, is not as when it compiled them."""
+    for kernel, stamp in code.stamps():
+        if getattr(kernel, "overloads", None) and STAMPS.get(kernel) != stamp:
+            kernel._make_finalizer()()
+            kernel._reset_overloads()
+        STAMPS[kernel] = stamp
 
 
 def _written(path: Path, source: str) -> bool:

@@ -91,6 +91,11 @@ class Component:
             cls.packed = packed
         if not columns:
             return  # a base such as Singleton
+        if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
+            raise DeclarationError(
+                f"{cls.__name__}.{filled[0]}: columns with memory of their own begin as 0; "
+                "leave out fill, and write the value in a system that runs at reset"
+            )
         cls.columns, cls.order = columns, order
         cls.Table = _table_type(cls)
 
@@ -99,6 +104,11 @@ class Component:
             if name not in self.columns:
                 known = ", ".join(self.columns)
                 raise DeclarationError(f"{type(self).__name__} has no column '{name}'; it has: {known}")
+        if fills and not self.packed:
+            raise DeclarationError(
+                f"{type(self).__name__}({next(iter(fills))}=...): it has memory of its own, which begins as 0; "
+                "write the value in a system that runs at reset"
+            )
         self.fills = fills
 
     @classmethod
@@ -119,9 +129,27 @@ class Singleton(Component):
 class Action(Singleton, packed=False):
     """What the learner sets. Integer columns; `low` and `high` are the range of each."""
 
+    def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
+        super().__init_subclass__(order, packed)
+        for name, value in cls.columns.items():
+            if value.dtype.kind != "i" or not (np.isfinite([value.low, value.high]).all() and value.low < value.high):
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} is {value.dtype} from {value.low} to {value.high}: an action is a signed "
+                    "integer with a finite low below a finite high"
+                )
+
 
 class Observation(Singleton, packed=False):
-    """What the learner sees: buffers that a face hands out; the column's key is the observation's key."""
+    """What the learner sees: buffers that a face hands out; the column's key is the observation's key.
+
+    Columns are float32, as the spaces of observations say.
+    """
+
+    def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
+        super().__init_subclass__(order, packed)
+        for name, value in cls.columns.items():
+            if value.dtype != np.float32:
+                raise DeclarationError(f"{cls.__name__}.{name} is {value.dtype}: observations are float32, 'f4'")
 
 
 class Signal(Singleton, packed=False):

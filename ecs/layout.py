@@ -6,18 +6,31 @@ signals) have contiguous buffers of their own.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from .component import Action, Clock, Component, Entity, Singleton
+from .component import Action, Clock, Component, Entity, Observation, Signal, Singleton, Statistic
 from .errors import DeclarationError
 from .lanes import LANES
-from .module import Archetype, Module
 from .random import stream_number
 
 ALIGN = 64  # bytes: a cache line
+
+
+@dataclass(frozen=True)
+class Archetype:
+    """`count` entities of one kind and the birth values of their components.
+
+    Several modules may speak of the same archetype: counts add up, components join. A count of 0 extends
+    an archetype that another module declares.
+    """
+
+    name: str
+    parts: tuple[Component, ...]
+    count: int = 0
+    alive: bool = True  # in the world right after reset
 
 
 @dataclass(frozen=True)
@@ -33,12 +46,13 @@ class Place:
 class Layout:
     """The shape of a scenario's worlds, without their number.
 
-    archetypes: name -> Archetype, in row order. spans: name -> range of rows. dims: name -> size.
-    places: every column. template: bytes of a world right after reset, before anything random is drawn.
+    modules: instances of ecs.module.Module, in order of their names. archetypes: name -> Archetype, in row order.
+    spans: name -> range of rows. dims: name -> size. places: every column. template: bytes of a world right after
+    reset, before anything random is drawn.
     """
 
-    def __init__(self, modules: Sequence[Module]) -> None:
-        self.modules = sorted(modules, key=lambda module: (module.name(), type(module).__name__))
+    def __init__(self, modules: Sequence[Any]) -> None:
+        self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.archetypes = _merge(a for module in self.modules for a in module.archetypes())
         self.spans: dict[str, range] = {}
         start = 0
@@ -57,6 +71,8 @@ class Layout:
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
+        for base in (Action, Observation, Signal, Statistic):
+            _check_keys(base, self.components)
         self.places, self.world_bytes = self._place()
         self.template = self._template()
 
@@ -83,6 +99,26 @@ class Layout:
         rows = self.rows(*components)
         index[rows] = np.arange(len(rows))
         return index
+
+    def numbers(self, module: str) -> dict[str, Any]:
+        """The numbers of the module of that name, or of an heir of it, by their own names; none without one."""
+        found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
+        return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
+
+    def births(self, component: type[Component], column: str) -> dict[str, Any]:
+        """By name of the archetypes that have the component: the birth value of that column, one or one an entity."""
+        fill = component.columns[column].fill
+        parts = ((name, part) for name, archetype in self.archetypes.items() for part in archetype.parts)
+        return {name: part.fills.get(column, fill) for name, part in parts if type(part) is component}
+
+    def check_count(self, component: type[Component], dim: str) -> None:
+        """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+        count, size = len(self.rows(component)), self.dims.get(dim, 0)
+        if count != size:
+            raise DeclarationError(
+                f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: whoever brings more "
+                f"of them says so, as in def dims(self): return {{'{dim}': self.count}}"
+            )
 
     @property
     def actions(self) -> list[tuple[type[Component], str]]:
@@ -134,6 +170,20 @@ class Layout:
             for part in archetype.parts:
                 _fill(self.columns(block, type(part)), (0, span), part)
         return np.ascontiguousarray(block[0])
+
+
+def _check_keys(base: type[Component], components: Iterable[type[Component]]) -> None:
+    """DeclarationError if two columns of a kind are published under one key: only one of them would be seen."""
+    owners: dict[str, str] = {}
+    for component in components:
+        for name, column in component.columns.items() if issubclass(component, base) else ():
+            key, owner = column.key or name, f"{component.__module__}.{component.__qualname__}.{name}"
+            if key in owners:
+                raise DeclarationError(
+                    f"{owners[key]} and {owner} are both the {base.__name__.lower()} '{key}'; rename one of the "
+                    'columns, or give it another key: column(..., key="mine")'
+                )
+            owners[key] = owner
 
 
 def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:

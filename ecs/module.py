@@ -8,104 +8,78 @@
     def sicken(health: Write[Health], agents: Rows[Health, Venom], dose: int):
         ...
 
-On and off means in the scenario's list of modules, or not.
+On and off means in the scenario's list of modules, or not. A mechanic's name is its class's in snake case ("poison"),
+or what the class attribute `name` says; its numbers are "poison_dose" and its systems "poison.sicken".
 """
 
-import math
-from collections.abc import Callable, Iterable
+import dataclasses
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
-import numpy as np
-
-from .access import Parameter, parameters
-from .component import Component, Singleton
+from .access import parameters
+from .component import Singleton
 from .errors import DeclarationError, NumberError
 from .jit import kernel
+from .layout import Archetype, Layout
+from .numbers import checked, kind_of
 from .phase import Phase
-
-if TYPE_CHECKING:
-    from .layout import Layout
+from .references import check_random
+from .system import System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def number(
-    default: Any,
-    *,
-    low: float = -math.inf,
-    high: float = math.inf,
-    above: float = -math.inf,
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """A module's number with its range: low <= value <= high and value > above; or one of `choices`."""
-    return field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
-
-
-@dataclass(frozen=True)
-class Archetype:
-    """`count` entities of one kind and the birth values of their components.
-
-    Several modules may speak of the same archetype: counts add up, components join. A count of 0 extends
-    an archetype that another module declares.
-    """
-
-    name: str
-    parts: tuple[Component, ...]
-    count: int = 0
-    alive: bool = True  # in the world right after reset
-
-
-@dataclass(frozen=True)
-class System:
-    """One step of the tick: a kernel for ONE world, its phase, and what its parameter list declares."""
-
-    module: str
-    name: str
-    phase: Phase
-    function: Callable[..., Any]
-    kernel: Callable[..., Any]
-    parameters: tuple[Parameter, ...]
-    after: tuple[str, ...]
-    before: tuple[str, ...]
-    compiled: bool
-
-    @property
-    def label(self) -> str:
-        """Its name everywhere: "module.system"."""
-        return f"{self.module}.{self.name}"
-
-
 @dataclass(frozen=True)
 class Module:
-    """Base of all mechanics. Checks its numbers when made; raises NumberError."""
+    """Base of all mechanics. Checks its numbers when made; raises NumberError.
 
-    registered: ClassVar[list[System]] = []
-    known: ClassVar[set[str]] = set()  # every system ever registered, to tell a typo from a mechanic left out
+    A subclass of a mechanic has its numbers and systems, under its own name, and takes its place in a scenario.
+    """
+
+    name: ClassVar[str] = ""  # unique in a scenario; by default the class's name in snake case
+    registered: ClassVar[list[System]] = []  # the systems of this class, without those of its bases
     cause: ClassVar[str] = ""  # the name of the harm this module does, if it does any
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
+        for item in fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
+            given = vars(cls).get(item.name, dataclasses.MISSING)
+            if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # a default of its own
+                cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
+                setattr(cls, item.name, field(default=given, metadata=item.metadata))
+        if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
+            cls.name = _snake_case(cls.__name__)
+        if not re.fullmatch("[a-z][a-z0-9_]*", str(cls.name)):
+            raise DeclarationError(
+                f"{cls.__module__}.{cls.__qualname__} has the name {cls.name!r}: a text of small letters, digits and "
+                'underscores is needed, such as name = "swamp"'
+            )
 
     def __post_init__(self) -> None:
+        annotations = vars(type(self)).get("__annotations__", {})
+        own = [name for name, kind in annotations.items() if "ClassVar" not in str(kind)]
+        if own and "__dataclass_fields__" not in vars(type(self)):
+            raise DeclarationError(
+                f"{type(self).__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
+                f"@dataclass(frozen=True) above class {type(self).__name__}"
+            )
         for item in fields(self):
             if hasattr(Module, item.name):
                 raise DeclarationError(
-                    f"{self.name()} has a number '{item.name}', which hides Module.{item.name}; rename it"
+                    f"{self.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "
+                    "attribute, as the mechanic's own name, has no annotation, or one with ClassVar)"
                 )
-            value = _checked(f"{self.name()}.{item.name}", getattr(self, item.name), item.default, item.metadata)
+            name = f"{self.name}.{item.name}"
+            value = checked(name, getattr(self, item.name), kind_of(name, item), item.metadata)
             object.__setattr__(self, item.name, value)
 
     @classmethod
-    def name(cls) -> str:
-        """The module's name: the last part of the file it lives in, e.g. "zone"; its systems are "zone.burn"."""
-        file = cls.__module__.rsplit(".", 1)[-1]
-        return cls.__name__.lower() if file == "__main__" else file
-
-    @classmethod
     def slot(cls) -> type["Module"]:
-        """Modules of one slot exclude each other (free-for-all and teams, say). By default: the class itself."""
-        return cls
+        """Modules of one slot exclude each other (free-for-all and teams, say). By default: a class and its heirs."""
+        base = cls.__mro__[1]
+        return base.slot() if issubclass(base, Module) and base._all_systems() else cls
 
     @classmethod
     def system(
@@ -120,22 +94,46 @@ class Module:
 
         after, before: labels of systems of the same phase. compiled=False: stays Python and splits the tick there.
         """
+        if not isinstance(phase, Phase):
+            raise DeclarationError(
+                f"{cls.__name__}.system is given {phase!r:.60}: a phase comes first, as in "
+                f"@{cls.__name__}.system(Phase.NAME)"
+            )
 
         def register(function: Function) -> Function:
-            inner = kernel(function) if compiled else function
+            label = f"{cls.name}.{function.__name__}"
             declared = parameters(function)
+            check_random(function, label)
+            inner = kernel(function) if compiled else function
             system = System(
-                cls.name(), function.__name__, phase, function, inner, declared, _names(after), _names(before), compiled
+                cls.name, function.__name__, phase, function, inner, declared, _names(after), _names(before), compiled
             )
             cls.registered.append(system)
-            Module.known.add(system.label)
             return inner
 
         return register
 
     def systems(self) -> Iterable[System]:
-        """The systems to schedule; a module may choose among its registered ones by its numbers."""
-        return self.registered
+        """The systems to schedule, inherited ones included; a module may choose among them by its numbers.
+
+        A system of a subclass replaces an inherited one of the same name.
+        """
+        return type(self)._all_systems()
+
+    @classmethod
+    def _all_systems(cls) -> list[System]:
+        found: list[System] = []
+        for base in reversed(cls.__mro__):
+            if issubclass(base, Module):
+                own = {system.name for system in base.registered}
+                found = [system for system in found if system.name not in own] + base.registered
+        return [system if system.module == cls.name else system.inherited(cls.name) for system in found]
+
+    @classmethod
+    def labels(cls) -> set[str]:
+        """The systems of all mechanics that are imported, to tell a typo from a mechanic that is left out."""
+        found = {system.label for system in cls._all_systems()}
+        return found.union(*(heir.labels() for heir in cls.__subclasses__()))
 
     def archetypes(self) -> Iterable[Archetype]:
         """The entities this module brings or extends."""
@@ -151,57 +149,49 @@ class Module:
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         """Memory for the Scratch parameter `name`: an array (any object for a Python system), made once a thread."""
-        raise DeclarationError(f"{self.name()} has the Scratch parameter '{name}' but no scratch()")
+        raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
-    def check(self, layout: "Layout") -> None:
+    def check(self, layout: Layout) -> None:
         """Refuse (NumberError) numbers that are impossible together with what the other modules bring."""
+
+    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+        """Bounds of observations that follow from the scenario's numbers; the spaces of all environments have them.
+
+        Args:
+            layout: what all modules of the scenario bring.
+
+        Returns:
+            By key of an observation, its lowest and its highest value, in the column's own unit: numbers, or arrays
+            that broadcast to the column's shape. They must hold in every tick, whatever the agents do, and have 0
+            between them, which stands for what is not there.
+
+        What several modules say of one key becomes the widest range of all. So a mechanic that breaks another one's
+        bounds (by moving agents out of the room, say) states its own; keys that a scenario lacks are passed over.
+        """
+        return {}
 
     def replace(self, **numbers: Any) -> Self:
         """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
         known = [item.name for item in fields(self)]
         for key in numbers:
             if key not in known:
-                raise NumberError(f"{self.name()} has no number '{key}'; it has: {', '.join(known) or 'none'}")
+                raise NumberError(f"{self.name} has no number '{key}'; it has: {', '.join(known) or 'none'}")
         return type(self)(**{name: numbers.get(name, getattr(self, name)) for name in known})
 
     def value(self, name: str) -> Any:
-        """The number `name` as kernels get it: a choice becomes its index."""
+        """The number `name` as kernels get it: a choice becomes its index. DeclarationError if there is none."""
         for item in fields(self):
             if item.name == name:
                 choices = item.metadata.get("choices")
                 value = getattr(self, name)
                 return choices.index(value) if choices else value
-        raise DeclarationError(f"{self.name()} has no number '{name}', which one of its systems asks for")
+        raise DeclarationError(f"{self.name} has no number '{name}', which one of its systems asks for")
 
 
 def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names
 
 
-def _checked(name: str, value: Any, default: Any, rule: Any) -> Any:
-    """`value` in the type of `default`, on which the compiled tick depends; NumberError unless it keeps to `rule`."""
-    if rule.get("choices"):
-        if not isinstance(value, str) or value not in rule["choices"]:
-            raise NumberError(f"{name} = {value!r}: allowed are {', '.join(map(repr, rule['choices']))}")
-        return value
-    if isinstance(default, tuple):
-        if not isinstance(value, (tuple, list)):
-            raise NumberError(f"{name} = {value!r}: a tuple of numbers is needed")
-        return tuple(_checked(f"{name}[{k}]", element, 0.0, rule) for k, element in enumerate(value))
-    if isinstance(default, bool):
-        if not isinstance(value, (bool, np.bool_)):
-            raise NumberError(f"{name} = {value!r}: True or False is needed")
-        return bool(value)
-    whole = isinstance(default, int)
-    limit = 2**31 - 1 if whole else 3e38  # what a column holds
-    real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
-    if not real or isinstance(value, bool) or not abs(value) <= limit:
-        needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
-        raise NumberError(f"{name} = {value!r}: {needed} is needed")
-    low, high, above = (
-        rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf))
-    )
-    if not low <= value <= high or not value > above:
-        least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
-        raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))
-    return int(value) if whole else float(value)
+def _snake_case(name: str) -> str:
+    """SafeZone as safe_zone, HTTPServer as http_server."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()

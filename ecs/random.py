@@ -33,6 +33,7 @@ TO_24_BITS = np.uint64(40)
 TO_53_BITS = np.uint64(11)
 ULP_24 = np.float32(2.0**-24)
 ULP_53 = np.float64(2.0**-53)
+NORMAL = 8.6  # no `normal` is farther from 0
 
 
 def stream_number(name: str) -> int:
@@ -94,7 +95,7 @@ def integer(key: Key, index: int, bound: int) -> np.int64:
 
 @kernel
 def normal(key: Key, index: int) -> Real:
-    """Standard normal float32 (Box-Muller on words 0 and 1); |value| <= 8.6: the logarithm gets 53 bits.
+    """Standard normal float32 (Box-Muller on words 0 and 1); |value| < NORMAL: the logarithm gets 53 bits.
 
     Computed in float64 and rounded once: compiled and uncompiled call the same libm, and a last-bit
     difference between two machines' libms survives the rounding only about once in 2**28 draws.

@@ -7,8 +7,9 @@ from itertools import pairwise
 from .access import SELECTIONS
 from .component import Component
 from .errors import ScheduleError
-from .module import Module, System
+from .module import Module
 from .phase import Phase
+from .system import System
 
 CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
 
@@ -44,7 +45,7 @@ def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Sche
         if one.label == two.label:
             raise ScheduleError(
                 f"two systems are called {one.label} ({one.function.__module__} and {two.function.__module__}): their "
-                "name decides their order and their random numbers; rename one of the functions or its file"
+                "name decides their order and their random numbers; rename one of the functions or its mechanic"
             )
     _check_present(systems, set(present))
     phases: dict[Phase, list[System]] = {}
@@ -74,14 +75,19 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
 def _order_phase(systems: Sequence[System]) -> list[System]:
     """Topological order by after/before, ties by label; then every conflicting pair must be connected."""
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
+    named: dict[str, set[str]] = {}  # the labels that a name stands for: a system's own, and those it is inherited by
+    for system in systems:
+        for name in (system.label, *system.aliases):
+            named.setdefault(name, set()).add(system.label)
     for system in systems:
         for label in system.after + system.before:
-            if label not in earlier and label not in Module.known:
+            if label not in named and label not in Module.labels():
                 raise ScheduleError(f"{system.label} is to run after or before '{label}', which no module registers")
-        earlier[system.label].update(label for label in system.after if label in earlier)
+        for label in system.after:
+            earlier[system.label] |= named.get(label, set())
         for label in system.before:
-            if label in earlier:
-                earlier[label].add(system.label)
+            for later in named.get(label, ()):
+                earlier[later].add(system.label)
     ordered: list[System] = []
     reach: dict[str, set[str]] = {}
     waiting = list(systems)

@@ -18,14 +18,18 @@ from typing import Any
 
 import numpy as np
 
+from .access import Parameter
 from .cache import load
 from .component import Clock, Component
+from .errors import DeclarationError
+from .fingerprint import Code
 from .frame import BLOCK, MODE, Plan
 from .jit import compiled, kernel
 from .layout import Layout
-from .module import Module, System
+from .module import Module
 from .phase import When
 from .random import stream_number
+from .system import System
 from .view import array_view, number_view, table_view
 
 SKIP, STEP, RESET = 0, 1, 2
@@ -91,7 +95,7 @@ class Writer:
 
     def _argument(self, system: System, parameter: Any) -> str:
         module = self.modules[system.label]
-        name = f"{module.name()}_{parameter.name}"
+        name = f"{module.name}_{parameter.name}"
         match parameter.kind:
             case "read":
                 return self._table(parameter.components[0], "r")
@@ -108,9 +112,9 @@ class Writer:
             case "cause":
                 return self._number(self.layout.causes.index(module.cause), name)
             case "numbers":
-                values = np.array(module.value(parameter.name), np.float32)
+                values = np.array(_value(module, system, parameter), np.float32)
                 return self._array(name, self.plan.constant(values), values.dtype)
-        return self._number(module.value(parameter.name), name)
+        return self._number(_value(module, system, parameter), name)
 
     def _number(self, value: Any, name: str) -> str:
         kind = "float32" if isinstance(value, float) else "int64"
@@ -160,6 +164,17 @@ class Writer:
         return name
 
 
+def _value(module: Module, system: System, parameter: Parameter) -> Any:
+    """The number that a parameter asks for. DeclarationError if it is of another type than annotated."""
+    value = module.value(parameter.name)
+    if type(value) is not parameter.type:
+        raise DeclarationError(
+            f"{system.label}: parameter '{parameter.name}' is annotated {parameter.type.__name__}, but kernels get "
+            f"this number as {type(value).__name__}; annotate it so"
+        )
+    return value
+
+
 @dataclass(frozen=True)
 class Segment:
     """A piece of the tick between two systems that stay Python: the function and its own arguments."""
@@ -174,9 +189,10 @@ def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> 
     """Generate the functions of a tick; with no Python system among them there is one; split: one a system."""
     result = []
     groups = [[system] for system in systems] if split else [list(g) for _, g in groupby(systems, lambda s: s.compiled)]
+    code = Code(systems) if compiled() else None
     for number, group in enumerate(groups or [[]]):  # without systems, time still goes on
         writer = Writer(layout, group, first=number == 0)
         source = writer.source()
-        function = load(source, writer.names, systems, writer.compiled)
+        function = load(source, writer.names, systems, code if writer.compiled else None)
         result.append(Segment(function, writer.plan, writer.compiled, source))
     return result

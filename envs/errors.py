@@ -21,6 +21,10 @@ class FaultError(RuntimeError):
     """A world is in a state that cannot go on; only a reset of that world helps."""
 
 
+class EndlessError(RuntimeError):
+    """Whole episodes are asked for, and one does not end."""
+
+
 class StateError(ValueError):
     """A saved state that is broken, or of another scenario."""
 

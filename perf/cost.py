@@ -23,8 +23,8 @@ from tqdm import tqdm
 
 from outlast import make_vec
 from outlast.ecs import RESET, STEP, Worlds
-from outlast.envs.policies import random_policy
-from outlast.envs.variants import VARIANTS
+from outlast.envs.rollout.policies import random_policy
+from outlast.envs.scenarios.variants import VARIANTS
 from perf.measure import alternate
 from perf.table import Table, options
 

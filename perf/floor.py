@@ -18,7 +18,7 @@ from outlast import Scenario
 from outlast.components import Body, Shape, Solid
 from outlast.ecs import RESET, Worlds
 from outlast.ecs.jit import entry, external
-from outlast.envs.variants import VARIANTS
+from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems.box2d import layout as at
 from perf.measure import DRAWS, LIMIT, Call, alternate, stepper
 from perf.rows import scenario
@@ -87,8 +87,8 @@ def build(start: Worlds, case: Scenario, w: int) -> tuple[Any, list[Any]]:
         )
         radius, half = float(shape.radius[w, e]), (float(shape.half_width[w, e]), float(shape.half_height[w, e]))
         outline = Box2D.b2CircleShape(radius=radius) if radius > 0 else Box2D.b2PolygonShape(box=half)
-        numbers = {"density": physics.density, "friction": physics.friction, "restitution": physics.restitution}
-        made.CreateFixture(shape=outline, **numbers)
+        numbers = {"friction": physics.friction, "restitution": physics.restitution}
+        made.CreateFixture(shape=outline, density=float(start[Solid].density[w, e]), **numbers)
         if e in range(*start.span("agent").indices(start.dims["rows"])):
             made.sleepingAllowed = False  # it is pushed all the time
             agents.append(made)

@@ -18,12 +18,12 @@ from tqdm import tqdm
 
 from outlast import make_vec
 from outlast.ecs import Worlds
-from outlast.envs.film import write
-from outlast.envs.film.codecs import CODECS
-from outlast.envs.policies import scripted_policy
-from outlast.envs.render import draw
-from outlast.envs.rollout import ticks
-from outlast.envs.views import VIEWS, View, select
+from outlast.envs.rendering.layers import VIEWS, View, select
+from outlast.envs.rendering.rgb import draw
+from outlast.envs.rendering.video import write
+from outlast.envs.rendering.video.codecs import CODECS
+from outlast.envs.rollout.local import ticks
+from outlast.envs.rollout.policies import scripted_policy
 from perf.table import Table, options
 
 SIZES = (256, 512)  # pixels

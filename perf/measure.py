@@ -1,6 +1,6 @@
 """Timing: what one step of a batch costs, and several things in turn so that their ratio can be trusted.
 
-Actions are random and episodes are cut after 100 steps, as when the original was timed: everybody is alive and busy.
+Actions are random and episodes are cut after 100 steps: everybody is alive and busy.
 Worlds are at all steps of their episodes at once.
 """
 
@@ -12,10 +12,11 @@ import numpy as np
 from outlast import Scenario, make_vec
 from outlast.components import End, Phase
 from outlast.ecs import RESET, STEP, Action, Worlds
-from outlast.envs.policies import random_policy
-from outlast.envs.spaces import published
+from outlast.envs.core.spaces import published
+from outlast.envs.rollout.policies import random_policy
 
 Call = Callable[[int], object]  # does step number k of something
+Timer = Callable[[], float]  # seconds of a call, the mean of a fixed number of them
 LIMIT = 100  # steps of an episode
 DRAWS = 50  # different actions, drawn ahead of the clock
 
@@ -62,8 +63,18 @@ def ticker(batch: Worlds) -> Call:
 
 def alternate(calls: Sequence[Call], rounds: int = 5, seconds: float = 0.2) -> np.ndarray:
     """Seconds a call, (rounds, calls): in every round each is called for `seconds`, one after the other."""
-    counts = [max(1, round(seconds / _once(call))) for call in calls]
-    return np.array([[_time(call, n) for call, n in zip(calls, counts, strict=True)] for _ in range(rounds)])
+    return in_turn([timer(call, seconds) for call in calls], rounds)
+
+
+def in_turn(timers: Sequence[Timer], rounds: int = 5) -> np.ndarray:
+    """What the timers say, (rounds, timers): one after the other in every round."""
+    return np.array([[each() for each in timers] for _ in range(rounds)])
+
+
+def timer(call: Call, seconds: float = 0.2, clock: Callable[[], float] = time.perf_counter) -> Timer:
+    """Times as many calls as take about `seconds` by `clock`."""
+    count = max(1, round(seconds / min(_time(call, 1, clock) for _ in range(3))))
+    return lambda: _time(call, count, clock)
 
 
 def micros(call: Call, worlds: int, rounds: int = 5, seconds: float = 0.2) -> float:
@@ -71,12 +82,8 @@ def micros(call: Call, worlds: int, rounds: int = 5, seconds: float = 0.2) -> fl
     return float(alternate([call], rounds, seconds).min() / worlds * 1e6)
 
 
-def _once(call: Call) -> float:
-    return min(_time(call, 1) for _ in range(3))
-
-
-def _time(call: Call, count: int) -> float:
-    start = time.perf_counter()
+def _time(call: Call, count: int, clock: Callable[[], float]) -> float:
+    start = clock()
     for k in range(count):
         call(k)
-    return (time.perf_counter() - start) / count
+    return (clock() - start) / count

@@ -1,22 +1,25 @@
-"""The tables and the plot of docs/performance.md, and README's table, from the results of one machine.
+"""The tables and the plot of docs/performance.md, and README's table, from the results of a machine.
 
     python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
 
-A document says where a table goes with a pair of comments, <!-- table NAME: column, ... --> and <!-- end -->; what is
-between them is replaced. NAME is a file of perf/results/MACHINE; the columns named are shown, all of them if none is.
+A document says where a table goes with a pair of comments, <!-- table NAME of MACHINE: column, ... --> and
+<!-- end -->; what is between them is replaced. NAME is a file of perf/results/MACHINE; the columns named are shown, all
+of them if none is. Tables that MACHINE has become its own, all others stay those of the machine that they name. Between
+<!-- machine of NAME --> and <!-- end --> goes the machine of that table of the document.
 """
 
 import argparse
 import re
 from pathlib import Path
 
-from perf.rows import ROWS
-from perf.table import FOLDER, read
+from perf.table import FOLDER, about, has, read
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (ROOT / "docs" / "performance.md", ROOT / "README.md")
-TABLE = re.compile(r"(<!-- table (?P<name>[\w-]+)(?:: (?P<columns>[^>]*?))? -->\n).*?(<!-- end -->)", re.DOTALL)
-MACHINE = re.compile(r"(<!-- machine -->).*?(<!-- end -->)", re.DOTALL)
+TABLE = re.compile(
+    r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
+)
+MACHINE = re.compile(r"(<!-- machine of (?P<name>[\w-]+) -->).*?(<!-- end -->)", re.DOTALL)
 FIGURE = ROOT / "docs" / "performance.png"
 
 
@@ -28,32 +31,43 @@ def main() -> None:
     for document in DOCUMENTS:
         document.write_text(filled(document.read_text(), machine))
         print(document.relative_to(ROOT))
-    draw(machine)
-    print(FIGURE.relative_to(ROOT))
+    if has("worlds", machine):
+        draw(machine)
+        print(FIGURE.relative_to(ROOT))
 
 
-def filled(text: str, machine: str) -> str:
-    """The text of a document with the tables of `machine`."""
+def filled(text: str, machine: str | None = None) -> str:
+    """The text of a document with its tables as they are kept, those of `machine` where it has them."""
+    shown: dict[str, str] = {}  # the machine of each table
 
     def table(match: re.Match[str]) -> str:
-        rows = read(match["name"], machine)
-        columns = match["columns"].split(", ") if match["columns"] else list(rows[0])
-        lines = ["| " + " | ".join(columns) + " |", "|---|" + "---:|" * (len(columns) - 1)]
+        name, own = match["name"], machine if machine and has(match["name"], machine) else match["machine"]
+        shown[name] = own
+        header, rows = read(name, own)
+        columns = match["columns"].removeprefix(": ").split(", ") if match["columns"] else header
+        lines = [f"<!-- table {name} of {own}{match['columns'] or ''} -->"]
+        lines += ["| " + " | ".join(columns) + " |", "|---|" + "---:|" * (len(columns) - 1)]
         lines += ["| " + " | ".join(row[column] for column in columns) + " |" for row in rows]
-        return match[1] + "\n".join(lines) + "\n" + match[4]
+        return "\n".join([*lines, "<!-- end -->"])
 
-    line = (FOLDER / machine / "machine.txt").read_text().strip()
-    return TABLE.sub(table, MACHINE.sub(rf"\g<1>{line}\g<2>", text))
+    def line(match: re.Match[str]) -> str:
+        return match[1] + about(match["name"], shown[match["name"]]) + match[3]
+
+    text = TABLE.sub(table, text)
+    return MACHINE.sub(line, text)
 
 
 def draw(machine: str) -> None:
-    """World-steps a second against the number of worlds: ours, plain Box2D, the original."""
+    """World-steps a second against the number of worlds: ours, plain Box2D, the original if it was timed there, too."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    rows = read("worlds", machine)
+    _, rows = read("worlds", machine)
+    originals = (
+        {row["row"]: row["original"] for row in read("original", machine)[1]} if has("original", machine) else {}
+    )
     names = [name for name in rows[0] if name != "worlds" and not name.endswith(" box2d")]
     figure, axes = pyplot.subplots(1, len(names), figsize=(4.6 * len(names), 3.6), sharey=True, squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
@@ -63,13 +77,13 @@ def draw(machine: str) -> None:
         ):
             points = [(int(row["worlds"]), 1e6 / float(row[column])) for row in rows if row[column]]
             axis.loglog(*zip(*points, strict=True), marker="o", markersize=4, color=colour, label=label)
-        original = next(row for row in ROWS if row.name == name).original
-        axis.axhline(1e6 / original, color="#666666", linestyle="--", label="the original")
+        if name in originals:
+            axis.axhline(1e6 / float(originals[name]), color="#666666", linestyle="--", label="the original")
         axis.set_title(name)
         axis.set_xlabel("worlds in the batch")
         axis.grid(alpha=0.3, which="major")
     axes[0, 0].set_ylabel("world-steps a second, one core")
-    axes[0, 0].legend(loc="center right", frameon=False)
+    axes[0, 0].legend(loc="best", frameon=False)
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=130)
 

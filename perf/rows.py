@@ -1,61 +1,63 @@
-"""The rows of the paper's two tables, and what the paper and the original implementation took for each.
+"""The rows of the paper's two tables: what is played in each, here and in the original implementation."""
 
-Microseconds a step. `paper`: the paper's tables, on its laptop. `simulation` and `step`: the original implementation,
-its simulation object's step alone and its whole env.step with observations and rewards, run unmodified on one core of a
-2.5 GHz Xeon (reference timings; minimum of three runs of 3000 steps). None: not measured.
-"""
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from dataclasses import dataclass
-
-from outlast import Scenario, variant
+from outlast import ALIASES, Scenario, variant
 from outlast.systems import Boxes, Cameras, Heals
 
 
 @dataclass(frozen=True)
 class Row:
-    """One row: its scenario and the others' microseconds a step."""
+    """One row.
+
+    Attributes:
+        name: as in the paper, or the variant's.
+        scenario: ours.
+        paper: microseconds a step in the paper's table, measured on its laptop.
+        experiment: the original's configuration; empty where the row has no cameras, which its env.step needs.
+        counts: of agents, heals and boxes, where they are not those of that configuration.
+    """
 
     name: str
     scenario: Scenario
     paper: float
-    simulation: float | None
-    step: float | None
-
-    @property
-    def original(self) -> float:
-        """What ours is compared with: env.step where it was measured, else the simulation's step alone."""
-        return self.step if self.step is not None else self.simulation or float("nan")
-
-    @property
-    def simulation_only(self) -> bool:
-        """Whether the row stands for the simulation without observations: then ours is timed without them, too."""
-        return self.step is None
+    experiment: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
-def _features(agents: int, heals: int = 0, boxes: int = 0, cameras: bool = True) -> Scenario:
+def _crowd(paper: float, agents: int, heals: int = 0, boxes: int = 0, cameras: bool = True) -> Row:
     """A row of the first table: the variants' configuration, free for all, with only the counts changed."""
+    parts = [f"{agents} agents", "(no cameras)"] if not cameras else [f"{agents} agents"]
+    things = [f"{count} {what}" for count, what in ((heals, "heals"), (boxes, "boxes")) if count]
     scenario = variant("ffa_3").replace(n_agents=agents)
     scenario = scenario.replace(n_heals=heals) if heals else scenario.without(Heals)
     scenario = scenario.replace(n_boxes=boxes) if boxes else scenario.without(Boxes)
-    return scenario if cameras else scenario.without(Cameras)
+    name = ", ".join([" ".join(parts), *things])
+    if not cameras:
+        return Row(name, scenario.without(Cameras), paper)
+    return Row(name, scenario, paper, "1v1_all_mid", {"agents": agents, "heals": heals, "boxes": boxes})
 
 
+PAPER = {  # the second table
+    "1v1_heals_low": 759,
+    "1v1_heals_mid": 758,
+    "1v1_all_mid": 986,
+    "1v1_all_high": 1040,
+    "2v2_all_low": 1470,
+    "2v2_heals_mid": 1210,
+    "2v2_all_mid": 1400,
+    "2v2_all_high": 1420,
+}
 ROWS = (
-    Row("5 agents (no cameras)", _features(5, cameras=False), 477, 424, None),
-    Row("5 agents (no cameras), 10 heals", _features(5, 10, cameras=False), 494, 443, None),
-    Row("5 agents (no cameras), 10 heals, 10 boxes", _features(5, 10, 10, cameras=False), 507, 456, None),
-    Row("5 agents", _features(5), 572, 598, 1019),
-    Row("5 agents, 10 heals, 10 boxes", _features(5, 10, 10), 724, 831, 1721),
-    Row("10 agents, 10 heals, 20 boxes", _features(10, 10, 20), 1640, 1711, 3403),
-    Row("10 agents (no cameras), 10 heals, 20 boxes", _features(10, 10, 20, cameras=False), 803, 791, None),
-    Row("ffa_1", variant("ffa_1"), 759, None, 800),
-    Row("ffa_2", variant("ffa_2"), 758, None, 694),
-    Row("ffa_3", variant("ffa_3"), 986, None, 1077),
-    Row("ffa_4", variant("ffa_4"), 1040, None, 1049),
-    Row("teams_1", variant("teams_1"), 1470, None, 1588),
-    Row("teams_2", variant("teams_2"), 1210, None, 1186),
-    Row("teams_3", variant("teams_3"), 1400, None, 1471),
-    Row("teams_4", variant("teams_4"), 1420, None, 1502),
+    _crowd(477, 5, cameras=False),
+    _crowd(494, 5, 10, cameras=False),
+    _crowd(507, 5, 10, 10, cameras=False),
+    _crowd(572, 5),
+    _crowd(724, 5, 10, 10),
+    _crowd(1640, 10, 10, 20),
+    _crowd(803, 10, 10, 20, cameras=False),
+    *(Row(ALIASES[name], variant(name), micros, name) for name, micros in PAPER.items()),
 )
 
 

@@ -1,40 +1,75 @@
-"""Every row of the paper's two tables: how long a step takes, beside the paper's and the original's numbers.
+"""Every row of the paper's two tables: how long a step takes, and how long one of the original implementation.
 
-    python -m perf.step [--worlds 1 64 256 1024] [--save MACHINE]
+    python -m perf.step [--worlds 1 64 256 1024] [--original PYTHON:CHECKOUT] [--save MACHINE]
 
-A step is the whole of it: actions checked, physics, cameras, observations, rewards, statistics, autoreset. Of the rows
-without cameras the original's simulation step alone was measured; in these, ours leaves out the observations, too.
-Microseconds a world-step, best of five rounds. `outlast` is the best batch size; the last column is the original's
-time by that.
+A step is the whole of it: actions checked, physics, cameras, observations, rewards, statistics, autoreset. In the rows
+without cameras it is the simulation's alone, which is what the paper's first table timed: no observations, no checks.
+Microseconds of CPU time a world-step, best of five rounds. `outlast` is the best batch size; `paper` was measured by
+the paper's authors, on a laptop: it is not to be divided by ours.
+
+With --original (docs/performance.md tells how to get it) a second table puts both side by side: in every round the
+original's env.step is timed, then ours, the same 100 first steps of episodes under random actions. Rows without cameras
+are not in it, as the original's env.step needs them. `times faster` is the best of the original's rounds by our best;
+`round by round` tells how far apart the ratios of single rounds are.
 """
+
+import time
+from contextlib import nullcontext
 
 import numpy as np
 from tqdm import tqdm
 
-from perf.measure import micros, simulator, stepper
+from perf.measure import LIMIT, in_turn, simulator, stepper, timer
+from perf.original import NotTheOriginal, Original
 from perf.rows import ROWS, Row
 from perf.table import Table, options
 
+STEPS = 3000  # of the original, in a round
+
 
 def main() -> None:
-    """Measure all rows and print the table."""
+    """Measure all rows and print the tables."""
     parser = options(__doc__)
     parser.add_argument("--worlds", type=int, nargs="+", default=[1, 64, 256, 1024], help="batch sizes")
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--original", metavar="PYTHON:CHECKOUT", help="time the original, too, in turn with ours")
     given = parser.parse_args()
-    table = Table("step", "row", "paper", "original", *(f"{n} worlds" for n in given.worlds), "outlast", "times faster")
+    try:
+        with Original(given.original) if given.original else nullcontext() as original:
+            step, beside = measured(given.worlds, original)
+    except NotTheOriginal as problem:
+        parser.error(f"argument --original: {problem}")
+    step.finish(given.save)
+    if original:
+        beside.finish(given.save, f"the original: {original.about}")
+
+
+def measured(sizes: list[int], original: Original | None) -> tuple[Table, Table]:
+    """Our steps by batch size, and the original's beside the best of ours; that one is empty where there is none."""
+    step = Table("step", "row", "paper", *(f"{n} worlds" for n in sizes), "outlast")
+    beside = Table("original", "row", "original", "outlast", "times faster", "round by round")
     gains = []
     for row in tqdm(ROWS, unit="row"):
-        ours = [measure(row, worlds, given.threads) for worlds in given.worlds]
-        gains.append(row.original / min(ours))
-        table.add(row.name, row.paper, row.original, *ours, min(ours), gains[-1])
-    table.add("geometric mean", "", "", *[""] * len(given.worlds), "", float(np.exp(np.mean(np.log(gains)))))
-    table.finish(given.save)
+        theirs, ours = rounds(row, sizes, original)
+        best = ours.min(axis=0)
+        step.add(row.name, row.paper, *map(float, best), float(best.min()))
+        if theirs is not None:
+            gain, each = float(theirs.min() / best.min()), theirs / ours[:, best.argmin()]
+            gains += [] if row.counts else [gain]
+            spread = f"{each.min():.4g} to {each.max():.4g}"
+            beside.add(row.name, float(theirs.min()), float(best.min()), gain, spread)
+    if gains:
+        beside.add("geometric mean of the variants", "", "", float(np.exp(np.mean(np.log(gains)))), "")
+    return step, beside
 
 
-def measure(row: Row, worlds: int, threads: int) -> float:
-    """Microseconds a world-step of one row."""
-    return micros((simulator if row.simulation_only else stepper)(row.scenario, worlds, threads), worlds)
+def rounds(row: Row, sizes: list[int], original: Original | None) -> tuple[np.ndarray | None, np.ndarray]:
+    """Microseconds of CPU time a world-step in each round: the original's, (rounds,), and ours, (rounds, sizes)."""
+    make = stepper if row.experiment else simulator
+    timers = [timer(make(row.scenario, worlds), clock=time.process_time) for worlds in sizes]
+    if not (original and row.experiment):
+        return None, in_turn(timers) / sizes * 1e6
+    both = in_turn([original.timer(row.experiment, row.counts, STEPS, LIMIT), *timers]) * 1e6
+    return both[:, 0], both[:, 1:] / sizes
 
 
 if __name__ == "__main__":

@@ -28,9 +28,15 @@ class Table:
         widths = [max(len(line[k]) for line in lines) for k in range(len(self.columns))]
         return "\n".join(_line(line, widths) for line in lines)
 
-    def finish(self, machine: str | None) -> None:
-        """Print it; for a named machine also write it to perf/results/MACHINE/NAME.csv, whole or not at all."""
-        print(f"{self}\n")
+    def finish(self, machine: str | None, beside: str = "") -> None:
+        """Print it; for a named machine also write it to perf/results/MACHINE/NAME.csv, whole or not at all.
+
+        Args:
+            machine: the folder, or none.
+            beside: what else ran, besides what `describe` names.
+        """
+        told = "; ".join(filter(None, (describe(), beside)))
+        print(f"{self}\n{told}\n")
         if machine is None:
             return
         path = FOLDER / machine / f"{self.name}.csv"
@@ -39,13 +45,26 @@ class Table:
         with temporary.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
         os.replace(temporary, path)
-        (path.parent / "machine.txt").write_text(describe() + "\n")
+        line = path.with_suffix(".txt") if beside else path.with_name("machine.txt")
+        line.write_text(told + "\n")
 
 
-def read(name: str, machine: str) -> list[dict[str, str]]:
-    """The rows of a saved table."""
+def has(name: str, machine: str) -> bool:
+    """Whether that table of that machine is kept."""
+    return (FOLDER / machine / f"{name}.csv").exists()
+
+
+def read(name: str, machine: str) -> tuple[list[str], list[dict[str, str]]]:
+    """The columns and the rows of a saved table."""
     with (FOLDER / machine / f"{name}.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+        table = csv.DictReader(file)
+        return list(table.fieldnames or ()), list(table)
+
+
+def about(name: str, machine: str) -> str:
+    """The line about what a saved table was measured on."""
+    own = FOLDER / machine / f"{name}.txt"
+    return (own if own.exists() else own.with_name("machine.txt")).read_text().strip()
 
 
 def options(script: str | None) -> argparse.ArgumentParser:

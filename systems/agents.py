@@ -1,7 +1,7 @@
 """Agents: round bodies that someone steers, and what they are told of themselves and each other."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +22,12 @@ from outlast.components import (
     Spawned,
     Told,
 )
-from outlast.components.health import Death
+from outlast.components.health import MOST, Death
 from outlast.components.sight import MASKED, OMNISCIENT, told
-from outlast.ecs import Archetype, Bits, Entity, Module, Rank, Read, Rows, Scratch, Singleton, Write, number
+from outlast.ecs import Archetype, Bits, Entity, Layout, Module, Rank, Read, Rows, Scratch, Singleton, Write, number
 from outlast.ecs.lanes import LANES, bits, flags
 
+from .inner.places import moved
 from .inner.sweep import row, span
 
 
@@ -37,12 +38,11 @@ class Agents(Module):
     count: int = number(2, low=1)
     radius: float = number(0.5, low=0.002)  # metres
     density: float = number(1.0, above=0)  # kilograms per square metre
-    health: int = number(100, low=1)  # hit points at birth
+    health: int = number(100, low=1, high=MOST)  # hit points at birth
 
     def archetypes(self) -> Iterable[Archetype]:
-        mass = self.density * math.pi * self.radius**2
-        push = Push(inverse_mass=1 / mass, inverse_inertia=2 / (mass * self.radius**2))
-        parts = (Body(), Shape(radius=self.radius), Solid(dynamic=1), push, Spawned(), Side(), Guard(), Death())
+        solid = Solid(dynamic=1, density=self.density)
+        parts = (Body(), Shape(radius=self.radius), solid, Push(), Spawned(), Side(), Guard(), Death())
         return [Archetype("agent", (*parts, Health(points=self.health)), self.count)]
 
     def singletons(self) -> Iterable[Singleton]:
@@ -50,6 +50,17 @@ class Agents(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {"agents": self.count, "others": self.count - 1, "features": 8}
+
+    def check(self, layout: Layout) -> None:
+        layout.check_count(Side, "agents")
+
+    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+        """Health has no lowest value: the zone and others may take more than is left, and it is seen before death."""
+        far, most = moved(layout), layout.numbers("health").get("limit") or math.inf
+        sides = [layout.dims.get("sides", 1) - 1] * (layout.dims["features"] - 8)  # the team, if there are teams
+        low = [0, *[0] * len(sides), -math.inf, -far, -far, *[-math.inf] * 4]
+        high = [layout.dims["agents"] - 1, *sides, most, far, far, *[math.inf] * 4]
+        return {"self": (low, high), "others": (low, high)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return np.zeros(dims["groups"], np.int32)

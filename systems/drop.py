@@ -21,6 +21,8 @@ class DeathDrop(Module):
     (reference rules, section 6, point 5).
     """
 
+    name = "drop"
+
     radius: float = number(0.5, low=0)  # metres
     scatter: str = number("disc", choices=("disc", "rim"))
 

@@ -8,7 +8,21 @@ import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, Phase, Shape, Side, Sides
 from outlast.components.inventory import pop, push
-from outlast.ecs import Archetype, Array, Bits, Entity, Module, Read, Rows, Scratch, Singleton, Write, kernel, number
+from outlast.ecs import (
+    Archetype,
+    Array,
+    Bits,
+    Entity,
+    Module,
+    Rank,
+    Read,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+    kernel,
+    number,
+)
 
 from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, row, within, without
 
@@ -21,11 +35,15 @@ class GiveLast(Module):
 
     nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, and only if it is such an
     agent, as in the paper's runs (reference rules, section 6, point 4). If the taker's bag is full the giver keeps
-    the item.
+    the item. passes_on: who has nothing gives away what it is given in the same tick, if its turn comes later; an item
+    that two agents give to each other then comes straight back, as in the paper's runs.
     """
+
+    name = "give"
 
     reach: float = number(2.0, above=0)  # metres, centre to centre
     nearest: str = number("suitable", choices=("suitable", "any"))
+    passes_on: bool = number(False)
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Gift(),))]
@@ -38,10 +56,9 @@ class GiveLast(Module):
 
 
 @kernel
-def may_take(side: Array, sides: Array, agents: Array, me: int, e: int) -> bool:
+def may_take(side: Array, sides: Array, index: Array, me: int, e: int) -> bool:
     """Whether body `e` is an agent to whom `me` may give. Rows of other kinds have no side: it reads 0 there."""
-    is_agent = agents[0] <= e <= agents[agents.size - 1]
-    return bool(is_agent and (sides.teams[0] == 0 or side.side[e] == side.side[me]))
+    return bool(index[e] >= 0 and (sides.teams[0] == 0 or side.side[e] == side.side[me]))
 
 
 @GiveLast.system(Phase.GIVE)
@@ -55,18 +72,26 @@ def choose(
     sides: Read[Sides],
     entities: Read[Entity],
     agents: Rows[Gift],
+    index: Rank[Gift],
     bodies: Bits[Shape],
     extent: Scratch,
     groups: Scratch,
     reach: float,
     nearest: int,
+    passes_on: bool,
 ) -> None:
     """All takers are chosen before anything changes hands."""
-    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
+    laden = 0  # givers who have something; without one, nobody gets anything to pass on either
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1
-        if not entities.alive[me] or not give.give[i] or bag.count[me] == 0:
+        laden += entities.alive[me] != 0 and give.give[i] != 0 and bag.count[me] > 0
+    if laden == 0:
+        return
+    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
+    for i in range(agents.size):
+        me = agents[i]
+        if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
         closest = np.float32(np.inf)
         for k in range(count):
@@ -75,14 +100,14 @@ def choose(
             while left:
                 e = row(g, left)
                 left &= left - 1
-                if nearest != ANY and not may_take(side, sides, agents, me, e):
+                if nearest != ANY and not may_take(side, sides, index, me, e):
                     continue
                 x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
                 square = x * x + y * y
                 if square <= reach * reach and square < closest:
                     closest = square
                     gift.taker[me] = e
-        if gift.taker[me] >= 0 and not may_take(side, sides, agents, me, gift.taker[me]):
+        if gift.taker[me] >= 0 and not may_take(side, sides, index, me, gift.taker[me]):
             gift.taker[me] = np.int32(-1)
 
 

@@ -1,13 +1,32 @@
 """Heals: items that give their user hit points."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from outlast.components import Bag, Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Side, Spawned, Told
+from outlast.components.health import LARGEST, MOST
 from outlast.components.inventory import last
 from outlast.components.sight import told
-from outlast.ecs import Add, Archetype, Bits, Entity, Module, Rank, Read, Rows, Singleton, Write, number
+from outlast.ecs import (
+    Add,
+    Archetype,
+    Bits,
+    Entity,
+    Layout,
+    Module,
+    NumberError,
+    Rank,
+    Read,
+    Rows,
+    Singleton,
+    Write,
+    number,
+)
 
+from .inner.places import laid
 from .inner.sweep import row, span
 
 
@@ -17,7 +36,7 @@ class Heals(Module):
 
     count: int = number(15, low=1)
     radius: float = number(0.25, low=0.002)  # metres
-    amount: int = number(75, low=0)  # hit points
+    amount: int = number(75, low=0, high=MOST)  # hit points
 
     def archetypes(self) -> Iterable[Archetype]:
         parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))
@@ -28,6 +47,19 @@ class Heals(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {"heals": self.count}
+
+    def check(self, layout: Layout) -> None:
+        layout.check_count(Heal, "heals")
+        birth = layout.births(Health, "points").get("agent", 0)
+        if self.count * self.amount + birth > LARGEST:
+            raise NumberError(
+                f"heals.count = {self.count} times heals.amount = {self.amount} is more than the {LARGEST} hit points "
+                "that an agent can have; take fewer, or smaller ones"
+            )
+
+    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+        far, amounts = laid(layout), layout.births(Heal, "amount").values()
+        return {"heals": (-far, far), "heal_slot": (0, max(map(np.max, amounts)))}
 
 
 @Heals.system(Phase.EFFECT)
@@ -64,12 +96,12 @@ def see_slot(
     heal: Read[Heal],
     entities: Read[Entity],
     agents: Rows[Bag],
-    heals: Rows[Heal],
+    index: Rank[Heal],
 ) -> None:
     """The last slot of the bag, if it holds a heal."""
     for i in range(agents.size):
         e = agents[i]
         thing = last(bag, e)
-        held = entities.alive[e] != 0 and heals[0] <= thing <= heals[heals.size - 1]
+        held = entities.alive[e] != 0 and thing >= 0 and index[thing] >= 0
         view.heal_slot[i, 0, 0] = heal.amount[thing] if held else 0
         view.heal_slot_mask[i, 0] = 1 if held else 0

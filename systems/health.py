@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import Death, Health, Phase
+from outlast.components.health import MOST
 from outlast.ecs import Entity, Layout, Module, NumberError, Read, Rows, Write, number
 
 
@@ -16,12 +17,14 @@ class Mortality(Module):
     names that as its first flaw (section 5): nothing speaks against using a heal as soon as it is found.
     """
 
-    limit: int = number(0, low=0)  # hit points
+    name = "health"
+
+    limit: int = number(0, low=0, high=MOST)  # hit points
 
     def check(self, layout: Layout) -> None:
-        births = [part.fills.get("points", 0) for part in layout.archetypes["agent"].parts if isinstance(part, Health)]
-        if self.limit and births and births[0] > self.limit:
-            raise NumberError(f"health.limit = {self.limit}: agents are born with {births[0]}; take at least as many")
+        birth = layout.births(Health, "points").get("agent", 0)
+        if self.limit and birth > self.limit:
+            raise NumberError(f"health.limit = {self.limit}: agents are born with {birth}; take at least as many")
 
 
 @Mortality.system(Phase.RESPAWN)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, Weapon
-from outlast.components.health import hurt, immune
+from outlast.components.health import MOST, hurt, immune
 from outlast.ecs import Archetype, Bits, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
 
 from .inner.geometry import MISS, enters
@@ -25,7 +25,7 @@ class Melee(Module):
     cause: ClassVar[str] = "melee"
 
     reach: float = number(2.0, above=0)  # metres from the agent's centre
-    damage: int = number(5, low=0)  # hit points
+    damage: int = number(5, low=0, high=MOST)  # hit points
     cooldown: int = number(0, low=0)  # ticks without attack after one that met something; 0: every tick
     blocked: bool = number(False)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import Body, Drive, Phase, Push, Side, Steer
+from outlast.components import Body, Drive, Phase, Push, Side, Solid, Steer
+from outlast.components.body import inverse
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
@@ -33,6 +34,7 @@ class Motors(Module):
 def drive(
     body: Write[Body],
     push: Write[Push],
+    solid: Read[Solid],
     drive: Read[Drive],
     entities: Read[Entity],
     agents: Rows[Side, Push],
@@ -52,9 +54,10 @@ def drive(
         if give == 0:
             push.x[e], push.y[e], push.turn[e] = x, y, around
         else:
-            body.vx[e] += push.inverse_mass[e] * x
-            body.vy[e] += push.inverse_mass[e] * y
-            body.omega[e] += push.inverse_inertia[e] * around
+            lightness = inverse(solid.mass[e])
+            body.vx[e] += lightness * x
+            body.vy[e] += lightness * y
+            body.omega[e] += inverse(solid.inertia[e]) * around
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class Steering(Module):
     Not in the paper, which names its motors as a flaw (section 5, flaw 4): they take 37 ticks to slow an agent down to
     1/e. The numbers are what the highest level gives, ahead of the damping of physics and of contacts.
     """
+
+    name = "motors"
 
     speed: float = number(5.0, low=0)  # metres a second, ahead or to the left
     spin: float = number(math.pi, low=0)  # radians a second

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Fault, Phase, Push, Shape, Solid
+from outlast.components.body import inverse
 from outlast.ecs import (
     Array,
     Bits,
@@ -22,6 +23,7 @@ from outlast.ecs import (
     NumberError,
     Read,
     Real,
+    Rows,
     Scratch,
     Singleton,
     System,
@@ -40,7 +42,8 @@ from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populate
 
 MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
-ONE, ZERO = np.float32(1), np.float32(0)
+ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
+PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
 
 
 @dataclass(frozen=True)
@@ -51,11 +54,12 @@ class Contacts(Module):
     slower, the same results; "auto": native where the installed Box2D allows it.
     """
 
+    name = "physics"
+
     rate: float = number(60.0, above=0)  # substeps a second
     substeps: int = number(2, low=1)  # a tick
     velocity_iterations: int = number(10, low=1)
     position_iterations: int = number(10, low=1)
-    density: float = number(1.0, above=0)  # kilograms per square metre
     friction: float = number(0.2, low=0)
     restitution: float = number(0.0, low=0, high=1)
     linear_damping: float = number(0.8, low=0)  # per second
@@ -64,7 +68,7 @@ class Contacts(Module):
     bridge: str = number("auto", choices=("auto", "native", "portable"))
 
     def systems(self) -> Iterable[System]:
-        return [s for s in self.registered if s.name != "collide" or s.compiled == self.native()]
+        return [s for s in super().systems() if s.name != "collide" or s.compiled == self.native()]
 
     def singletons(self) -> Iterable[Singleton]:
         return [Fault()]
@@ -97,6 +101,23 @@ class Contacts(Module):
         return (native if self.native() else portable).make_arena()
 
 
+@Contacts.system(Phase.SPAWN, after="room.measure")
+def weigh(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
+    """Mass and moment of inertia of a disc or a rectangle, in Box2D's own order of operations. All in float32."""
+    for e in solids:
+        radius, width, height = shape.radius[e], shape.half_width[e], shape.half_height[e]
+        if radius > ZERO:
+            solid.mass[e] = solid.density[e] * PI * radius * radius
+            solid.inertia[e] = solid.mass[e] * (HALF * radius * radius)
+        else:
+            part = width * height  # the area of each of four triangles around the centre
+            wide, tall = width * width, height * height
+            lying, standing = wide + (tall + tall + tall), (wide + wide + wide) + tall
+            share = TWELFTH * (part + part)
+            solid.mass[e] = solid.density[e] * (part + part + part + part)
+            solid.inertia[e] = solid.density[e] * (share * lying + share * standing + share * lying + share * standing)
+
+
 @Contacts.system(Phase.MOVE)
 def approach(
     solid: Write[Solid],
@@ -120,7 +141,7 @@ def approach(
         while left:
             e = row(g, left)
             left &= left - 1
-            solid.reach[e] = travel(body, push, e, substeps / rate) + MARGIN
+            solid.reach[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
     for k in range(count):
         g = groups[GROUP, k]
         left = groups[SET, k] & bits(flags(solid.dynamic, LANES * g))
@@ -162,7 +183,6 @@ def collider(solve: Any) -> Any:
         substeps: int,
         velocity_iterations: int,
         position_iterations: int,
-        density: float,
         friction: float,
         restitution: float,
         linear_damping: float,
@@ -178,7 +198,6 @@ def collider(solve: Any) -> Any:
             substeps,
             velocity_iterations,
             position_iterations,
-            np.float32(density),
             np.float32(friction),
             np.float32(restitution),
             np.float32(linear_damping),
@@ -224,19 +243,25 @@ def fly(
             e = row(g, left)
             left &= left - 1
             if not solid.near[e]:
+                lightness, ease = inverse(solid.mass[e]), inverse(solid.inertia[e])
                 for _ in range(substeps):
-                    integrate(body, push, e, dt, slow, calm, np.float32(substeps))
+                    integrate(body, push, lightness, ease, e, dt, slow, calm, np.float32(substeps))
             body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
             if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
                 fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
 
 
 @kernel
-def integrate(body: Array, push: Array, e: int, dt: Real, slow: Real, calm: Real, parts: Real) -> None:
-    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32."""
-    vx = (body.vx[e] + push.inverse_mass[e] * (push.x[e] / parts)) * slow
-    vy = (body.vy[e] + push.inverse_mass[e] * (push.y[e] / parts)) * slow
-    omega = (body.omega[e] + push.inverse_inertia[e] * (push.turn[e] / parts)) * calm
+def integrate(
+    body: Array, push: Array, lightness: Real, ease: Real, e: int, dt: Real, slow: Real, calm: Real, parts: Real
+) -> None:
+    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32.
+
+    lightness, ease: 1 / mass and 1 / inertia.
+    """
+    vx = (body.vx[e] + lightness * (push.x[e] / parts)) * slow
+    vy = (body.vy[e] + lightness * (push.y[e] / parts)) * slow
+    omega = (body.omega[e] + ease * (push.turn[e] / parts)) * calm
     x, y = dt * vx, dt * vy
     if x * x + y * y > LONGEST * LONGEST:
         ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))

@@ -21,6 +21,8 @@ class AutoPickup(Module):
     must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
+    name = "pickup"
+
     reach: float = number(0.5, above=0)  # metres from the agent's centre
     touch: bool = number(True)
 

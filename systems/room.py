@@ -2,11 +2,17 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Solid
-from outlast.ecs import Archetype, Module, Rows, Singleton, Write, number
+from outlast.ecs import Archetype, Bits, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
+from outlast.ecs.lanes import LANES, bits, flags, lanes
+
+from .inner.sweep import present, row
+
+HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
 @dataclass(frozen=True)
@@ -16,6 +22,9 @@ class Room(Module):
     size: float = number(25.0, low=1)  # metres, side
     walls: bool = number(True)
     thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the side
+
+    def systems(self) -> Iterable[System]:
+        return [system for system in super().systems() if self.walls or system.name != "hold"]
 
     def archetypes(self) -> Iterable[Archetype]:
         if not self.walls:
@@ -35,3 +44,37 @@ def measure(shape: Write[Shape], bodies: Rows[Shape]) -> None:
     for e in bodies:
         x, y = shape.half_width[e], shape.half_height[e]
         shape.bound[e] = max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
+
+
+@Room.system(Phase.MOVE, after="physics.fly")
+def hold(
+    body: Write[Body],
+    solid: Read[Solid],
+    shape: Read[Shape],
+    floor: Read[Floor],
+    entities: Read[Entity],
+    solids: Bits[Solid],
+    thickness: float,
+) -> None:
+    """Who was pushed through a wall, as by a box that reaches into it, is back at its inner side, and at rest there."""
+    middle = HALF * floor.size[0]
+    inside = middle * (ONE - thickness)
+    for g in range(solids.size):
+        beyond = (abs(lanes(body.x, LANES * g)) > middle) | (abs(lanes(body.y, LANES * g)) > middle)
+        left = bits(beyond & flags(solid.dynamic, LANES * g)) & present(entities, solids, g)
+        while left:
+            e = row(g, left)
+            left &= left - 1
+            room = max(inside - shape.bound[e], ZERO)
+            body.x[e], body.vx[e] = held(body.x[e], body.vx[e], middle, room)
+            body.y[e], body.vy[e] = held(body.y[e], body.vy[e], middle, room)
+
+
+@kernel
+def held(place: Any, speed: Any, middle: Any, room: Any) -> Any:
+    """Place and speed along one axis of a body whose centre may be beyond the middle of a wall."""
+    if place > middle:
+        return room, min(speed, ZERO)
+    if place < -middle:
+        return -room, max(speed, ZERO)
+    return place, speed

@@ -13,6 +13,8 @@ from outlast.ecs import Layout, Module, NumberError, Rows, Singleton, Write, num
 class FreeForAll(Module):
     """Every agent is a side of its own."""
 
+    name = "sides"
+
     @classmethod
     def slot(cls) -> type[Module]:
         return FreeForAll
@@ -37,6 +39,8 @@ class Teams(Module):
 
     Members cannot hurt each other, give only to each other, and share their rewards.
     """
+
+    name = "sides"
 
     count: int = number(2, low=1)
 

@@ -18,6 +18,8 @@ class Cells(Singleton):
 class SpawnGrid(Module):
     """Cells on a side; at most one body a cell, whatever its kind (reference rules, section 1)."""
 
+    name = "spawn"
+
     cells: int = number(8, low=1)
 
     def singletons(self) -> Iterable[Singleton]:

@@ -1,14 +1,14 @@
 """The safe zone: a circle that stands, then shrinks and moves, and hurts whoever is outside."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from outlast.components import Body, Floor, Guard, Health, Phase, Side, Zone, ZoneView
-from outlast.components.health import hurt
+from outlast.components.health import MOST, hurt
 from outlast.ecs import (
     Array,
     Cause,
@@ -27,6 +27,8 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import uniform2
 
+from .inner.places import ROUNDED
+
 HALF = np.float32(0.5)
 
 
@@ -38,12 +40,13 @@ class SafeZone(Module):
     over where the circle fits into the room. "middle": always the origin.
     """
 
+    name = "zone"
     cause: ClassVar[str] = "zone"
 
     radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
     stand: int = number(100, low=0)  # ticks
     shrink: int = number(100, low=1)  # ticks
-    harm: int = number(1, low=0)  # hit points a tick outside
+    harm: int = number(1, low=0, high=MOST)  # hit points a tick outside
     centres: str = number("random", choices=("random", "middle"))
 
     def singletons(self) -> Iterable[Singleton]:
@@ -55,11 +58,21 @@ class SafeZone(Module):
     def check(self, layout: Layout) -> None:
         if not self.radii:
             raise NumberError("zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
-        size = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
+        size = _size(layout)
         if max(self.radii) > size / 2:
             raise NumberError(
                 f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
             )
+
+    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+        far, most = _size(layout) / 2 * ROUNDED, max(self.radii) * ROUNDED
+        return {"zone": ([-far, -far, 0] * 2, [far, far, most] * 2)}
+
+
+def _size(layout: Layout) -> float:
+    """Metres, side of the floor; infinite if there is none."""
+    size: float = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
+    return size
 
 
 @SafeZone.system(Phase.DRAW)

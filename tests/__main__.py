@@ -1,9 +1,10 @@
 """The whole check, one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs two ways: compiled (with the slow tests), and as plain Python, there without the tests of the faces.
+The suite runs two ways: compiled (with the slow tests), and as plain Python, there without the tests of what has no
+kernels (ONCE).
 `--quick` leaves out the slow tests and the second way. `--nightly` runs those tests, compiled, that take minutes, and
-then the suite, without the tests of the faces, compiled with bounds checks.
+then the suite, without the tests of what has no kernels (ONCE), compiled with bounds checks.
 """
 
 import importlib.util
@@ -22,11 +23,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
 WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
-# Faces have no kernels: with bounds checks or as plain Python their tests would go through the same code again.
-FACES = "agents* cache_folder cleanrl cli* dataset docs* film* footage fuzz gymnasium hostile_* interrupts killing "
-FACES += "learners memory mutants packaging page* parallel* play* processes puffer ray readme recording* render replay "
-FACES += "rllib rollout sb3* site soak supersuit torchrl training* views*"
-WITHOUT_FACES = tuple(f"--ignore-glob=tests/test_{name}.py" for name in FACES.split())
+# What has no kernels of its own: with bounds checks or as plain Python its tests would go through the same code again.
+ONCE = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
+WITHOUT = tuple(f"--ignore=tests/{folder}" for folder in ONCE)
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -72,13 +71,13 @@ def checks() -> list[Stage]:
 def suites(quick: bool, nightly: bool) -> list[Stage]:
     """The ways in which the tests run."""
     if nightly:
-        bounds = Stage("pytest bounds-checked", WITHOUT_FACES, "NUMBA_BOUNDSCHECK")
+        bounds = Stage("pytest bounds-checked", WITHOUT, "NUMBA_BOUNDSCHECK")
         return [Stage("pytest nightly", ("-m", "nightly")), bounds]
     if quick:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "not nightly")),
-        Stage("pytest not compiled", WITHOUT_FACES, "NUMBA_DISABLE_JIT"),
+        Stage("pytest not compiled", WITHOUT, "NUMBA_DISABLE_JIT"),
     ]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Worlds
-from outlast.envs.policies import Policy, noop_policy
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import Policy, noop_policy
 
 COMPILED = not numba.config.DISABLE_JIT
 

@@ -17,7 +17,7 @@ from typing import Any
 from tests.__main__ import ROOT, WITHOUT_FACES, Stage, suite
 
 FOLLOWED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
-UNMEASURED = "--ignore=tests/test_soak.py"  # of memory, in which coverage keeps notes
+UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # of memory, in which coverage keeps notes
 SHOWN = 20  # files of the table
 
 

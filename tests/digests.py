@@ -21,16 +21,16 @@ import llvmlite.binding
 import numpy as np
 
 from outlast import VARIANTS, make_vec
-from outlast.envs.drafts import draft
-from outlast.envs.faces.register import IDS
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.adapters.gymnasium_registry import IDS
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.storage.atomic_write import draft
 
 FILE = Path(__file__).parent / "golden" / "digests.json"
 MARKS = (0, 1, 10, 50, 200, 500, 1000, 2000)  # the ticks after which digests are taken
 WORLDS, SEED = 32, 3
 HELD = 20  # ticks for which agents keep to a direction, so that they get somewhere
 NEW_VERSION = (
-    "behaviour changed: raise the version of {name} in envs/faces/register.py and envs/faces/zoo.py, "
+    "behaviour changed: raise the version of {name} in envs/adapters/gymnasium_registry.py, "
     "say what changed in CHANGELOG.md, and write new digests: python -m tests.digests --write"
 )
 Golden = dict[str, dict[str, dict[str, str]]]  # platform: {environment: {tick: digest}}
@@ -80,7 +80,7 @@ def platform_name() -> str:
 
 
 def environment(name: str) -> str:
-    """A variant with the version of its environment, as in "ffa_1-v0"."""
+    """A variant with the version of its environment, as in "ffa_1-v1"."""
     versions = {match[1] for key, kind in IDS.items() if kind == name and (match := re.search(r"-v(\d+)$", key))}
     assert len(versions) == 1, f"{name} has several versions at once: {sorted(versions)}"
     return f"{name}-v{versions.pop()}"

@@ -16,13 +16,13 @@ import numpy as np
 
 import outlast
 from outlast.ecs import Worlds
+from outlast.envs.cli.main import main
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, RecordingError, StateError
-from outlast.envs.main import main
 from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.file import FIELDS, HEAD, MAGIC, RUNS, frame, frames
-from outlast.envs.recording.file import content as stored
-from outlast.envs.state import HEADER, VERSION, State, _checksum
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RUNS, frame, frames
+from outlast.envs.recording.container import content as stored
+from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
 from tests.fuzz_mutations import (
     INTEGERS,

@@ -11,7 +11,7 @@ import outlast
 from outlast.components import Told
 from outlast.ecs import Action, Clock, Worlds
 from outlast.envs.errors import NotResetError, PendingError
-from outlast.envs.state import State
+from outlast.envs.snapshots.state import State
 from tests.watch import Watch
 
 Array = np.ndarray[Any, Any]

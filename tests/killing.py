@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from outlast.envs.drafts import is_draft
+from outlast.envs.storage.atomic_write import is_draft
 from tests.killing_process import Ended, Moment, execute
 
 NOTHING, WHOLE = "nothing", "whole"  # is left

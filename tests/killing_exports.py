@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from outlast import make_vec
-from outlast.envs.drafts import is_draft
+from outlast.envs.storage.atomic_write import is_draft
 from tests.killing import Writer
 from tests.killing_films import Whole, same_bytes
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast import make_vec
 from outlast.envs.recording import Recording
-from outlast.envs.state import State
+from outlast.envs.snapshots.state import State
 from tests.killing import NOTHING, WHOLE, Writer, visible
 
 
@@ -73,7 +73,7 @@ def film(product: str) -> Whole:
 
 
 def same_film(path: Path, expected: Path) -> None:
-    from outlast.envs.film.codecs import CODECS
+    from outlast.envs.rendering.video.codecs import CODECS
 
     codec = CODECS[path.suffix]
     assert codec.read(path) == codec.read(expected) == (61, 128, 128)

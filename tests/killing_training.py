@@ -118,7 +118,7 @@ class Plot(Tables):
         super().__init__("plot", ("outlast", "plot", "{place}/runs", "--out", "{out}"), same_bytes)
 
     def prepare(self, place: Path) -> None:
-        from tests.test_training_plot import keep
+        from tests.training.test_training_plot import keep
 
         (place / "runs").mkdir()
         for name, seed in (("ffa_2", 0), ("ffa_2", 1), ("teams_3", 0)):
@@ -141,7 +141,7 @@ def part_of(path: Path, expected: Path) -> None:
 def complete(path: Path, expected: Path) -> None:
     """The same as if nobody had killed it."""
     if path.suffix == ".webm":
-        from outlast.envs.film.codecs import read_video
+        from outlast.envs.rendering.video.codecs import read_video
 
         assert read_video(path) == read_video(expected)
     elif path.name != "ratings.csv":  # of which there is more, the more is played

@@ -7,8 +7,8 @@ line is not pinned, or it is equivalent, as `<=` for `<` where equality cannot b
 85 % are killed.
 
 Kernels run as plain Python, so that nothing is compiled; the native bridge, which only runs compiled, is tried by
---compiled. Left out: box2d/layout.py, probe.py, sample.py and verify.py, as tests/test_bridge.py is their mutation
-test: it changes every number that they hold.
+--compiled. Left out: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_bridge.py is their
+mutation test: it changes every number that they hold.
 """
 
 import json
@@ -33,7 +33,7 @@ UNTRIED = "untried"
 COMPILED = [f"systems/box2d/{name}.py" for name in ("arena", "impact", "island", "native")]
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 
-# Which tests run first, the quickest of them ahead; TWINS follow. Names are those of tests/test_NAME.py.
+# Which tests run first, the quickest of them ahead; TWINS follow. Names are those of tests/*/test_NAME.py.
 TWINS = "mechanics_edges mechanics_faces mechanics_bodies"
 REFUSED = "bad_input.py::test_scenarios_are_refused"
 FIRST = {
@@ -128,13 +128,15 @@ def tests_of(mutant: Mutant) -> list[list[str]]:
     else:
         first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
         others = [name for name in TWINS.split() if name not in first]
-    without = [f"--deselect=tests/test_{name}" for name in LEFT_OUT_TESTS]
+    without = [f"--deselect={path(name)}" for name in LEFT_OUT_TESTS]
     return [[*map(path, names), *without] for names in (first, others) if names]
 
 
 def path(name: str) -> str:
     """Of a file of tests, or of one test in it."""
-    return f"tests/test_{name}" if ".py" in name else f"tests/test_{name}.py"
+    file, _, test = name.partition("::")
+    (found,) = ROOT.glob(f"tests/*/test_{file.removesuffix('.py')}.py")
+    return str(found.relative_to(ROOT)) + (f"::{test}" if test else "")
 
 
 def chosen(globs: Iterable[str], compiled: bool) -> list[str]:

@@ -14,12 +14,12 @@ import pytest
 
 from outlast.components import Body, Heal, Side
 from outlast.ecs import Entity
-from outlast.envs.views.palette import HEAL, of_side
+from outlast.envs.rendering.layers.palette import HEAL, of_side
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
 from websockets.sync.client import connect
 
-from outlast.envs.play.server import play  # as it needs websockets
+from outlast.envs.web.play.server import play  # as it needs websockets
 
 FPS = 200
 HANDSHAKE = {

@@ -18,8 +18,8 @@ import numpy as np
 
 from outlast import Scenario, make_vec, variant
 from outlast.components.score import End, Reward
-from outlast.envs.policies import POLICIES
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import POLICIES
 from tests import twin_faces, twins
 from tests.digests import numbered_actions
 from tests.reference_dice import scattered

@@ -43,7 +43,7 @@ def build(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
     )
     half = thing.half_width, thing.half_height
     shape = Box2D.b2CircleShape(radius=thing.radius) if thing.radius else Box2D.b2PolygonShape(box=half)
-    density = numbers["agents_density"] if thing.kind == "agent" else numbers["physics_density"]
+    density = numbers[{"agent": "agents_density", "box": "boxes_density"}[thing.kind]] if moves else 0
     friction, restitution = numbers["physics_friction"], numbers["physics_restitution"]
     body.CreateFixture(shape=shape, density=density, friction=friction, restitution=restitution)
     return body

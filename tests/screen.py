@@ -12,9 +12,9 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Death, Health, Zone
 from outlast.ecs import Clock, Entity
-from outlast.envs.page import write
+from outlast.envs.web.replay import write
 from tests.conftest import COMPILED
-from tests.test_page import ticks
+from tests.web.test_page import ticks
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 

@@ -9,7 +9,7 @@ import numpy as np
 import outlast
 from outlast.components import Bag, Body, Box, Death, Health, Item, Shape, Zone
 from outlast.ecs import Clock, Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 IDLE = (1, 1, 1, 0, 0, 0)
 DEEDS = {"ahead": (0, 2), "left": (1, 2), "turn": (2, 2), "attack": (3, 1), "use": (4, 1), "give": (5, 1)}

@@ -79,11 +79,7 @@ class Meals(Statistic):
 
 @dataclass(frozen=True)
 class Toy(Module):
-    """Modules of one file, each named by its class."""
-
-    @classmethod
-    def name(cls) -> str:
-        return cls.__name__.lower()
+    """Base of the mechanics below."""
 
 
 @dataclass(frozen=True)

@@ -46,10 +46,16 @@ def agent_row(world: World, agent: Thing) -> list[float]:
     return [agent.index, *([agent.side] if world.teams else []), *(state if agent.here else [0] * 7)]
 
 
-def corners(world: World, index: int) -> list[float]:
-    """Vertices of box `index` as if centred at the origin, counter-clockwise from the lower left."""
+def corners(world: World, index: int, copied: bool) -> list[float]:
+    """Vertices of box `index` as if centred at the origin, counter-clockwise from the lower left.
+
+    copied: it is not what stood there at reset; in the paper's runs the first corner then comes last.
+    """
     x, y = world.of("box")[index].half_width, world.of("box")[index].half_height
-    return [-x, -y, x, -y, x, y, -x, y]
+    vertices = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    if copied and world.numbers["boxes_corners"] == "rolled":
+        vertices.append(vertices.pop(0))
+    return [number for vertex in vertices for number in vertex]
 
 
 def entity_row(world: World, thing: Thing) -> list[float]:
@@ -58,7 +64,7 @@ def entity_row(world: World, thing: Thing) -> list[float]:
         return agent_row(world, thing)
     if thing.kind == "heal":
         return [thing.x, thing.y] if thing.here else [0] * 2
-    outline = corners(world, thing.index)
+    outline = corners(world, thing.index, thing.kind == "box_item" or thing.placed)
     if thing.kind == "box":
         return [*outline, thing.x, thing.y, thing.angle] if thing.here else [0] * 11
     return [*outline, thing.x, thing.y] if thing.here else [0] * 10
@@ -81,7 +87,7 @@ def observe(world: World, i: int) -> dict[str, Any]:
         told["heal_slot"], told["heal_slot_mask"] = [[world.numbers["heals_amount"] if heal else 0]], [int(heal)]
     if world.of("box"):
         box = last is not None and last.kind == "box_item"
-        told["box_slot"], told["box_slot_mask"] = [corners(world, last.index) if box else [0] * 8], [int(box)]
+        told["box_slot"], told["box_slot_mask"] = [corners(world, last.index, True) if box else [0] * 8], [int(box)]
     return told
 
 

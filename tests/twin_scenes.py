@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Weapon, Zone
+from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Weapon, Zone
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests import twin_faces, twins
 from tests.conftest import draw_actions, scaled
 from tests.reference_dice import scattered
@@ -28,7 +28,8 @@ TEXT = RUNS | {
     "melee_blocked": False, "melee_damage": 20, "melee_cooldown": 2, "give_nearest": "suitable", "pickup_touch": True,
     "drop_scatter": "disc", "cameras_cone": "sector", "cameras_items_occlude": False, "cameras_mode": "revealed",
     "boxes_offset": 0.0, "boxes_owned": False, "boxes_dynamic": True, "motors_give": "evenly", "ending_limit": 700,
-    "inventory_slots": 2, "zone_harm": 3,
+    "inventory_slots": 2, "zone_harm": 3, "give_passes_on": False, "boxes_settles": False,
+    "boxes_corners": "lower left",
 }  # fmt: skip
 KINDS = {
     "ffa as run": ("ffa_4", RUNS),
@@ -163,6 +164,9 @@ def _scatter_items(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> 
     living = [i for i in range(env.num_agents) if alive[i]]
     boxes, items = tables.span("box"), tables.span("box_item")
     tables[Shape].half_height[w, boxes.start] = 0.05  # a sliver in every world
+    width, solid = float(tables[Shape].half_width[w, boxes.start]), tables[Solid]
+    solid.mass[w, boxes.start] = mass = 4 * width * 0.05
+    solid.inertia[w, boxes.start] = mass * (width**2 + 0.05**2) / 3
     loose = list(range(tables.span("heal").start, tables.span("heal").stop))
     for box, item in zip(range(boxes.start, boxes.stop), range(items.start, items.stop), strict=True):
         tables[Guard].heeds[w, box] = rng.integers(-1, 2) if env.scenario.numbers()["boxes_owned"] else -1

@@ -22,7 +22,7 @@ from outlast.components import (
     Zone,
 )  # fmt: skip
 from outlast.ecs import Clock, Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 TOLERANCE = 2e-5  # metres, radians, shares: what float32 may lose in a room of 25 metres
 
@@ -61,6 +61,7 @@ class Thing:
     side: int = -1
     owner: int = -1
     broken: bool = False
+    placed: bool = False  # a box that was set up from its item
     wait: int = 0
     bag: list[int] = field(default_factory=list)
     holder: int = -1
@@ -106,7 +107,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
     tables = env.worlds
     body, shape, health, guard = (_rows(tables[c], w) for c in (Body, Shape, Health, Guard))
     side, weapon, item, bag = (_rows(tables[c], w) for c in (Side, Weapon, Item, Bag))
-    broken = _rows(tables[Box], w)["broken"] if Box in tables else [0] * tables.dims["rows"]
+    boxes = _rows(tables[Box], w) if Box in tables else {name: [0] * tables.dims["rows"] for name in Box.columns}
     alive = tables[Entity].alive[w].tolist()
     things = []
     for kind, span in tables.layout.spans.items():
@@ -125,7 +126,8 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
             if kind == "agent":
                 thing.side, thing.wait = side["side"][row], weapon["wait"][row]
                 thing.bag = bag["items"][row][: bag["count"][row]]
-            thing.owner, thing.broken, thing.holder = guard["heeds"][row], broken[row] == 1, item["holder"][row]
+            thing.owner, thing.holder = guard["heeds"][row], item["holder"][row]
+            thing.broken, thing.placed = boxes["broken"][row] == 1, boxes["placed"][row] == 1
             things.append(thing)
     zone, clock = _rows(tables[Zone], w), _rows(tables[Clock], w)
     return World(

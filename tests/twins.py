@@ -93,6 +93,7 @@ def use(world: World, actions: Actions) -> None:
             box = world.of("box")[item.index]
             box.here, box.x, box.y, box.angle = True, agent.x + x, agent.y + y, 0.0
             box.vx = box.vy = box.omega = 0.0
+            box.placed = True
             box.health, box.losses = world.numbers["boxes_toughness"], []
             world.statistics["boxes_placed"] += 1
     for agent in world.of("agent"):
@@ -101,9 +102,9 @@ def use(world: World, actions: Actions) -> None:
 
 def give(world: World, actions: Actions) -> None:
     """Everybody chooses a taker, then the last items change hands in order; a full taker takes nothing."""
-    givers = [a for a in world.live("agent") if actions[a.index]["give"] and a.bag]
+    givers = [a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_passes_on"])]
     for giver, taker in [(giver, choose_taker(world, giver)) for giver in givers]:
-        if taker and len(taker.bag) < world.numbers["inventory_slots"]:
+        if taker and giver.bag and len(taker.bag) < world.numbers["inventory_slots"]:
             taker.bag.append(giver.bag.pop())
             world.things[taker.bag[-1]].holder = taker.row
 
@@ -153,8 +154,12 @@ def in_the_way(world: World, agent: Thing) -> list[Thing]:
 
 
 def break_boxes(world: World) -> None:
-    """Who breaks a box first owns it."""
+    """Who breaks a box first owns it. One that was set up in this tick may not be harmed yet."""
+    used = [world.things[row] for row in world.used]
+    new = [item.index for item in used if item.kind == "box_item"]
     for box in world.live("box"):
+        if world.numbers["boxes_settles"] and box.index in new:
+            box.health, box.losses = world.numbers["boxes_toughness"], []
         if box.health <= 0:
             box.here, box.broken = False, True
             if world.numbers["boxes_owned"] and box.owner < 0:

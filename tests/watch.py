@@ -22,7 +22,7 @@ from outlast.components import (
     Zone,
 )
 from outlast.ecs import Clock, Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.conftest import draw_actions
 
 Array = np.ndarray[Any, Any]

@@ -15,10 +15,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from outlast.envs import state
-from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
-from outlast.envs.state import State, identity
+from outlast.envs.scenarios.fingerprint import identity
+from outlast.envs.snapshots import state
+from outlast.envs.snapshots.state import State
+from outlast.envs.storage.atomic_write import draft
 
 from . import header, tensors
 from .policy import Policy

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from outlast.ecs import Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 from .behaviour import Behaviour
 from .buffer import Rollout

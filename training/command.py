@@ -8,9 +8,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from outlast.envs.commands.options import add_scenario, positive, scenario, seed
+from outlast.envs.cli.options import add_scenario, positive, scenario, seed
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenario import Scenario
+from outlast.envs.scenarios.scenario import Scenario
 
 from . import several
 from .presets import DEAD, PRESETS

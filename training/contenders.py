@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import TrainingError
-from outlast.envs.policies import POLICIES
-from outlast.envs.scenario import Scenario
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.scenarios.scenario import Scenario
 
 from .matches import Act
 from .player import Player

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Side
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 Array = np.ndarray[Any, Any]
 NAMES = {"length": "steps", "return": "reward"}  # where ours differ

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from outlast.components import Side
+from outlast.envs.core.make import make_vec
 from outlast.envs.errors import TrainingError
-from outlast.envs.make import make_vec
-from outlast.envs.scenario import Scenario
+from outlast.envs.scenarios.scenario import Scenario
 
 from .contenders import Contender, common
 from .matches import ROLES, Games, Match
@@ -83,12 +82,7 @@ class Evaluation:
         world, *seeds = (int(word) for word in words)
         players = dict.fromkeys(pair)  # one, if it meets itself
         acts = [self.chosen[k].act(self.env, own) for k, own in zip(players, seeds, strict=False)]
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)  # sums come out the same wherever it runs; and networks are too small for more
-        try:
-            self.meetings.append(Meeting(pair, Match(self.env, acts, self.each, world).play(progress)))
-        finally:
-            torch.set_num_threads(threads)
+        self.meetings.append(Meeting(pair, Match(self.env, acts, self.each, world).play(progress)))
         return self.meetings[-1]
 
     def play(self, progress: Callable[[int], None] = lambda episodes: None) -> list[Meeting]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from outlast.envs.commands.options import add_scenario, policy, positive, scenario, seed
+from outlast.envs.cli.options import add_scenario, policy, positive, scenario, seed
 from outlast.envs.errors import TrainingError
 
 

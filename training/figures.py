@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from outlast.envs.views import palette
+from outlast.envs.rendering.layers import palette
 
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
 from .endings import average, window

@@ -6,9 +6,9 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
-from outlast.envs import archive
 from outlast.envs.errors import TrainingError
-from outlast.envs.state import is_identity, is_word
+from outlast.envs.scenarios.fingerprint import is_identity, is_word
+from outlast.envs.storage import safe_npz
 
 from .layout import MASK
 from .presets import PRESETS
@@ -24,11 +24,11 @@ def read(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple
     """What the checkpoint says of itself, all that is needed, and these entries of it. Raises TrainingError."""
     try:
         with path.open("rb") as file:
-            files = archive.entries(file, {NAME, *entries})
+            files = safe_npz.entries(file, {NAME, *entries})
         header = json.loads(files[NAME][: LONGEST + 1])
     except FileNotFoundError as error:
         raise TrainingError(f"there is no checkpoint {path}") from error
-    except archive.BROKEN as error:
+    except safe_npz.BROKEN as error:
         raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}") from error
     return sound(path, header, needed), files
 

@@ -14,8 +14,8 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
+from outlast.envs.storage.atomic_write import draft
 
 from .curves import HEADER
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 from .watch import Watch
 

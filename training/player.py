@@ -1,13 +1,16 @@
 """Trained policies as functions (observations) -> actions, as every face takes them for opponents."""
 
+import contextlib
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenario import Scenario
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.scenarios.scenario import Scenario
 
 try:
     import torch
@@ -21,15 +24,33 @@ from .policy import Policy
 from .presets import preset
 
 Array = np.ndarray[Any, Any]
+CHANGING = threading.RLock()  # held while PyTorch is at another number of threads than the user's
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """PyTorch at one thread; afterwards at as many as before, as they are those of the user's own networks, too.
+
+    Networks this small are slower with more, by far where cores are busy, as threads wait for each other; and sums
+    come out the same wherever it runs. The change itself takes less than a microsecond.
+    """
+    with CHANGING:
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
 
 
 class Player:
     """The policy of a checkpoint or of a kept one: a function of observations, float32 (..., agents, ...), to actions.
 
     >>> duel = player.scenario(outlast.variant("ffa_2"))  # with what it was trained to be told
-    >>> env = gymnasium.make("outlast/FreeForAll2-v0", variant=duel, others=player)
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", variant=duel, others=player)
 
-    Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed.
+    Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed. They
+    are computed on one thread, whatever PyTorch is set to, which stays as it is.
     """
 
     def __init__(self, path: str | Path, seed: int | None = 0) -> None:
@@ -39,7 +60,8 @@ class Player:
         self.shapes = {key: tuple(shape) for key, shape in self.about["observations"].items()}
         self.layout, self.preset = Layout(self.shapes), preset(self.about["preset"])
         try:
-            self.policy = self._made(files)
+            with one_thread():
+                self.policy = self._made(files)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
@@ -83,7 +105,7 @@ class Player:
         packed = np.zeros((*batch, self.layout.size), np.float32)
         for key, view in self.layout.views(packed).items():
             view[...] = observations[key].reshape(view.shape)
-        with torch.inference_mode():
+        with one_thread(), torch.inference_mode():
             rows = torch.from_numpy(packed).view(-1, self.layout.size)
             actions: Array = self.policy.act(rows, self.generator).numpy()
         return actions.reshape(*batch, -1)
@@ -99,6 +121,6 @@ class Player:
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:
     """The policy of a checkpoint of `outlast train`, to play with or against: see Player. Raises TrainingError.
 
-    >>> env = gymnasium.make("outlast/FreeForAll2-v0", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
     """
     return Player(path, seed)

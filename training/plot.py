@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.drafts import draft
 from outlast.envs.errors import TrainingError
+from outlast.envs.storage.atomic_write import draft
 
 from . import keep
 from .claims import sentences

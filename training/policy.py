@@ -60,8 +60,11 @@ class Choices(nn.Module):
 class Policy(nn.Module):
     """Policy and value networks of a preset, and their optimiser.
 
-    Packed observations, float32 (batch, layout.size), go in; actions are int64 (batch, actions).
+    Packed observations, float32 (batch, layout.size), go in; actions are int64 (batch, actions). explores: whether
+    entropies carry gradients, which cost time and are of use only where the loss has a term for them.
     """
+
+    explores = False
 
     def __init__(
         self,
@@ -87,10 +90,9 @@ class Policy(nn.Module):
         return actions, values, self.choices.of(actions, logs)
 
     def evaluate_actions(self, packed: Tensor, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Values, log probabilities of given actions, entropies, (batch,) each; entropies carry no gradient."""
+        """Values, log probabilities of given actions, entropies, (batch,) each."""
         logs, values = self._both(packed)
-        with torch.no_grad():
-            entropy = self.choices.entropy(logs)
+        entropy = self.choices.entropy(logs if self.explores else logs.detach())
         return values, self.choices.of(actions, logs), entropy
 
     def predict_values(self, packed: Tensor) -> Tensor:

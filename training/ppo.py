@@ -11,14 +11,14 @@ from stable_baselines3.common.utils import explained_variance, get_device
 
 import outlast
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenario import Scenario
+from outlast.envs.scenarios.scenario import Scenario
 
 from .buffer import Rollout
 from .collect import Collector
 from .layout import layout_of, scales
 from .policy import Policy
 from .presets import DEAD, Preset
-from .settings import PAPER, ROLLOUT
+from .settings import PAPER, ROLLOUT, check
 
 
 class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
@@ -47,6 +47,7 @@ class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
             raise TrainingError(f"there is no {device} here; take cpu")
         if steps % worlds:
             raise TrainingError(f"a rollout of {steps} steps cannot be shared evenly by {worlds} worlds")
+        check(settings)
         env = outlast.make_sb3(preset.scenario(scenario), worlds, seed=seed, threads=threads, check_actions=False)
         self.core, self.preset, self.dead = env.core, preset, dead
         layout = layout_of(self.core)
@@ -75,7 +76,7 @@ class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
         return bool(callback.on_step())
 
     def start(self) -> None:
-        """Start the worlds. No two seeds have a world in common, as they would have with make_sb3's own seeds."""
+        """Start the worlds with the seed's first episodes."""
         self._last_obs: Any = self.core.reset(seed=self.seed)[0]
 
     def collect(self) -> None:
@@ -88,6 +89,7 @@ class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
     def train(self) -> None:
         """Update the policy from the rollout; also says how many epochs that took, the last one in part."""
         before = self._optimiser_steps()
+        self.policy.explores = self.ent_coef != 0
         super().train()
         buffer = self.rollout_buffer
         kept = buffer.alive if self.dead == "drop" else np.ones_like(buffer.alive)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from outlast.envs.scenario import Scenario, ScenarioError
+from outlast.envs.scenarios.scenario import Scenario, ScenarioError
 
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see collect.Collector
 

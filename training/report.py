@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.drafts import draft
-from outlast.envs.state import identity
+from outlast.envs.scenarios.fingerprint import identity
+from outlast.envs.storage.atomic_write import draft
 
 from .evaluate import Evaluation, Figures, Meeting
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenario import Scenario, ScenarioError
-from outlast.envs.state import identity, is_identity
-from outlast.envs.variants import base, variant
+from outlast.envs.scenarios.fingerprint import identity, is_identity
+from outlast.envs.scenarios.scenario import Scenario, ScenarioError
+from outlast.envs.scenarios.variants import base, variant
 
 from . import header, paper
 from .curves import NEEDED, Curves, is_known, kept, of_log, read_kept

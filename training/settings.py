@@ -1,6 +1,7 @@
 """The numbers of PPO that the authors' runs had."""
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from outlast.envs.errors import TrainingError
@@ -19,6 +20,36 @@ PAPER: dict[str, Any] = {
     "target_kl": 0.01,  # Stable-Baselines3 stops at 1.5 times that
 }
 
+Range = tuple[str, Callable[[float], bool]]  # in words, and as a rule
+POSITIVE: Range = ("above 0", lambda value: value > 0)
+NOT_NEGATIVE: Range = ("of at least 0", lambda value: value >= 0)
+SHARE: Range = ("from 0 to 1", lambda value: 0 <= value <= 1)
+RANGES: dict[str, Range] = {
+    "learning_rate": POSITIVE,
+    "batch_size": ("of at least 2", lambda value: value >= 2),  # advantages are normalised in each minibatch
+    "n_epochs": ("of at least 1", lambda value: value >= 1),
+    "gamma": SHARE,
+    "gae_lambda": SHARE,
+    "clip_range": POSITIVE,
+    "ent_coef": NOT_NEGATIVE,
+    "vf_coef": NOT_NEGATIVE,
+    "max_grad_norm": POSITIVE,
+    "target_kl": POSITIVE,
+}
+
+
+def check(settings: Mapping[str, Any]) -> None:
+    """Refuse numbers of PPO that are out of range. What is no number is Stable-Baselines3's to judge.
+
+    Raises:
+        TrainingError: One is out of its range.
+    """
+    for name, value in settings.items():
+        if name in RANGES and isinstance(value, (int, float)):
+            words, fits = RANGES[name]
+            if not (fits(value) and value < math.inf):
+                raise TrainingError(f"{name}={value}: a finite number {words} is needed")
+
 
 def changed(texts: Iterable[str]) -> dict[str, float]:
     """Numbers of PPO out of texts like "gamma=0.999". Raises TrainingError."""
@@ -31,4 +62,5 @@ def changed(texts: Iterable[str]) -> dict[str, float]:
             numbers[name] = type(PAPER[name])(value)
         except ValueError as error:
             raise TrainingError(f"{text}: a number like {PAPER[name]} is needed") from error
+    check(numbers)
     return numbers

@@ -28,8 +28,9 @@ def shown(evaluation: Evaluation, meeting: Meeting, recording: Path, folder: Pat
 
 def show(recording: Path, games: Games, target: Path, title: str) -> list[Path]:
     """Write the typical episode of a recorded match, as `target` with each of the two endings."""
-    from outlast.envs import film, page  # here, as OpenCV takes a while to load
-    from outlast.envs.film.footage import footage
+    from outlast.envs.rendering import video as film
+    from outlast.envs.rendering.video.footage import footage
+    from outlast.envs.web import replay as page  # here, as OpenCV takes a while to load
 
     world, episode = games.typical()
     first, last = (int(run) for run in games.spans[world, episode])

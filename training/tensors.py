@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from outlast.envs import archive
+from outlast.envs.storage import safe_npz
 
 KINDS = {
     "torch FloatStorage": torch.float32,
@@ -25,7 +25,7 @@ KINDS = {
     "torch ByteStorage": torch.uint8,
 }
 TENSOR, DICT = "torch._utils _rebuild_tensor_v2", "collections OrderedDict"
-BROKEN = (*archive.BROKEN, IndexError)
+BROKEN = (*safe_npz.BROKEN, IndexError)
 
 
 class Name(str):
@@ -41,7 +41,7 @@ def load(content: bytes) -> Any:
 
     Raises one of BROKEN for anything else.
     """
-    files = archive.entries(io.BytesIO(content))
+    files = safe_npz.entries(io.BytesIO(content))
     root = next(iter(files), "").partition("/")[0]
     if files.get(f"{root}/byteorder", b"little") != b"little":
         raise ValueError("tensors of a machine with another order of bytes")

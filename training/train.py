@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 
-from outlast.envs.drafts import discard, draft, is_draft
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenario import Scenario
-from outlast.envs.state import difference, identity
+from outlast.envs.scenarios.fingerprint import difference, identity
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage.atomic_write import discard, draft, is_draft
 
 from . import checkpoint, header
 from .logs import open_logs

@@ -6,7 +6,7 @@ import numpy as np
 
 from outlast.components import Death, Item, Score, Side
 from outlast.ecs import Entity
-from outlast.envs.vector import SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 from .behaviour import Behaviour
 

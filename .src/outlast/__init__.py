@@ -8,12 +8,12 @@
 from importlib import import_module
 from typing import Any
 
-from .envs.faces.register import register as register_gymnasium
-from .envs.faces.zoo import register as register_pettingzoo
-from .envs.fixes import FIXES
-from .envs.make import make_vec
-from .envs.scenario import Scenario, ScenarioError
-from .envs.variants import ALIASES, VARIANTS, variant
+from .envs.adapters.gymnasium_registry import register as register_gymnasium
+from .envs.adapters.pettingzoo_registry import register as register_pettingzoo
+from .envs.core.make import make_vec
+from .envs.scenarios.ablations import FIXES
+from .envs.scenarios.scenario import Scenario, ScenarioError
+from .envs.scenarios.variants import ALIASES, VARIANTS, variant
 
 __version__ = "0.1.0"
 __all__ = ["ALIASES", "FIXES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
@@ -21,13 +21,13 @@ __all__ = ["ALIASES", "FIXES", "VARIANTS", "Scenario", "ScenarioError", "make_ve
 _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
     "Recording": "envs.recording",
     "Replay": "envs.recording",
-    "aec_env": "envs.faces.parallel",
+    "aec_env": "envs.adapters.pettingzoo",
     "load_policy": "training.player",
-    "make_agents": "envs.faces.agents",
-    "make_puffer": "envs.faces.puffer",
-    "make_sb3": "envs.faces.sb3",
-    "parallel_env": "envs.faces.parallel",
-    "SurvivalMultiAgentEnv": "envs.faces.rllib",
+    "make_agents": "envs.adapters.gymnasium_agents",
+    "make_puffer": "envs.adapters.puffer",
+    "make_sb3": "envs.adapters.sb3",
+    "parallel_env": "envs.adapters.pettingzoo",
+    "SurvivalMultiAgentEnv": "envs.adapters.rllib",
 }
 
 

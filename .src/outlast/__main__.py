@@ -2,6 +2,6 @@
 
 import sys
 
-from .envs.main import main
+from .envs.cli.main import main
 
 sys.exit(main())

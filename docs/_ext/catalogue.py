@@ -11,8 +11,8 @@ import outlast
 from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
-from outlast.envs.spaces import published
-from outlast.envs.views.names import NAMES, OPTIONAL
+from outlast.envs.core.spaces import published
+from outlast.envs.rendering.layers.names import NAMES, OPTIONAL
 
 FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
 
@@ -57,7 +57,7 @@ def _numbers(kind: type[Module]) -> str:
     notes, played = comments(kind), [s.numbers() for s in outlast.VARIANTS.values() if kind in s]
     rows = []
     for item in dataclasses.fields(kind):
-        key = f"{kind.name()}_{item.name}"
+        key = f"{kind.name}_{item.name}"
         runs = "; ".join(dict.fromkeys(shown(own[key]) for own in played)) or "–"
         rows.append([code(key), shown(item.default), runs, limits(item.metadata), notes.get(item.name, "")])
     table = grid(["number", "default", "in the variants", "allowed", "note"], rows) if rows else ""

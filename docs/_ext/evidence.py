@@ -19,6 +19,7 @@ from outlast.training.results import grouped, load
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
+RULES = TESTS / "mechanics"
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
 
@@ -26,7 +27,7 @@ def constants() -> dict[str, Any]:
     """Numbers that tests are held to, by name; read, not imported."""
     found: dict[str, Any] = {}
     for file, names in CONSTANTS.items():
-        for line in ast.parse((TESTS / file).read_text()).body:
+        for line in ast.parse((RULES / file).read_text()).body:
             if isinstance(line, ast.Assign):
                 target = ast.unparse(line.targets[0]).strip("()").split(", ")
                 values = line.value.elts if isinstance(line.value, ast.Tuple) else [line.value]
@@ -38,7 +39,7 @@ def constants() -> dict[str, Any]:
 def rules() -> str:
     """The tests of the rules, whose names are sentences, under what the docstring of their file says."""
     lines = []
-    for file in sorted(TESTS.glob("test_fidelity*.py")):
+    for file in sorted(RULES.glob("test_fidelity*.py")):
         tree = ast.parse(file.read_text())
         lines.append(f"\n{_note(tree).rpartition(': ')[2].capitalize()}\n")
         for test in tree.body:
@@ -83,7 +84,7 @@ def deviations() -> str:
     rows = []
     for kind in (getattr(systems, name) for name in systems.__all__):
         for item in dataclasses.fields(kind):
-            key = f"{kind.name()}_{item.name}"
+            key = f"{kind.name}_{item.name}"
             runs = {repr(own[key]): own[key] for own in played if isinstance(own.get(key), type(item.default))}
             if len(runs) == 1 and repr(item.default) not in runs:
                 rows.append([code(key), shown(item.default), *map(shown, runs.values()), code(kind.__name__)])

@@ -9,7 +9,7 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from outlast.envs.main import main
+from outlast.envs.cli.main import main
 
 ROLLOUT = shlex.split("rollout teams_4 --worlds 1 --steps 700 --policy scripted --seed 1 --quiet --record")
 

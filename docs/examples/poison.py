@@ -87,6 +87,10 @@ class Poison(Module):
         """The dimension "vials" of the columns above."""
         return {"vials": self.count}
 
+    def bounds(self, layout):
+        """Nobody is ill for longer than a vial makes it; where vials lie, nothing is said of."""
+        return {"illness": (0, self.strength)}
+
 
 # --- verbs: what happens, each in its phase of the tick
 

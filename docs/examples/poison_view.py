@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from poison import Illness, Vial
 
-from outlast.envs.canvas import Canvas
-from outlast.envs.views import Layer, Scene, View
+from outlast.envs.rendering.canvas import Canvas
+from outlast.envs.rendering.layers import Layer, Scene, View
 
 GREEN = (110, 190, 40)
 

@@ -12,13 +12,13 @@ import numpy as np
 from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError
-from ..scenario import Scenario, ScenarioError
-from ..state import difference, identity, is_identity, is_word
-from .file import DONE, HEAD, RUNS, Frame, content, damaged, frames, unpack
+from ..scenarios.fingerprint import difference, identity, is_identity, is_word
+from ..scenarios.scenario import Scenario, ScenarioError
+from ..scenarios.serialize import classes, planned, rebuilt
+from .container import DONE, HEAD, RUNS, Frame, content, damaged, frames, unpack
 from .recorder import LARGEST
-from .runs import Run, Shape
-from .runs import unpack as unpack_runs
-from .scenarios import classes, planned, rebuilt
+from .tick_records import Run, Shape
+from .tick_records import unpack as unpack_runs
 
 COUNT = (1, 2**31)  # of worlds or agents
 LONGEST = 2**20  # bytes of JSON in the header

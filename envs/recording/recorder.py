@@ -14,13 +14,13 @@ import numpy as np
 from outlast.ecs import RESET, STEP, Clock, Worlds
 
 from ..errors import RecordingError
-from ..scenario import Scenario
-from ..state import identity
+from ..scenarios.fingerprint import identity
+from ..scenarios.scenario import Scenario
+from ..scenarios.serialize import classes
+from .container import DONE, HEAD, MAGIC, RUNS, frame
 from .digests import AT_ONCE, Digests
-from .file import DONE, HEAD, MAGIC, RUNS, frame
-from .joint import Joint
-from .runs import KEY, Run, Shape, pack
-from .scenarios import classes
+from .joint_action import Joint
+from .tick_records import KEY, Run, Shape, pack
 
 Array = np.ndarray[Any, Any]
 

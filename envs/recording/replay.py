@@ -8,16 +8,16 @@ import numpy as np
 from outlast.components import End
 from outlast.ecs import STEP, Clock, EngineError, Worlds
 
+from ..core.lifecycle import check_playable
+from ..core.notice import announce_compilation
+from ..core.spaces import statistics
 from ..errors import RecordingError, ReplayError
-from ..faults import check_playable
-from ..notice import announce_compilation
-from ..rollout import Summary
-from ..scenario import ScenarioError
-from ..spaces import statistics
+from ..rollout.summary import Summary
+from ..scenarios.scenario import ScenarioError
 from .digests import Digests
-from .joint import Joint
+from .joint_action import Joint
 from .reader import Recording
-from .runs import Run
+from .tick_records import Run
 
 Array = np.ndarray[Any, Any]
 

@@ -19,11 +19,13 @@ from .scene import (
     DYNAMIC,
     HALF_HEIGHT,
     HALF_WIDTH,
+    INERTIA,
     INVALID,
     JTURN,
     JX,
     JY,
     LIMIT,
+    MASS,
     OMEGA,
     RADIUS,
     REACH,
@@ -81,7 +83,7 @@ def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int
 
 @routine
 def _valid(scene: Scene, count: int) -> bool:
-    """Whether all numbers are in bounds (not NaN either) and no moving box has too little area for a mass."""
+    """Whether all numbers are in bounds (not NaN either), no body is too small, and all that moves has a mass."""
     if count > CAPACITY:
         return False
     valid = True
@@ -92,6 +94,7 @@ def _valid(scene: Scene, count: int) -> bool:
             valid &= abs(scene[k, column]) < LIMIT
         box = scene[k, HALF_WIDTH] > SMALLEST and scene[k, HALF_HEIGHT] > SMALLEST
         valid &= scene[k, RADIUS] > SMALLEST or (scene[k, RADIUS] == 0 and box)
+        valid &= scene[k, DYNAMIC] == 0 or (scene[k, MASS] > 0 and scene[k, INERTIA] > 0)
     return valid
 
 
@@ -110,7 +113,6 @@ def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     at.store_f4(definition + at.DEF_ANGULAR_DAMPING, settings.angular_damping)
     at.construct_body(body, definition, base)
     fixture = body + FIXTURE
-    at.store_f4(fixture + at.FIXTURE_DENSITY, settings.density)
     at.store_f4(fixture + at.FIXTURE_FRICTION, settings.friction)
     at.store_f4(fixture + at.FIXTURE_RESTITUTION, settings.restitution)
     at.store_i4(fixture + at.FIXTURE_PROXY_COUNT, 0)
@@ -119,6 +121,9 @@ def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     at.store_i8(body + at.BODY_FIXTURES, fixture)
     at.store_i4(body + at.BODY_FIXTURE_COUNT, 1)
     at.reset_mass(body)
+    if scene[k, DYNAMIC] != 0:
+        at.store_f4(body + at.BODY_INVERSE_MASS, _ONE / scene[k, MASS])
+        at.store_f4(body + at.BODY_INVERSE_INERTIA, _ONE / scene[k, INERTIA])
     at.store_i8(body + at.BODY_NEXT, at.load_i8(base + at.WORLD_BODIES))
     at.store_i8(base + at.WORLD_BODIES, body)
 

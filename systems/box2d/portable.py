@@ -15,11 +15,13 @@ from .scene import (
     DYNAMIC,
     HALF_HEIGHT,
     HALF_WIDTH,
+    INERTIA,
     INVALID,
     JTURN,
     JX,
     JY,
     LIMIT,
+    MASS,
     OMEGA,
     RADIUS,
     REACH,
@@ -67,7 +69,8 @@ def _valid(scene: Scene, count: int) -> bool:
     rows = scene[:count]
     bounded = (np.abs(np.delete(rows, REACH, axis=1)) < LIMIT).all()
     box = (rows[:, HALF_WIDTH] > SMALLEST) & (rows[:, HALF_HEIGHT] > SMALLEST) & (rows[:, RADIUS] == 0)
-    return bool(count <= CAPACITY and bounded and ((rows[:, RADIUS] > SMALLEST) | box).all())
+    weighed = (rows[:, DYNAMIC] == 0) | ((rows[:, MASS] > 0) & (rows[:, INERTIA] > 0))
+    return bool(count <= CAPACITY and bounded and ((rows[:, RADIUS] > SMALLEST) | box).all() and weighed.all())
 
 
 def _build(world: Any, settings: Settings, row: Scene) -> Any:
@@ -83,10 +86,11 @@ def _build(world: Any, settings: Settings, row: Scene) -> Any:
     )
     body.CreateFixture(
         shape=_shape(row),
-        density=float(settings.density),
         friction=float(settings.friction),
         restitution=float(settings.restitution),
     )
+    if row[DYNAMIC]:
+        body.massData = Box2D.b2MassData(mass=float(row[MASS]), I=float(row[INERTIA]), center=(0, 0))
     return body
 
 

@@ -1,7 +1,7 @@
 """A scene: the few bodies of one world that are near something, handed to Box2D for one tick.
 
 Both bridges (`native`, `portable`) take the same scene and give the same bits. A scene is a float32
-array (capacity, 14), one row a body in the order in which Box2D gets them; the columns are named here.
+array (capacity, 16), one row a body in the order in which Box2D gets them; the columns are named here.
 """
 
 from typing import NamedTuple
@@ -18,10 +18,11 @@ OMEGA = 5  # radians per second; read and written
 RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle
 HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle
 DYNAMIC = 9  # 1 moves, 0 stays where it is
-REACH = 10  # metres a dynamic body may be away from its start after any substep; further abandons the call
-JX, JY = 11, 12  # newton seconds, at the centre, at the start of EVERY substep; both 0 for none
-JTURN = 13  # newton metre seconds, likewise
-COLUMNS = 14
+MASS, INERTIA = 10, 11  # kilograms, kilogram square metres about the centre; of a dynamic body, above 0
+REACH = 12  # metres a dynamic body may be away from its start after any substep; further abandons the call
+JX, JY = 13, 14  # newton seconds, at the centre, at the start of EVERY substep; both 0 for none
+JTURN = 15  # newton metre seconds, likewise
+COLUMNS = 16
 
 SOLVED = 0  # the scene holds the state after the tick
 ABANDONED = 1  # a body went further than its REACH; the scene is untouched
@@ -29,7 +30,7 @@ INVALID = 2  # too many bodies, or a number out of bounds or NaN: a fault of the
 CAPACITY = 512  # bodies in a scene
 LIMIT = np.float32(1e6)  # every number but REACH is below it
 LONGEST = np.float32(2)  # metres: how far Box2D lets a body fly in a substep (b2_maxTranslation)
-SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it, or Box2D finds no mass
+SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it
 
 
 class Settings(NamedTuple):
@@ -39,7 +40,6 @@ class Settings(NamedTuple):
     substeps: int = 2
     velocity_iterations: int = 10
     position_iterations: int = 10
-    density: np.float32 = np.float32(1)  # kilograms per square metre
     friction: np.float32 = np.float32(0.2)
     restitution: np.float32 = np.float32(0)
     linear_damping: np.float32 = np.float32(0.8)  # per second

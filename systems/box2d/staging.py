@@ -7,7 +7,25 @@ from outlast.ecs.lanes import LANES, bits, flags
 
 from ..inner.broad import clearance
 from ..inner.sweep import enclose, present, row
-from .scene import ANGLE, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, JTURN, JX, JY, LONGEST, OMEGA, RADIUS, REACH, VX, VY, X, Y
+from .scene import (
+    ANGLE,
+    DYNAMIC,
+    HALF_HEIGHT,
+    HALF_WIDTH,
+    INERTIA,
+    JTURN,
+    JX,
+    JY,
+    LONGEST,
+    MASS,
+    OMEGA,
+    RADIUS,
+    REACH,
+    VX,
+    VY,
+    X,
+    Y,
+)
 
 ZERO = np.float32(0)
 
@@ -42,6 +60,7 @@ def stage(
             scene[count, RADIUS] = shape.radius[e]
             scene[count, HALF_WIDTH], scene[count, HALF_HEIGHT] = shape.half_width[e], shape.half_height[e]
             scene[count, DYNAMIC] = solid.dynamic[e]
+            scene[count, MASS], scene[count, INERTIA] = solid.mass[e], solid.inertia[e]
             scene[count, JX], scene[count, JY] = push.x[e] / substeps, push.y[e] / substeps
             scene[count, JTURN] = push.turn[e] / substeps
             scene[count, REACH] = ZERO

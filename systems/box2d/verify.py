@@ -97,7 +97,7 @@ def _links(sample: Sample) -> Iterator[Check]:
 
 def _fixture(sample: Sample) -> Iterator[Check]:
     fixture, box = sample.disc.fixtures[0], sample.crate.fixtures[0].shape
-    yield from floats(fixture, FIXTURE_DENSITY=(2,), FIXTURE_FRICTION=(0.3,), FIXTURE_RESTITUTION=(0.1,))
+    yield from floats(fixture, FIXTURE_FRICTION=(0.3,), FIXTURE_RESTITUTION=(0.1,))
     yield pointer(fixture, "FIXTURE_BODY", sample.disc)
     yield pointer(fixture, "FIXTURE_SHAPE", fixture.shape)
     yield integer(fixture, "FIXTURE_PROXY_COUNT", 1)

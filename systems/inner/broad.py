@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from outlast.components.body import inverse
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.lanes import LANES, bits, flags, lanes
 
@@ -12,10 +13,11 @@ ZERO = np.float32(0)
 
 
 @kernel
-def travel(body: Array, push: Array, e: int, time: Real) -> Real:
+def travel(body: Array, push: Array, solid: Array, e: int, time: Real) -> Real:
     """Upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
-    vx = abs(body.vx[e]) + push.inverse_mass[e] * abs(push.x[e])
-    vy = abs(body.vy[e]) + push.inverse_mass[e] * abs(push.y[e])
+    lightness = inverse(solid.mass[e])
+    vx = abs(body.vx[e]) + lightness * abs(push.x[e])
+    vy = abs(body.vy[e]) + lightness * abs(push.y[e])
     return np.float32(np.sqrt(vx * vx + vy * vy)) * time
 
 

@@ -1,0 +1,67 @@
+"""Numbers of mechanics: their types, and the ranges that they keep to."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from .errors import DeclarationError, NumberError
+
+
+def number(
+    default: Any,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float = -math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A module's number with its range: low <= value <= high and value > above; or one of `choices`."""
+    return dataclasses.field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
+
+
+KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, "tuple": tuple}
+
+
+def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
+    """The type of a number, as annotated. Raises DeclarationError if its default is of another one."""
+    text = item.type if isinstance(item.type, str) else getattr(item.type, "__name__", str(item.type))
+    kind = KINDS.get(text.partition("[")[0].strip())
+    if kind is None or (kind is str and not item.metadata.get("choices")):
+        raise DeclarationError(
+            f"{name} is annotated {text}: a number is int, float, bool, tuple[float, ...], or str with choices, as in "
+            'mode: str = number("slow", choices=("slow", "fast"))'
+        )
+    if not (type(item.default) is kind or (kind is float and type(item.default) is int)):
+        raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
+    return kind
+
+
+def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
+    """`value` as a `kind`, on which the compiled tick depends; NumberError unless it keeps to `rule`."""
+    if kind is str:
+        if not isinstance(value, str) or value not in rule["choices"]:
+            raise NumberError(f"{name} = {value!r}: allowed are {', '.join(map(repr, rule['choices']))}")
+        return value
+    if kind is tuple:
+        if not isinstance(value, (tuple, list)):
+            raise NumberError(f"{name} = {value!r}: a tuple of numbers is needed")
+        return tuple(checked(f"{name}[{k}]", element, float, rule) for k, element in enumerate(value))
+    if kind is bool:
+        if not isinstance(value, (bool, np.bool_)):
+            raise NumberError(f"{name} = {value!r}: True or False is needed")
+        return bool(value)
+    whole = kind is int
+    limit = 2**31 - 1 if whole else 3e38  # what a column holds
+    real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
+    if not real or isinstance(value, bool) or not abs(value) <= limit:
+        needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
+        raise NumberError(f"{name} = {value!r}: {needed} is needed")
+    low, high, above = (
+        rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf))
+    )
+    if not low <= value <= high or not value > above:
+        least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
+        raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))
+    return int(value) if whole else float(value)

@@ -1,0 +1,87 @@
+"""What the code of a function refers to outside of itself: numba freezes all of it into machine code."""
+
+import dis
+import functools
+from collections.abc import Callable, Iterator
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+from .errors import DeclarationError
+
+NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
+MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
+RANDOM = ("random", "numpy.random")  # modules whose draws depend on what was drawn before
+
+
+def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """(name as it is written, value) of everything that `function` and the functions nested in it refer to.
+
+    Names are globals, variables of enclosing functions and defaults of parameters; of modules and classes, the members
+    that are asked for ("package.module.LIMIT", "Color.RED"), as deep as the code goes. Names that are not defined (yet)
+    are left out.
+    """
+    cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+    for chain in _chains(function.__code__):
+        try:
+            value = cells[chain[0]].cell_contents if chain[0] in cells else function.__globals__[chain[0]]
+        except (KeyError, ValueError):  # a builtin, a variable of the function's own, or an empty cell
+            continue
+        depth = 1
+        while depth < len(chain) and isinstance(value, (ModuleType, type)) and hasattr(value, chain[depth]):
+            value = getattr(value, chain[depth])
+            depth += 1
+        yield ".".join(chain[:depth]), value
+    defaults = (*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values())
+    yield from ((f"default {k} of {function.__name__}", value) for k, value in enumerate(defaults))
+
+
+def codes(code: CodeType) -> Iterator[CodeType]:
+    """A code object and those of the functions, lambdas and comprehensions in it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from codes(constant)
+
+
+def check_random(function: Callable[..., Any], label: str) -> None:
+    """DeclarationError if the system `label` draws from a generator that has a state."""
+    root, seen = function.__module__.partition(".")[0], {function}
+    ahead = [function] if isinstance(function, FunctionType) else []
+    while ahead:
+        for name, value in references(ahead.pop()):
+            refuse_random(label, name, value)
+            inner = getattr(value, "py_func", value)
+            if isinstance(inner, FunctionType) and inner not in seen and inner.__module__.partition(".")[0] == root:
+                seen.add(inner)
+                ahead.append(inner)
+
+
+def refuse_random(label: str, name: str, value: Any) -> None:
+    """DeclarationError if `value`, which `label` refers to by `name`, is Python's or numpy's random generator."""
+    if isinstance(value, ModuleType):
+        homes = [value.__name__]
+    else:
+        homes = [str(getattr(value, "__module__", "")), type(value).__module__]
+        homes += [type(getattr(value, "__self__", None)).__module__]
+    if any(home == module or home.startswith(f"{module}.") for home in homes for module in RANDOM):
+        raise DeclarationError(
+            f"{label} refers to {name}, a random generator whose state depends on what ran before: the same seed would "
+            "not give the same episodes. Take a parameter annotated Random and draw with outlast.ecs.random"
+        )
+
+
+@functools.lru_cache(maxsize=4096)
+def _chains(code: CodeType) -> tuple[tuple[str, ...], ...]:
+    """All names that the code loads from outside, with the attributes taken of them: ("package", "module", "LIMIT")."""
+    found: dict[tuple[str, ...], None] = {}
+    for each in codes(code):
+        chain: tuple[str, ...] = ()
+        for instruction in dis.get_instructions(each):
+            if instruction.opname in MEMBERS and chain:
+                chain = (*chain, instruction.argval)
+            elif instruction.opname != "EXTENDED_ARG":
+                found[chain] = None
+                chain = (instruction.argval,) if instruction.opname in NAMES else ()
+        found[chain] = None
+    found.pop((), None)
+    return tuple(found)

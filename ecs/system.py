@@ -1,0 +1,46 @@
+"""Systems: the verbs, as they are registered on a mechanic."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from .access import Parameter
+from .phase import Phase
+
+
+@dataclass(frozen=True)
+class System:
+    """One step of the tick: a kernel for ONE world, its phase, and what its parameter list declares."""
+
+    module: str
+    name: str
+    phase: Phase
+    function: Callable[..., Any]
+    kernel: Callable[..., Any]
+    parameters: tuple[Parameter, ...]
+    after: tuple[str, ...]
+    before: tuple[str, ...]
+    compiled: bool
+
+    aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
+
+    @property
+    def label(self) -> str:
+        """Its name everywhere: "module.system"."""
+        return f"{self.module}.{self.name}"
+
+    def inherited(self, heir: str) -> "System":
+        """The same system as one of the module `heir`, a subclass of its own: its order among siblings stays."""
+
+        def renamed(labels: tuple[str, ...]) -> tuple[str, ...]:
+            own = f"{self.module}."
+            return tuple(f"{heir}.{each.removeprefix(own)}" if each.startswith(own) else each for each in labels)
+
+        return dataclasses.replace(
+            self,
+            module=heir,
+            after=renamed(self.after),
+            before=renamed(self.before),
+            aliases=tuple(dict.fromkeys((self.label, *self.aliases))),
+        )

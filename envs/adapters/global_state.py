@@ -1,0 +1,82 @@
+"""One world as a whole: a state that tells of everything, for centralised critics."""
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.components import Body, Health, Item, SelfView, Shape, Side, Zone
+from outlast.ecs import Entity, Worlds
+
+from ..core.spaces import bounds
+from ..core.validation import Array
+
+POSE = ("x", "y", "angle")
+
+
+class Overview:
+    """The state of one world as one float32 vector: for centralised critics, who see all that agents do not.
+
+    In this order, each a block of rows; all but the flags are 0 for what is not there:
+
+    ======= ===================================================================================
+    agents  alive (0, 1), then the row `self` of their observation: id, [team], health, x, y, angle, vx, vy, omega
+    zone    x, y, radius, next x, next y, next radius; only if the scenario has one
+    objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
+    items   lies on the ground (0, 1), x, y, and who carries it: 0 nobody, 1 agent_0, 2 agent_1 ...
+    ======= ===================================================================================
+
+    Objects and items are in the order of their rows (`Worlds.span` tells which kinds are where).
+    """
+
+    def __init__(self, worlds: Worlds) -> None:
+        rows = worlds.layout.rows
+        self.worlds, self.first = worlds, worlds.span("agent").start
+        self.agents, self.items = rows(Side), rows(Item, Body)
+        self.objects = np.setdiff1d(rows(Body, Shape, Health), np.concatenate([self.agents, self.items]))
+        low, high = np.concatenate([np.tile(ends, count) for count, ends in self._blocks()], 1)
+        self.space = spaces.Box(low, high, dtype=np.float32)
+
+    def __call__(self, w: int = 0) -> Array:
+        """The vector of world `w`, a new array."""
+        parts = [self._agents(w), self._objects(w), self._items(w)]
+        if Zone in self.worlds:
+            parts.insert(1, self._zone(w))
+        return np.concatenate([part.ravel() for part in parts], dtype=np.float32)
+
+    def _blocks(self) -> list[tuple[int, Array]]:
+        """(number of rows, low and high of the numbers of a row, float32 (2, numbers)) of every block."""
+        known, flag, carrier = bounds(self.worlds), _ends(1, 0, 1), _ends(1, 0, len(self.agents))
+        zone = np.stack(known["zone"])[:, 0] if "zone" in known else _ends(6)
+        return [
+            (len(self.agents), np.hstack([flag, np.stack(known["self"])[:, 0]])),
+            (int(Zone in self.worlds), zone),
+            (len(self.objects), np.hstack([flag, _ends(6)])),
+            (len(self.items), np.hstack([flag, _ends(2), carrier])),
+        ]
+
+    def _agents(self, w: int) -> Array:
+        return np.column_stack([self.worlds[Entity].alive[w, self.agents], self.worlds[SelfView].me[w]])
+
+    def _zone(self, w: int) -> Array:
+        zone = self.worlds[Zone]
+        values = [zone.x, zone.y, zone.radius, zone.next_x, zone.next_y, zone.next_radius]
+        return np.concatenate([value[w] for value in values])
+
+    def _objects(self, w: int) -> Array:
+        body, shape = self.worlds[Body], self.worlds[Shape]
+        columns = [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
+        return self._standing(w, self.objects, [*columns, self.worlds[Health].points])
+
+    def _items(self, w: int) -> Array:
+        body = self.worlds[Body]
+        rows = self._standing(w, self.items, [body.x, body.y])
+        holder = self.worlds[Item].holder[w, self.items] if len(self.items) else np.zeros(0, np.int32)
+        return np.column_stack([rows, np.where(holder >= 0, holder - self.first + 1, 0)])
+
+    def _standing(self, w: int, rows: Array, columns: list[Array]) -> Array:
+        """The flag that says who is in the world, and the columns, 0 for those that are not."""
+        alive = self.worlds[Entity].alive[w, rows]
+        return np.column_stack([alive, *(np.where(alive, column[w, rows], 0) for column in columns)])
+
+
+def _ends(count: int, low: float = -np.inf, high: float = np.inf) -> Array:
+    return np.array([[low] * count, [high] * count], np.float32)

@@ -1,0 +1,134 @@
+"""PufferLib: all agents of many worlds as one native PufferEnv, which writes into PufferLib's own arrays."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import flatten_space
+from gymnasium.vector import AutoresetMode
+
+from outlast.ecs import Entity
+
+from ..core.make import make_vec
+from ..core.validation import Array, check_choice
+from ..core.vector_env import SurvivalVectorEnv
+from ..rendering.lazy_frames import RENDER_MODES, painter
+from ..scenarios.scenario import Scenario
+from .agent_spaces import agent_spaces
+from .rows import checked_rows
+
+try:
+    from pufferlib import PufferEnv
+except ImportError as error:
+    raise ModuleNotFoundError(
+        "make_puffer needs PufferLib 3: pip install --no-deps --no-build-isolation pufferlib==3.0.0, then "
+        "pip install gym psutil (with all that it asks for, numpy would go back to 1; its setup imports torch)",
+        name="pufferlib",
+    ) from error
+
+Infos = list[dict[str, list[float]]]
+Outcome = tuple[Array, Array, Array, Array, Infos]
+
+
+def make_puffer(
+    scenario: str | Scenario,
+    num_worlds: int,
+    *,
+    seed: int | None = 0,
+    threads: int = 1,
+    check_actions: bool = True,
+    render_mode: str | None = None,
+    buf: dict[str, Array] | None = None,
+) -> "SurvivalPufferEnv":
+    """`num_worlds` worlds of a variant or scenario for PufferLib, alone or made by its vector.make.
+
+    >>> vecenv = outlast.make_puffer("ffa_3", 1024)
+    >>> vecenv = pufferlib.vector.make(outlast.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
+
+    seed: world w is keyed by (seed, w), so that environments with seeds 1 apart, as PufferLib makes them, have no world
+    in common. None: by a seed that nobody knows. threads, check_actions: see SurvivalVectorEnv. render_mode: None,
+    "rgb_array" or "ansi". buf: PufferLib's arrays. Raises as make_vec.
+    """
+    check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+    mode = AutoresetMode.DISABLED
+    core = make_vec(scenario, num_worlds, seed=seed, threads=threads, autoreset=mode, check_actions=False)
+    return SurvivalPufferEnv(core, check_actions=check_actions, render_mode=render_mode, buf=buf)
+
+
+class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+    """All agents of all worlds: row w * agents + i of every array is agent i of world w. num_agents is their number.
+
+    The arrays are those of PufferLib (buf) or, without it, the environment's own; every call overwrites them:
+
+    ============ ======= ================== ===================================================================
+    observations float32 (num_agents, size) all that an agent sees, flat, in order of the keys
+    rewards      float32 (num_agents,)
+    terminals    bool    (num_agents,)      whether its world ended by its rule
+    truncations  bool    (num_agents,)      whether its world ended at the time limit
+    masks        bool    (num_agents,)      whether the agent of this observation lives
+    ============ ======= ================== ===================================================================
+
+    As in the paper's training, the dead stay until their world ends, with their rewards; their actions are ignored. A
+    world that ended starts anew in that very step: the observation is already the next episode's. PufferLib's own
+    trainer stops returns at terminals only.
+
+    infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
+    of agents and sides one for each. gymnasium.spaces.unflatten(agent_observation_space, row) takes a row apart.
+
+    core: the worlds, with autoreset DISABLED, as this face resets them itself.
+    """
+
+    def __init__(
+        self, core: SurvivalVectorEnv, *, check_actions: bool, render_mode: str | None, buf: dict[str, Array] | None
+    ) -> None:
+        self.core, self.check_actions, self.render_mode = core, check_actions, render_mode
+        self.num_worlds, self.num_agents = core.num_worlds, core.num_worlds * core.num_agents
+        (self.agent_observation_space, *_), (self.single_action_space, *_) = agent_spaces(core)  # all agents' are alike
+        self.single_observation_space = flatten_space(self.agent_observation_space)
+        self._agents = core.worlds.span("agent")
+        super().__init__(buf)
+
+    def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
+        """Start new episodes everywhere: of `seed`, or the next ones. Returns (observations, infos)."""
+        self.core.reset(seed=seed)
+        self.rewards[:] = 0
+        self.terminals[:] = self.truncations[:] = False
+        self._observe()
+        return self.observations, []
+
+    def step(self, actions: Array) -> Outcome:
+        """One tick of every world, then new episodes where it was the last.
+
+        actions: integers (num_agents, actions). Returns (observations, rewards, terminals, truncations, infos). A
+        refused call (ActionError, NotResetError, ClosedError) changes nothing.
+        """
+        rows = checked_rows(actions, self.num_agents, self.core.action_sizes, self.check_actions)
+        _, rewards, terminated, truncated, info = self.core.step(self._by_world(rows))
+        self.rewards[:] = rewards.ravel()
+        self._by_world(self.terminals)[:] = terminated[:, None]
+        self._by_world(self.truncations)[:] = truncated[:, None]
+        infos = []
+        if info:
+            over = info["_statistics"]
+            infos.append({key: values[over].ravel().tolist() for key, values in info["statistics"].items()})
+            self.core.reset(options={"reset_mask": over})
+        self._observe()
+        return self.observations, self.rewards, self.terminals, self.truncations, infos
+
+    def render(self) -> Any:
+        """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says."""
+        if self.render_mode is None:
+            raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
+        return painter(self.render_mode)(self.core.worlds, 0)
+
+    def close(self) -> None:
+        """Let the threads go; again does no harm."""
+        self.core.close()
+
+    def _observe(self) -> None:
+        self.core.observe(out=self._by_world(self.observations))
+        self.masks[:] = (self.core.worlds[Entity].alive[:, self._agents] != 0).ravel()
+
+    def _by_world(self, rows: Array) -> Array:
+        """(num_agents, ...) as (worlds, agents, ...): a view, also of a part of a larger array."""
+        view: Array = np.reshape(rows, (self.num_worlds, -1, *rows.shape[1:]))
+        return view

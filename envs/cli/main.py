@@ -1,0 +1,57 @@
+"""The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+
+from outlast.ecs import EngineError
+
+from ..errors import (
+    ClusterError,
+    EndlessError,
+    FilmError,
+    PageError,
+    PlayError,
+    RecordingError,
+    StateError,
+    TrainingError,
+)
+from ..scenarios.scenario import ScenarioError
+from . import frames, listing, play, replay, rollout
+
+COMMANDS = (rollout, replay, play, frames, listing)
+# Told in one line, without a traceback.
+MISTAKES = (
+    *(ScenarioError, EngineError, EndlessError, ClusterError, FilmError, PageError),
+    *(PlayError, RecordingError, StateError, TrainingError),
+)
+PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
+    options = parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except MISTAKES as error:
+        print(f"outlast: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
+        return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    top = argparse.ArgumentParser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
+        command.add(commands)
+    return top
+
+
+if __name__ == "__main__":
+    sys.exit(main())

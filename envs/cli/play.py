@@ -1,0 +1,73 @@
+"""outlast play: steer an agent in the browser, against policies."""
+
+import argparse
+import asyncio
+import contextlib
+import sys
+import threading
+import webbrowser
+from typing import Any
+
+from ..errors import PlayError
+from ..rollout.policies import POLICIES
+from .options import add_scenario, policy, saved, scenario, seed
+
+FASTEST = 1000  # ticks a second
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("play", help="steer an agent with the keyboard, in the browser, against policies")
+    add_scenario(command)
+    command.add_argument("--agent", type=seed, default=0, metavar="NUMBER", help="the one that you steer (default 0)")
+    command.add_argument(
+        "--others", type=policy, default="scripted", help="who plays the others; FILE.zip: a saved policy"
+    )
+    command.add_argument("--seed", type=seed, default=0, help="same seed, same episodes (default 0)")
+    command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
+    command.add_argument("--port", type=_port, default=0, help="of 127.0.0.1 (default 0: a free one)")
+    command.add_argument("--record", metavar="FILE", help="record what happens, for `outlast replay`")
+    command.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the game until Ctrl-C; the exit status. Raises PlayError."""
+    try:
+        from ..web.play.game import Game  # here, as these need websockets
+        from ..web.play.server import play
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
+        raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
+    world, others = scenario(options), options.others
+    if others not in POLICIES:
+        world, others = saved(others, world, options.seed)
+    game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
+
+    def opened(address: str) -> None:
+        print(f"{options.variant}: you are agent {options.agent} at {address}\nCtrl-C ends the game.", flush=True)
+        if not options.no_browser:
+            threading.Thread(
+                target=webbrowser.open, args=(address,), daemon=True
+            ).start()  # some wait for their browser
+
+    with contextlib.closing(game), contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(play(game, options.fps or 1 / game.world["seconds"], options.port, opened))
+    print(file=sys.stderr)  # behind the ^C
+    return 0
+
+
+def _rate(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0
+    if not 0 < value <= FASTEST:
+        raise argparse.ArgumentTypeError(f"{text}: a number above 0, up to {FASTEST}, is needed")
+    return value
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
+    return int(text)

@@ -1,0 +1,113 @@
+"""outlast rollout: run a policy in many worlds and print the episodes' statistics."""
+
+import argparse
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tqdm import tqdm
+
+from ..core.make import make_vec
+from ..core.vector_env import SurvivalVectorEnv
+from ..errors import ClusterError
+from ..rollout.local import Task, rollout
+from ..rollout.policies import POLICIES, Policy
+from ..rollout.summary import Summary
+from ..scenarios.scenario import Scenario
+from .options import add_policy, add_scenario, cast, positive
+
+Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and tells how far it is
+MakePolicy = Callable[[SurvivalVectorEnv, int], Policy]
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("rollout", help="run a policy in many worlds and print the episodes' statistics")
+    add_scenario(command)
+    command.add_argument("--worlds", type=positive, default=1024, help="how many worlds (default 1024)")
+    length = command.add_mutually_exclusive_group()
+    length.add_argument("--episodes", type=positive, default=1, help="whole episodes of each world (default 1)")
+    length.add_argument(
+        "--steps", type=positive, default=0, help="steps of each world instead; means then lean towards short episodes"
+    )
+    add_policy(command)
+    command.add_argument("--threads", type=positive, default=1)
+    command.add_argument("--log-deaths", action="store_true", help="print a line for every death")
+    command.add_argument("--record", metavar="FILE", help="record it in a new file, for `outlast replay FILE`")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.add_argument(
+        "--ray", nargs="?", const="", metavar="ADDRESS", help="on the Ray cluster at ADDRESS, or one on this machine"
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Roll out and report; the exit status."""
+    if options.log_deaths:
+        logging.basicConfig(level=logging.INFO, format="%(message)s")
+    with (_here if options.ray is None else _on_ray)(options, *cast(options)) as (agents, work):
+        return _watched(options, agents, work)
+
+
+@contextlib.contextmanager
+def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
+    """The number of agents in a world, and what rolls out on this machine."""
+    env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
+    policy = make_policy(env, options.seed)
+    with contextlib.closing(env):
+        if options.record is not None:
+            env.record(options.record)
+        yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes)
+
+
+@contextlib.contextmanager
+def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
+    """The same on a Ray cluster."""
+    if options.threads > 1 or options.log_deaths or options.record is not None:
+        raise ClusterError("--threads, --log-deaths and --record are for one machine: leave them out with --ray")
+    if options.policy not in POLICIES:
+        raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")
+    try:
+        from ..rollout import ray as cluster  # here, as Ray takes seconds to load
+    except ModuleNotFoundError as error:
+        raise ClusterError(str(error)) from error
+    with contextlib.closing(make_vec(scenario, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
+        agents = env.num_agents
+    task = Task(scenario, make_policy, options.steps, options.seed, options.episodes)
+    with cluster.connected(options.ray):
+        yield agents, lambda progress: cluster.rollout(task, options.worlds, progress)
+
+
+def _watched(options: argparse.Namespace, agents: int, work: Work) -> int:
+    """Do the work behind a progress bar and report; the exit status."""
+    start = time.perf_counter()
+    unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
+    total, scale = options.worlds * each, bool(options.steps)
+    bar = tqdm(total=total, unit=unit, unit_scale=scale, miniters=0, disable=options.quiet)  # 0: also between ends
+
+    def progress(summary: Summary) -> None:
+        done = summary.world_steps if options.steps else summary.episodes
+        if bar.update(done - bar.n):  # it redrew itself
+            rate = summary.world_steps * agents / (time.perf_counter() - start)
+            bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
+
+    status = 0
+    try:
+        summary = work(progress)
+    except KeyboardInterrupt as stop:
+        summary, status = stop.args[0] if stop.args else Summary(), 130
+    seconds = time.perf_counter() - start
+    bar.close()
+    _report(options, summary, seconds, agents)
+    return status
+
+
+def _report(options: argparse.Namespace, summary: Summary, seconds: float, agents: int) -> None:
+    each, done = options.steps or options.episodes, summary.world_steps
+    print(f"{options.variant}: {options.policy} policy, seed {options.seed}, {options.worlds} worlds x ", end="")
+    print(f"{each} {'step' if options.steps else 'episode'}{'s' if each > 1 else ''}")
+    print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
+    print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
+    print(summary)

@@ -1,0 +1,88 @@
+"""Calls of one environment: one at a time, also one in the background whose result is fetched later."""
+
+import functools
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from ..errors import ClosedError, PendingError
+
+Options = ParamSpec("Options")
+Result = TypeVar("Result")
+
+
+class Background:
+    """Whose turn it is, and a thread that starts with the first call in the background.
+
+    `with background:` is a turn; it raises PendingError while another thread has one.
+    """
+
+    def __init__(self) -> None:
+        self._thread: ThreadPoolExecutor | None = None
+        self._pending: Future[Any] | None = None
+        self._owner = os.getpid()
+        self._turn: dict[str, int] = {}  # the thread whose turn it is: what Ctrl-C leaves here, its next turn clears
+
+    def __enter__(self) -> None:
+        me = threading.get_ident()
+        if self._turn.setdefault("thread", me) != me:
+            raise PendingError("another thread is in a call of this environment; make an environment for each thread")
+
+    def __exit__(self, *error: object) -> None:
+        self._turn.pop("thread", None)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a call has begun whose result nobody has fetched."""
+        return self._pending is not None
+
+    def begin(self, call: Callable[..., Any], *arguments: Any) -> None:
+        """Begin a call; the one before must have been fetched. Raises PendingError if another thread is in one."""
+        with self:
+            pass
+        if self._thread is None or self._owner != os.getpid():  # a fork does not inherit threads
+            self._thread, self._owner = ThreadPoolExecutor(1, "outlast"), os.getpid()
+        self._pending = self._thread.submit(self._in_turn, call, *arguments)
+
+    def fetch(self) -> Any:
+        """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
+        if self._pending is None:
+            raise PendingError("recv() without send()")
+        if self._owner != os.getpid():
+            raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
+        try:
+            return self._pending.result()
+        finally:
+            if self._pending.done():  # it is not after Ctrl-C: then it can be fetched again
+                self._pending = None
+
+    def close(self) -> None:
+        """Let the thread go, after its call."""
+        if self._thread and self._owner == os.getpid():
+            self._thread.shutdown()
+
+    def _in_turn(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        with self:
+            return call(*arguments)
+
+
+def alone(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
+    """A method of an environment that is open, in which nobody else is. Raises ClosedError or PendingError."""
+
+    @functools.wraps(call)
+    def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
+        check_callable(env)  # before the turn, which the call in the background needs
+        with env._background:
+            return call(env, *arguments, **options)
+
+    return checked
+
+
+def check_callable(env: Any) -> None:
+    """Raises ClosedError after close(), and PendingError between send() and recv()."""
+    if env.closed:
+        raise ClosedError("the environment is closed; make a new one")
+    if env._background.busy:
+        raise PendingError("a step was sent and not received; call recv() first")

@@ -1,0 +1,110 @@
+"""Spaces, built from what the scenario's components declare."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.ecs import Action, Column, Component, DeclarationError, Observation, Statistic, Worlds
+
+Array = np.ndarray[Any, Any]
+
+
+def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
+    """(key, component, column name, column) of all columns of a kind, in order of their keys' components.
+
+    Actions come in the order that their components declare; everything else in order of keys.
+    """
+    found = [
+        (column.key or name, component, name, column)
+        for component in worlds.components
+        if issubclass(component, base)
+        for name, column in component.columns.items()
+    ]
+    if base is Action:
+        return sorted(found, key=lambda entry: worlds.layout.actions.index((entry[1], entry[2])))
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def check_published(worlds: Worlds) -> None:
+    """DeclarationError if a column that learners see or set has no row an agent, or two statistics have one name."""
+    for base in (Observation, Action):
+        for key, component, name, column in published(worlds, base):
+            if column.dims[:1] != ("agents",):
+                raise DeclarationError(
+                    f"{component.__qualname__}.{name}: the {base.__name__.lower()} '{key}' has the dimensions "
+                    f'{column.dims}: the first one is "agents", as each agent has a row of its own'
+                )
+    names = ["alive"]  # what info tells beside the statistics
+    for key, _, _, column in published(worlds, Statistic):
+        names += _reported(worlds, key, column)
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise DeclarationError(f"two things that info tells are called '{twice[0]}'; rename a column of a Statistic")
+
+
+def bounds(worlds: Worlds) -> dict[str, tuple[Array, Array]]:
+    """The lowest and highest values of all observations of one world, by key: float32 (agents, ...), maybe infinite.
+
+    The range of a key is what its column declares, narrowed to what modules say of it (see ecs.Module.bounds). Where
+    that is a single value it gets room for 1 more, as wrappers that rescale divide by the width of the range.
+
+    Raises:
+        DeclarationError: a module's bounds do not fit the shape of the column, or the low one is above the high one.
+    """
+    stated: dict[str, list[tuple[Array, Array]]] = {}
+    shapes = {key: component.row_shape(name, worlds.dims) for key, component, name, _ in published(worlds, Observation)}
+    for module in worlds.layout.modules:
+        for key, ends in module.bounds(worlds.layout).items():
+            if key in shapes:
+                stated.setdefault(key, []).append(_checked(module.name, key, ends, shapes[key]))
+    found = {}
+    for key, _, _, column in published(worlds, Observation):
+        said = stated.get(key, [(np.full(shapes[key], -np.inf), np.full(shapes[key], np.inf))])
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
+            low = np.maximum(np.min([least for least, _ in said], 0), column.low).astype(np.float32)
+            high = np.minimum(np.max([most for _, most in said], 0), column.high).astype(np.float32)
+        found[key] = low, np.where(low == high, low + 1, high)
+    return found
+
+
+def _checked(module: str, key: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """What a module says of a key, as arrays of the column's shape."""
+    try:
+        low, high = (np.broadcast_to(np.asarray(end, np.float64), shape) for end in ends)
+    except ValueError as error:
+        cure = "give numbers, or arrays that broadcast to it"
+        raise DeclarationError(f"{module}.bounds() of '{key}' do not fit its shape {shape} ({error}); {cure}") from None
+    if not (low <= high).all():
+        raise DeclarationError(f"{module}.bounds() of '{key}' have a low end above the high one: {ends}; swap them")
+    return low, high
+
+
+def observation_space(worlds: Worlds) -> spaces.Dict:
+    """What all agents of one world see: key -> Box float32 of shape (agents, ...)."""
+    return spaces.Dict({key: spaces.Box(low, high, dtype=np.float32) for key, (low, high) in bounds(worlds).items()})
+
+
+def action_space(worlds: Worlds) -> spaces.MultiDiscrete:
+    """What all agents of one world do: MultiDiscrete of shape (agents, actions), (3, 3, 3, 2, 2, 2) in the paper."""
+    sizes = [int(column.high - column.low) + 1 for _, _, _, column in published(worlds, Action)]
+    return spaces.MultiDiscrete(np.tile(sizes, (worlds.dims["agents"], 1)))
+
+
+def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
+    """Copies of the episode statistics; rows of worlds that are not `where` are zero. Shapes (worlds,) or (worlds, n).
+
+    A column with one entry a cause of harm becomes one key for each: "deaths_zone".
+    """
+    result: dict[str, Array] = {}
+    for key, component, name, column in published(worlds, Statistic):
+        values = np.where(where[:, None], getattr(worlds[component], name), 0)
+        if column.dims == ("causes",):
+            result.update(zip(_reported(worlds, key, column), values.T, strict=True))
+        else:
+            result[key] = values if column.dims else values[:, 0]
+    return result
+
+
+def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:
+    """The names under which a statistic is reported: its key, or one for each cause of harm ("deaths_zone")."""
+    return [f"{key}_{cause}" for cause in worlds.layout.causes] if column.dims == ("causes",) else [key]

@@ -1,0 +1,95 @@
+"""What a caller hands in, checked before anything changes: counts, seeds, masks, actions."""
+
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from ..errors import ActionError
+
+Array = np.ndarray[Any, Any]
+
+
+def check_count(name: str, value: Any, least: int) -> None:
+    """ValueError unless `value` is an integer of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
+
+
+def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = "") -> None:
+    """ValueError unless `value` is one of those allowed."""
+    if not isinstance(value, (str, type(None))) or value not in allowed:
+        raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
+
+
+def autoreset_mode(value: Any) -> AutoresetMode:
+    """The mode, or the one of that value; ValueError for anything else."""
+    try:
+        return AutoresetMode(value)
+    except ValueError:
+        known = ", ".join(f"AutoresetMode.{mode.name} ({mode.value!r})" for mode in AutoresetMode)
+        raise ValueError(f"autoreset = {value!r}: allowed are {known}") from None
+
+
+def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array]:
+    """Seeds and worlds, uint64 (count,), that key the worlds' random numbers; see SurvivalVectorEnv.reset."""
+    given = np.asarray(seed, object)
+    if given.ndim == 0:
+        return np.full(count, _seed(seed)), (first_world + np.arange(count)).astype(np.uint64)
+    if given.shape != (count,):
+        raise ValueError(f"seed has shape {given.shape}: one integer, or one for each of {count} worlds")
+    return np.array([_seed(s) for s in given], np.uint64), np.zeros(count, np.uint64)
+
+
+def _seed(value: Any) -> np.uint64:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < 2**64:
+        raise ValueError(f"seed = {value!r}: an integer from 0 to 2**64 - 1 is needed")
+    return np.uint64(int(value))
+
+
+def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
+    """options["reset_mask"], bool (count,); everybody if there is none.
+
+    Other keys are a ValueError: a typo in this one would reset everything.
+    """
+    if set(options or ()) - {"reset_mask"}:
+        raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
+    mask = (options or {}).get("reset_mask")
+    if mask is None:
+        return np.ones(count, bool)
+    mask = as_array(mask)
+    if mask.dtype != bool or mask.shape != (count,) or not mask.any():
+        raise ValueError(
+            f"reset_mask must be bool, of shape ({count},), with at least one True; "
+            f"got {mask.dtype} of shape {mask.shape} with {int(np.count_nonzero(mask))} true"
+        )
+    return mask
+
+
+def checked_actions(given: Any, shape: tuple[int, ...], sizes: Array, ranges: bool) -> Array:
+    """`given` as an integer array of `shape` = (worlds, agents, actions). ranges: check that each is below its size.
+
+    Raises ActionError.
+    """
+    actions: Array = as_array(given)
+    if actions.shape != shape:
+        raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
+    if actions.dtype.kind not in "iu":
+        raise ActionError(f"actions are {actions.dtype}: integers are needed")
+    if not ranges:
+        return actions
+    unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are large ones
+    bad = actions.view(unsigned) >= sizes.astype(unsigned)
+    if bad.any():
+        w, i, k = (int(index[0]) for index in np.nonzero(bad))
+        raise ActionError(f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: 0 to {sizes[k] - 1} is allowed")
+    return actions
+
+
+def as_array(value: Any) -> Array:
+    """`value` as an array; lists of unequal length become an array of objects, to be refused by shape or type."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        return np.empty(len(value), object)

@@ -1,0 +1,1 @@
+"""Recordings as datasets for learners: .npz shards, Parquet, Minari."""

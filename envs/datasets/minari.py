@@ -1,0 +1,129 @@
+"""Samples as a Minari data set: an episode for each agent of each episode of a world."""
+
+import contextlib
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.ecs import Worlds
+
+from ..core.spaces import action_space, observation_space
+from ..errors import RecordingError
+from ..recording.replay import Replay
+from ..storage import atomic_write
+from .batches import manifest
+from .samples import Samples, Wish, joined, samples
+
+try:
+    import minari
+    import pyarrow  # noqa: F401 - what Minari writes with
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+    from minari.dataset.minari_dataset import parse_dataset_id
+    from minari.namespace import create_namespace, list_local_namespaces
+    from minari.storage.datasets_root_dir import get_dataset_path
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("Minari data sets need Minari: pip install 'outlast[minari]'", name=error.name) from error
+
+
+ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
+
+
+def export(name: str, replay: Replay, wish: Wish) -> int:
+    """Write the local data set `name`, in Minari's format "arrow"; returns the number of agent-steps.
+
+    Episodes have one observation more than steps, as Minari has it. One that was cut off, by a reset or by the end of
+    the recording, counts as truncated. Their metadata's options tell world, episode and agent.
+    """
+    try:
+        parse_dataset_id(name)
+    except (ValueError, TypeError):
+        raise RecordingError(f"{name!r} is no name of a Minari data set: NAME-v0 is needed, or SPACE/NAME-v0") from None
+    place = Path(get_dataset_path(name))
+    if place.exists():
+        raise RecordingError(f"there is a Minari data set {name}; give another name, or `minari delete {name}`")
+    count = [0]
+    observations, actions = _spaces(replay.worlds)
+    about = manifest(replay)
+    with _drafted(name, place), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that there is no EnvSpec: a world of agents has none
+        minari.create_dataset_from_buffers(
+            name,
+            _episodes(replay, wish, count),  # drawn one by one
+            observation_space=observations,
+            action_space=actions,
+            description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
+            data_format="arrow",
+            requirements=[f"outlast=={about['outlast']}"],
+        )
+    return count[0]
+
+
+@contextlib.contextmanager
+def _drafted(name: str, place: Path) -> Iterator[None]:
+    """Meanwhile Minari writes into a hidden folder; from there the data set goes to its place, whole."""
+    root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
+    hidden = atomic_write.name(root / place.name)
+    hidden.mkdir()
+    try:
+        os.environ[ROOT] = str(hidden)
+        yield
+        _restore(kept)
+        if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
+            create_namespace(namespace)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(hidden / name, place)
+    finally:
+        _restore(kept)
+        atomic_write.discard(hidden)
+
+
+def _restore(kept: str | None) -> None:
+    if kept is None:
+        os.environ.pop(ROOT, None)
+    else:
+        os.environ[ROOT] = kept
+
+
+def _episodes(replay: Replay, wish: Wish, count: list[int]) -> Iterator[Any]:
+    """The episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
+    running: dict[int, list[Samples]] = {}
+    for batch in samples(replay, wish):
+        finals = iter(range(len(batch)))
+        for k, world in enumerate(batch.columns["world"].tolist()):
+            last = bool(batch.columns["last"][k])
+            final = next(finals) if last else 0
+            running.setdefault(world, []).append(batch.row(k, final if last else None))
+            if last:
+                episode = joined(running.pop(world))
+                count[0] += len(episode) * replay.recording.num_agents
+                for i in range(replay.recording.num_agents):
+                    yield _episode(episode, i)
+
+
+def _episode(whole: Samples, i: int) -> Any:
+    columns = whole.columns
+    truncated = columns["truncated"].copy()
+    truncated[-1] |= not columns["terminated"][-1]
+    told = {"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i}
+    return EpisodeBuffer(
+        observations={key: np.concatenate([a[:, i], whole.final[key][:, i]]) for key, a in whole.observations.items()},
+        actions=columns["actions"][:, i].astype(np.int64),
+        rewards=columns["rewards"][:, i].tolist(),
+        terminations=columns["terminated"].tolist(),
+        truncations=truncated.tolist(),
+        options=told,
+    )
+
+
+def _spaces(worlds: Worlds) -> tuple[spaces.Dict, spaces.MultiDiscrete]:
+    """What one agent sees and does; the same for all of them."""
+    boxes: Any = observation_space(worlds)
+    seen: dict[str, spaces.Space[Any]] = {
+        key: spaces.Box(box.low[0], box.high[0], dtype=np.float32) for key, box in boxes.items()
+    }
+    return spaces.Dict(seen), spaces.MultiDiscrete(action_space(worlds).nvec[0])

@@ -1,0 +1,74 @@
+"""Samples as a Parquet file, a row an agent-step."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..recording.replay import Replay
+from ..storage.atomic_write import draft
+from .batches import batches, manifest
+from .samples import Samples, Wish
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(".parquet files need pyarrow: pip install 'outlast[data]'", name=error.name) from error
+
+Array = np.ndarray[Any, Any]
+
+
+def export(target: Path, replay: Replay, wish: Wish) -> int:
+    """Write one file; returns the number of its rows.
+
+    Columns: those of Samples and `agent`, a column for each action, and for each key of the observations a list of
+    fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its episode. The
+    shapes of the lists are in the file's metadata, as JSON under "outlast".
+    """
+    about, count, writer = manifest(replay), 0, None
+    names = [column["name"] for column in about["actions"]]
+    with draft(target) as path:
+        try:
+            for batch in batches(replay, wish):
+                table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})
+                writer = writer or pq.ParquetWriter(path, table.schema, compression="zstd")
+                writer.write_table(table)
+                count += table.num_rows
+            if writer is None:
+                raise RecordingError("there are no samples: no world that was asked for took a step in these runs")
+        finally:
+            if writer is not None:
+                writer.close()
+    return count
+
+
+def _table(batch: Samples, names: list[str]) -> Any:
+    columns, agents = batch.columns, batch.columns["actions"].shape[1]
+    found = {key: np.repeat(columns[key], agents) for key in ("world", "episode", "tick")}
+    found["agent"] = np.tile(np.arange(agents, dtype=np.int32), len(batch))
+    found |= {name: columns["actions"][:, :, k].ravel() for k, name in enumerate(names)}
+    found |= {"reward": columns["rewards"].ravel(), "alive": columns["alive"].ravel()}
+    found |= {key: np.repeat(columns[key], agents) for key in ("terminated", "truncated", "last")}
+    arrays = {key: pa.array(array) for key, array in found.items()}
+    for key, array in batch.observations.items():
+        if array[0].size:
+            arrays[f"observation_{key}"] = _lists(array)
+    for key, array in batch.final.items():
+        if int(np.prod(array.shape[1:])):
+            arrays[f"final_{key}"] = _sparse(array, found["last"])
+    return pa.table(arrays)
+
+
+def _lists(array: Array) -> Any:
+    """float32 (n, agents, ...) as n * agents lists."""
+    size = int(np.prod(array.shape[2:]))
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), size)
+
+
+def _sparse(array: Array, where: Array) -> Any:
+    """The same where `where` is true, in turn; null elsewhere."""
+    index = np.where(where, np.cumsum(where) - 1, 0)
+    return _lists(array).take(pa.array(index, mask=~where)) if len(array) else pa.nulls(len(where), _lists(array).type)

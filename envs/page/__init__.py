@@ -1,8 +1,0 @@
-"""Pages: recordings as web pages that need no network, and the parts that they are made of."""
-
-from .assets import DRAWING, assemble
-from .events import events
-from .trace import describe, snapshot
-from .write import write
-
-__all__ = ["DRAWING", "assemble", "describe", "events", "snapshot", "write"]

@@ -1,0 +1,222 @@
+"""The canvas: an RGB picture that views draw on, in metres."""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .scene import Scene
+
+Image = np.ndarray[Any, Any]
+Color = tuple[int, int, int]
+Point = tuple[float, float]
+Frame = tuple[float, float, float]  # of fixed-point numbers: units a metre, of the origin, and metres to where is far
+
+SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
+SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
+UNIT = 1 << SHIFT
+FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
+FONT, FONT_HEIGHT = cv2.FONT_HERSHEY_DUPLEX, 21  # pixels, height of a digit at scale 1
+BOLD = 24  # pixels of height for each of a stroke's width
+READABLE = 5  # pixels, height of the smallest text worth drawing
+BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
+THINNEST = 0.5  # pixels, half the width of the thinnest body
+KEPT = 2**14  # shapes whose corners are remembered
+ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
+
+
+class Canvas:
+    """A square picture of the plane around the origin: image is uint8 (size, size, 3), RGB, row 0 on top.
+
+    half: metres from the origin to each edge. Drawing takes metres, x to the right and y up, and colours (red, green,
+    blue); edges are anti-aliased, positions are kept to 1/16 of a pixel, lines are at least one pixel wide. What has a
+    coordinate that is not a number, or lies a thousand pictures away, is left out.
+    """
+
+    def __init__(self, size: int, half: float) -> None:
+        self.image: Image = np.empty((size, size, 3), np.uint8)
+        self.size, self.half = size, half
+        self.scale = size / (2 * half)  # pixels per metre
+        self._unit = self.scale * UNIT
+        self._origin = size * UNIT / 2 - UNIT / 2  # OpenCV counts from the centre of the first pixel, not its edge
+        self._far = FAR * half
+        self._frame = self._unit, self._origin, self._far
+
+    def clear(self, color: Color) -> None:
+        """Paint everything over."""
+        cv2.rectangle(self.image, (0, 0), (self.size, self.size), color, cv2.FILLED)
+
+    def circle(self, x: float, y: float, radius: float, color: Color, width: float = 0) -> None:
+        """A disc, or with a width (metres) a circle line."""
+        if not abs(x) + abs(y) + abs(radius) < self._far:
+            return
+        pixels = max(THINNEST, radius * self.scale - (0 if width else BLEED))
+        points = _disc_at(pixels, *self._at(x, y))
+        if width:
+            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
+        else:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+
+    def segment(self, x: float, y: float, to_x: float, to_y: float, color: Color, width: float) -> None:
+        """A straight line."""
+        if abs(x) + abs(y) + abs(to_x) + abs(to_y) < self._far:
+            thick = self._thick(width)
+            cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
+
+    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
+        """A filled convex polygon, which may let shine through what is below; or with a width (metres) its outline."""
+        points = _fixed(corners, self._frame)
+        if points is None:
+            return
+        if width:
+            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
+        elif opacity == 1:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+        else:
+            self._glaze(points, color, opacity)
+
+    def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
+        """A filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
+        if abs(left) + abs(lower) + abs(right) + abs(upper) < self._far:
+            x, y = _whole(self.size / 2 + left * self.scale), _whole(self.size / 2 - upper * self.scale)
+            wide, high = _whole((right - left) * self.scale), _whole((upper - lower) * self.scale)
+            cv2.rectangle(self.image, (x, y, max(1, wide), max(1, high)), color, cv2.FILLED)
+
+    def body(self, scene: Scene, e: int, color: Color, grow: float = 0) -> None:
+        """Entity `e` as its shape is, a disc or a rectangle, `grow` metres larger on all sides."""
+        body, shape = scene.body, scene.shape
+        if shape.radius[e] > 0:
+            self.circle(body.x[e], body.y[e], shape.radius[e] + grow, color)
+            return
+        grow -= BLEED / self.scale
+        thinnest = THINNEST / self.scale
+        a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
+        points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._frame)
+        if points is not None:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+
+    def dashes(self, x: float, y: float, radius: float, color: Color, width: float, dash: float) -> None:
+        """A dashed circle line; dashes and the gaps between them are `dash` metres long, or a little more."""
+        if not abs(x) + abs(y) + abs(radius) < self._far:
+            return
+        count, thick = max(4, int(math.pi * radius / dash)), self._thick(width)
+        ends = np.rint(_rim(2 * count) * (radius * self._unit) + self._at(x, y)).astype(np.int32).tolist()
+        for start, end in zip(ends[::2], ends[1::2], strict=True):
+            cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
+
+    def text(self, x: float, y: float, words: str, height: float, color: Color, anchor: float = 0.5) -> None:
+        """Words with digits `height` metres high around y; left out where nobody could read them.
+
+        anchor: which part of their ink is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
+        """
+        if self.readable(height) and abs(x) + abs(y) < self._far:
+            scale, thick = self._font(height)
+            left, right, middle = _ink(words if anchor else "0", scale, thick)
+            across = left + anchor * (right - left)
+            place = round(self.size / 2 + x * self.scale - across), round(self.size / 2 - y * self.scale - middle)
+            cv2.putText(self.image, words, place, FONT, scale, color, thick, cv2.LINE_AA)
+
+    def length(self, words: str, height: float) -> float:
+        """Metres from one end of the words to the other, as `text` writes them."""
+        left, right, _ = _ink(words, *self._font(height))
+        return (right - left) / self.scale
+
+    def readable(self, height: float) -> bool:
+        """Whether digits `height` metres high are large enough to be read."""
+        return height * self.scale >= READABLE
+
+    def _font(self, height: float) -> tuple[float, int]:
+        pixels = max(1, round(height * self.scale))
+        return pixels / FONT_HEIGHT, max(1, round(pixels / BOLD))
+
+    def _glaze(self, points: Image, color: Color, opacity: float) -> None:
+        """Blend a polygon in; only the part of the picture around it is looked at."""
+        left, top = np.clip(points.min(0) // UNIT - 1, 0, self.size).tolist()
+        right, bottom = np.clip(points.max(0) // UNIT + 3, 0, self.size).tolist()
+        if left < right and top < bottom:
+            below = self.image[top:bottom, left:right]
+            above = below.copy()
+            moved = points - np.array([left * UNIT, top * UNIT], np.int32)
+            cv2.fillConvexPoly(above, moved, color, cv2.LINE_AA, SHIFT)
+            below[:] = cv2.addWeighted(above, opacity, below, 1 - opacity, 0)
+
+    def _at(self, x: float, y: float) -> tuple[int, int]:
+        return round(self._origin + x * self._unit), round(self._origin - y * self._unit)
+
+    def _thick(self, width: float) -> int:
+        return max(1, round(width * self.scale)) if width else cv2.FILLED
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _turned(
+    x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float, frame: Frame
+) -> Image | None:
+    """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one; see `_fixed`.
+
+    They are remembered, as most rectangles stand where they stood in the frame before.
+    """
+    a, b, c, d = cosine * half_width, sine * half_width, -sine * half_height, cosine * half_height
+    corners = [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
+    return _fixed(corners, frame)
+
+
+def _fixed(corners: Sequence[Point], frame: Frame) -> Image | None:
+    """Points in OpenCV's fixed-point numbers, int32 (points, 2); None if they cannot be drawn."""
+    unit, origin, far = frame
+    if not sum([abs(x) + abs(y) for x, y in corners]) < far:
+        return None
+    return np.array([(round(origin + x * unit), round(origin - y * unit)) for x, y in corners], np.int32)
+
+
+def _whole(pixels: float) -> int:
+    """Rounded, halves always up: what moves by a whole pixel must not change its size."""
+    return math.floor(pixels + 0.5)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _disc_at(pixels: float, x: int, y: int) -> Image:
+    """The same around a point; most things lie where they lay in the frame before."""
+    return _disc(pixels) + np.array((x, y), np.int32)
+
+
+@functools.lru_cache(maxsize=1024)
+def _disc(pixels: float) -> Image:
+    """Corners of a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers."""
+    count = 8 * math.ceil(math.pi / math.acos(1 - min(ERROR / pixels, 0.25)) / 8)
+    corners: Image = np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
+    return corners
+
+
+@functools.lru_cache(maxsize=1024)
+def _rim(count: int) -> Image:
+    """Corners of a regular polygon on the unit circle, float64 (count, 2)."""
+    angles = np.arange(count) * (2 * math.pi / count)
+    return np.stack([np.cos(angles), np.sin(angles)], 1)
+
+
+@functools.lru_cache(maxsize=4096)
+def _ink(words: str, scale: float, thick: int) -> tuple[float, float, float]:
+    """From where OpenCV starts to write, in pixels: the ends of the ink, and the middle of a digit's height.
+
+    Found by trial, as fonts differ by OpenCV's version.
+    """
+    xs, _ = _trial(words, scale, thick)
+    _, ys = _trial("0", scale, thick)
+    return xs[0], xs[1], (ys[0] + ys[1]) / 2
+
+
+@functools.lru_cache(maxsize=4096)
+def _trial(words: str, scale: float, thick: int) -> tuple[Point, Point]:
+    """The ends of the ink across and down, from where OpenCV starts to write."""
+    (width, height), below = cv2.getTextSize(words, FONT, scale, thick)
+    margin = height + below + 2
+    trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)
+    cv2.putText(trial, words, (margin, margin + height), FONT, scale, (255,), thick, cv2.LINE_AA)
+    ys, xs = np.nonzero(trial)
+    if not len(xs):
+        return (0.0, 0.0), (0.0, 0.0)
+    top = margin + height
+    return (int(xs.min()) - margin, int(xs.max()) + 1 - margin), (int(ys.min()) - top, int(ys.max()) + 1 - top)

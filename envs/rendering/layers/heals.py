@@ -1,0 +1,31 @@
+"""Heals on the ground: discs with a cross."""
+
+from dataclasses import dataclass
+
+from outlast.components import Body, Heal, Shape
+
+from ..canvas import Canvas
+from ..scene import Scene
+from .palette import HEAL, WHITE
+from .view import Layer, View
+
+VISIBLE = 6  # pixels, radius of the smallest disc that a cross is drawn on
+
+
+@dataclass(frozen=True)
+class Heals(View):
+    """Heals that lie around."""
+
+    layer = Layer.ITEMS
+    needs = (Heal,)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """As large as they are."""
+        body, radii = scene.body, scene.shape.radius
+        for e in scene.living(Body, Shape, Heal):
+            x, y, radius = body.x[e], body.y[e], radii[e]
+            canvas.circle(x, y, radius, HEAL)
+            if radius * canvas.scale >= VISIBLE:
+                arm = 0.5 * radius
+                canvas.segment(x - arm, y, x + arm, y, WHITE, 0.25 * radius)
+                canvas.segment(x, y - arm, x, y + arm, WHITE, 0.25 * radius)

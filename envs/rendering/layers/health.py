@@ -1,0 +1,47 @@
+"""Hit points: a bar above everybody who fights, and above things that are damaged."""
+
+from dataclasses import dataclass
+
+from outlast.components import Body, Health, Shape, Side
+
+from ..canvas import Canvas
+from ..scene import Scene
+from .palette import GREEN, INK, ORANGE, SKY, VERMILLION
+from .view import Layer, View
+
+VISIBLE = 0.5  # pixels, height of the lowest bar worth drawing
+FRAMED = 1.0  # pixels, height of the lowest bar with a frame
+
+
+@dataclass(frozen=True)
+class HealthBars(View):
+    """A bar is full at the hit points of birth; what is beyond that lies over it in another colour."""
+
+    layer = Layer.MARKS
+    needs = (Health,)
+    length: float = 1.2  # metres
+    height: float = 0.18
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
+        if self.height * canvas.scale < VISIBLE:
+            return
+        points, whole, mortal = scene[Health].points, scene.birth(Health).points, scene[Health].mortal
+        agents = set(scene.rows(Side))
+        for e in scene.living(Body, Shape, Health):
+            if mortal[e] and (e in agents or points[e] < whole[e]):
+                self._draw(canvas, scene, e, points[e] / max(whole[e], 1))
+
+    def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
+        height, half = self.height, self.length / 2
+        edge = 1 / canvas.scale if height * canvas.scale >= FRAMED else 0
+        left, lower = scene.body.x[e] - half, scene.body.y[e] + min(scene.shape.bound[e], 0.6) + 1.6 * height
+        canvas.rectangle(left - edge, lower - edge, left + 2 * half + edge, lower + height + edge, INK)
+        filled = 2 * half * min(max(share, 0), 1)
+        canvas.rectangle(left, lower, left + filled, lower + height, _color(share))
+        if share > 1:
+            canvas.rectangle(left, lower, left + 2 * half * min(share - 1, 1), lower + height, SKY)
+
+
+def _color(share: float) -> tuple[int, int, int]:
+    return GREEN if share > 0.5 else ORANGE if share > 0.25 else VERMILLION

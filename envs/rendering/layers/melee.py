@@ -1,0 +1,102 @@
+"""Strikes of this tick: a bright segment and a star where something was hit, a thin segment where nothing was."""
+
+import math
+from dataclasses import dataclass
+
+from outlast import systems
+from outlast.components import Attack, Body, Shape, Weapon
+from outlast.ecs import Clock
+
+from ..canvas import Canvas, Color
+from ..scene import Scene
+from .palette import INK, STRIKE, WHITE
+from .view import Layer, View
+
+
+@dataclass(frozen=True)
+class Melee(View):
+    """Who attacked in the last tick: up to what was hit, or as far as the weapon reaches."""
+
+    layer = Layer.STRIKES
+    needs = (Weapon, Attack, systems.Melee)
+    width: float = 0.16  # metres
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """From the attacker's place after the tick: it has moved since it struck."""
+        if not scene[Clock].tick[0]:
+            return  # the actions are those of the episode before
+        weapon, reach = scene[Weapon], scene.mechanic(systems.Melee).reach
+        alive = set(scene.living(Body, Shape, Weapon))
+        for i, me in enumerate(scene.rows(Weapon)):
+            if me in alive and weapon.target[me] >= 0:
+                far = _distance(scene, me, weapon.target[me], reach)
+                self._draw(canvas, scene, me, far, INK, 2 * self.width)
+                self._draw(canvas, scene, me, far, STRIKE, self.width)
+            elif me in alive and scene[Attack].attack[i] and not weapon.wait[me]:  # or it waited until just now
+                self._draw(canvas, scene, me, reach, INK, self.width / 2)
+
+    def _draw(self, canvas: Canvas, scene: Scene, me: int, far: float, color: Color, width: float) -> None:
+        canvas.segment(scene.body.x[me], scene.body.y[me], *_ahead(scene, me, far), color, width)
+
+
+@dataclass(frozen=True)
+class Hits(View):
+    """A star where a strike of the last tick has landed."""
+
+    layer = Layer.AGENTS + 2
+    needs = (Weapon, systems.Melee)
+    radius: float = 0.26  # metres
+    rim: float = 0.08
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """On the skin of what was hit, as both stand after the tick."""
+        if not scene[Clock].tick[0]:
+            return
+        target, reach = scene[Weapon].target, scene.mechanic(systems.Melee).reach
+        for me in scene.living(Body, Shape, Weapon):
+            if target[me] >= 0:
+                x, y = _ahead(scene, me, _distance(scene, me, target[me], reach))
+                for radius, color in ((self.radius + self.rim, INK), (self.radius, STRIKE), (self.radius / 2, WHITE)):
+                    _star(canvas, x, y, radius, color)
+
+
+def _star(canvas: Canvas, x: float, y: float, radius: float, color: Color) -> None:
+    """Two squares, one on the corners of the other."""
+    a = radius * math.sqrt(0.5)
+    canvas.polygon([(x + radius, y), (x, y + radius), (x - radius, y), (x, y - radius)], color)
+    canvas.polygon([(x + a, y + a), (x - a, y + a), (x - a, y - a), (x + a, y - a)], color)
+
+
+def _ahead(scene: Scene, me: int, far: float) -> tuple[float, float]:
+    body = scene.body
+    return body.x[me] + far * body.cosine[me], body.y[me] + far * body.sine[me]
+
+
+def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
+    """How far ahead of `me` the shape of `e` begins; if it is not there any more, where its centre is passed."""
+    body, shape = scene.body, scene.shape
+    x, y, cosine, sine = body.x[e] - body.x[me], body.y[e] - body.y[me], body.cosine[me], body.sine[me]
+    ahead, aside = x * cosine + y * sine, y * cosine - x * sine
+    if shape.radius[e] > 0:
+        ahead -= math.sqrt(max(0, shape.radius[e] ** 2 - aside**2))
+    else:
+        ahead = _edge(scene, me, e, ahead)
+    return float(min(max(ahead, 0), reach))
+
+
+def _edge(scene: Scene, me: int, e: int, ahead: float) -> float:
+    """How far ahead of `me` the rectangle `e` begins; `ahead` if the line misses it."""
+    body, shape = scene.body, scene.shape
+    x, y, cosine, sine = body.x[me] - body.x[e], body.y[me] - body.y[e], body.cosine[e], body.sine[e]
+    dx, dy = body.cosine[me], body.sine[me]
+    enter, leave = -math.inf, math.inf
+    for place, speed, half in (
+        (x * cosine + y * sine, dx * cosine + dy * sine, shape.half_width[e]),
+        (y * cosine - x * sine, dy * cosine - dx * sine, shape.half_height[e]),
+    ):
+        if speed:
+            near, far = sorted(((-half - place) / speed, (half - place) / speed))
+            enter, leave = max(enter, near), min(leave, far)
+        elif abs(place) > half:
+            return ahead
+    return enter if enter <= leave else ahead

@@ -1,0 +1,43 @@
+"""The room: its floor, and what stands around it."""
+
+from dataclasses import dataclass
+
+from outlast.components import Body, Box, Floor, Shape, Side, Solid
+
+from ..canvas import Canvas
+from ..scene import Scene
+from .palette import FLOOR, WALL
+from .view import Layer, View
+
+
+@dataclass(frozen=True)
+class Room(View):
+    """The floor."""
+
+    layer = Layer.GROUND
+    needs = (Floor,)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """A square."""
+        half = scene[Floor].size[0] / 2
+        canvas.rectangle(-half, -half, half, half, FLOOR)
+
+
+@dataclass(frozen=True)
+class Walls(View):
+    """Walls, and all other obstacles that are neither agents nor boxes."""
+
+    layer = Layer.BODIES
+    needs = (Solid,)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Their shapes, a pixel larger: two walls meet in a single point. Behind them there is nothing to see."""
+        others = {*scene.rows(Side), *scene.rows(Box)}
+        walls = [e for e in scene.living(Body, Shape, Solid) if e not in others]
+        for e in walls:
+            canvas.body(scene, e, WALL, 1 / canvas.scale)
+        if walls and Floor in scene:
+            room, half = scene.room, scene.half
+            for left, lower, right, upper in ((-half, room, half, half), (room, -half, half, half)):
+                canvas.rectangle(left, lower, right, upper, WALL)
+                canvas.rectangle(-right, -upper, -left, -lower, WALL)

@@ -1,0 +1,36 @@
+"""The safe zone: a clear disc on a darkened floor, and in dashes where it goes."""
+
+from dataclasses import dataclass
+
+from outlast.components import Floor, Zone
+
+from ..canvas import Canvas
+from ..scene import Scene
+from .palette import FLOOR, RIM, UNSAFE
+from .view import Layer, View
+
+
+@dataclass(frozen=True)
+class SafeZone(View):
+    """The safe circle now and the next one."""
+
+    layer = Layer.ZONE
+    needs = (Zone, Floor)
+    rim: float = 0.1  # metres, also the width of dashes
+    dash: float = 0.7
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """A void zone is no disc; where the zone is about to vanish, there is a cross."""
+        zone, half = scene[Zone], scene[Floor].size[0] / 2
+        x, y, radius = zone.x[0], zone.y[0], zone.radius[0]
+        canvas.rectangle(-half, -half, half, half, UNSAFE)
+        if radius <= 0:
+            return
+        canvas.circle(x, y, radius, RIM)
+        canvas.circle(x, y, radius - self.rim, FLOOR)
+        x, y, radius = zone.next_x[0], zone.next_y[0], zone.next_radius[0]
+        if radius > 0:
+            canvas.dashes(x, y, radius, RIM, self.rim, self.dash)
+        else:
+            canvas.segment(x - self.dash, y - self.dash, x + self.dash, y + self.dash, RIM, self.rim)
+            canvas.segment(x - self.dash, y + self.dash, x + self.dash, y - self.dash, RIM, self.rim)

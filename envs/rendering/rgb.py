@@ -1,0 +1,124 @@
+"""Pictures of a world: RGB for people and videos, characters for terminals. Nothing is changed by looking."""
+
+import math
+from collections.abc import Iterable, Iterator
+from numbers import Integral
+from typing import Any
+
+from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Zone
+from outlast.ecs import Component, Worlds
+
+from .canvas import LARGEST, SMALLEST, Canvas, Image
+from .layers import VIEWS, Scene, View
+from .layers.palette import WALL
+from .layers.view import paint
+
+COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
+SIGNS: tuple[tuple[type[Component], str], ...] = ((Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
+NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
+
+
+def draw(worlds: Worlds, w: int, size: int = 512, views: Iterable[View] | None = None) -> Image:
+    """World `w` as a picture: uint8 (size, size, 3), RGB, a new array. The same state gives the same bits.
+
+    size: pixels, 64 to 4096. views: what to draw (default: VIEWS), in any order; those that this scenario has nothing
+    for stay out. Raises ValueError for a size or world that cannot be, TypeError for what is not a view.
+    """
+    _check("size", size, SMALLEST, LARGEST, "pixels")
+    scene = _scene(worlds, w)
+    canvas = Canvas(int(size), scene.half)
+    canvas.clear(WALL)
+    return paint(canvas, [view for view in _checked(views) if view.fits(scene)], scene)
+
+
+def text(worlds: Worlds, w: int) -> str:
+    """World `w` as a map of 40 x 20 characters in a frame, and a line for every agent.
+
+    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. The colons are
+    where it is not safe. Raises ValueError for a world that is not there.
+    """
+    scene = _scene(worlds, w)
+    grid = [[" "] * COLUMNS for _ in range(LINES)]
+    if Zone in scene:
+        _shade(grid, scene)
+    for component, sign in SIGNS:
+        for e in scene.living(Body, Shape, component):
+            for x, y in _points(scene, e):
+                _put(grid, scene, x, y, sign)
+    alive = set(scene.living(Body, Side))
+    for i, e in enumerate(scene.rows(Body, Side)):
+        if e in alive:
+            _put(grid, scene, scene.body.x[e], scene.body.y[e], _sign(i))
+    edge = "+" + "-" * COLUMNS + "+"
+    rows = (f"|{''.join(line)}|" for line in grid)
+    return "\n".join([edge, *rows, edge, *_agents(scene)])
+
+
+def _scene(worlds: Worlds, w: int) -> Scene:
+    _check("w", w, 0, worlds.count - 1, "the number of a world")
+    return Scene(worlds, int(w))
+
+
+def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
+
+
+def _checked(views: Iterable[View] | None) -> list[View]:
+    found = list(VIEWS if views is None else views)
+    for view in found:
+        if not isinstance(view, View):
+            raise TypeError(f"{view!r} is not a view: pass instances, as in views=[*VIEWS, Cameras()]")
+    return found
+
+
+def _put(grid: list[list[str]], scene: Scene, x: float, y: float, sign: str) -> None:
+    """Write a sign where (x, y) is; nothing if that is not on the map (or not a number)."""
+    across, down = 0.5 + x / (2 * scene.room), 0.5 - y / (2 * scene.room)
+    if 0 <= across < 1 and 0 <= down < 1:
+        grid[int(LINES * down)][int(COLUMNS * across)] = sign
+
+
+def _shade(grid: list[list[str]], scene: Scene) -> None:
+    zone, room = scene[Zone], scene.room
+    for line in range(LINES):
+        for column in range(COLUMNS):
+            x, y = room * (2 * (column + 0.5) / COLUMNS - 1), room * (1 - 2 * (line + 0.5) / LINES)
+            if math.hypot(x - zone.x[0], y - zone.y[0]) > zone.radius[0] or zone.radius[0] == 0:
+                grid[line][column] = ":"
+
+
+def _points(scene: Scene, e: int) -> Iterator[tuple[float, float]]:
+    """The centre of a disc; points all over a rectangle, dense enough to fill every character it covers."""
+    body, shape, gap = scene.body, scene.shape, scene.room / COLUMNS
+    x, y, cosine, sine = body.x[e], body.y[e], body.cosine[e], body.sine[e]
+    for a in _spread(shape.half_width[e], gap):
+        for b in _spread(shape.half_height[e], gap):
+            yield x + a * cosine - b * sine, y + a * sine + b * cosine
+
+
+def _spread(half: float, gap: float) -> list[float]:
+    count = math.ceil(half / gap)
+    return [half * k / count for k in range(-count, count + 1)] if count else [0.0]
+
+
+def _sign(i: int) -> str:
+    return NUMBERS[i] if i < len(NUMBERS) else "@"
+
+
+def _agents(scene: Scene) -> Iterator[str]:
+    """A line for each agent: sign, side, hit points, what it carries."""
+    alive = set(scene.living(Side))
+    for i, e in enumerate(scene.rows(Side)):
+        words = [f"{_sign(i)} side {scene[Side].side[e]}"]
+        if e not in alive:
+            words.append("dead")
+        elif Health in scene:
+            words.append(f"health {scene[Health].points[e]}")
+        if e in alive and Bag in scene:
+            words += [_kind(scene, thing) for thing in scene[Bag].items[e] if thing >= 0]
+        yield " ".join(words)
+
+
+def _kind(scene: Scene, row: int) -> str:
+    return next(name for name, span in scene.worlds.layout.spans.items() if row in span)

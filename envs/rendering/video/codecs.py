@@ -1,0 +1,206 @@
+"""How frames become files: a writer and a reader for each format. Everything is streamed, nothing held in memory."""
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ...errors import FilmError
+from .apng import count_apng, write_apng
+
+Image = np.ndarray[Any, Any]
+
+FASTEST_GIF = 50  # frames a second; browsers slow down what is faster
+LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels, sides of frames; H.264 and VP8 can do no more
+LOG_ERRORS = 2  # OpenCV's level
+QUALITY = "18"  # libx264's constant rate factor: not to be told from the frames
+TO_VIDEO = ("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p")
+TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")  # or players guess the colours
+H264 = ("-c:v", "libx264", "-crf", QUALITY, *TO_VIDEO, *TAGS, "-movflags", "+faststart")
+LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "ultrafast")
+PALETTE = "[0:v]palettegen[colors];[1:v][colors]paletteuse=dither=none:diff_mode=rectangle"
+
+
+@dataclass(frozen=True)
+class Codec:
+    """A format. write(path, frames, fps): frames are uint8 (height, width, 3) RGB, of one size, at least one.
+
+    read(path): how many frames the file holds, their height and width; all of it is read. even: sides are padded
+    to even numbers of pixels. extra: it needs the optional library imageio-ffmpeg. fastest: frames a second, at most.
+    largest: pixels, sides at most.
+    """
+
+    write: Callable[[Path, Iterator[Image], int], None]
+    read: Callable[[Path], tuple[int, int, int]]
+    even: bool = False
+    extra: bool = False
+    fastest: int = 1000
+    largest: int = LARGEST
+
+
+def write_folder(path: Path, frames: Iterator[Image], fps: int) -> None:
+    """Numbered PNGs in a new folder; it keeps nothing of fps."""
+    path.mkdir()
+    for k, frame in enumerate(frames):
+        (path / f"frame_{k:06}.png").write_bytes(cv2.imencode(".png", frame[..., ::-1])[1].tobytes())
+
+
+def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
+    """VP8, by OpenCV."""
+    first = next(frames)
+    with _silence(), _spelled(path) as name:
+        writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, first.shape[1::-1])
+    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)  # of frames that a full disk does not take, reading back tells
+    try:
+        if not writer.isOpened():
+            raise FilmError("this OpenCV cannot write VP8: pip install 'outlast[video]' and write .mp4")
+        for frame in itertools.chain([first], frames):
+            writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    finally:
+        writer.release()
+        cv2.utils.logging.setLogLevel(level)
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep FFmpeg inside OpenCV from writing to stderr, for which there is no switch.
+
+    It warns that .webm has no tag for VP8, and finds the codec all the same; of files that are cut short, _size tells.
+    """
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+@contextlib.contextmanager
+def _spelled(path: Path) -> Iterator[str]:
+    """A path as OpenCV takes it: a name that is not UTF-8 ends the process, so the folder goes by a number instead.
+
+    It is good until the file is open. Only file systems of Unix have such names; of them, those with /proc can do this.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            yield f"/proc/self/fd/{folder}/{path.name}"
+        finally:
+            os.close(folder)
+    else:
+        yield str(path)
+
+
+def write_mp4(path: Path, frames: Iterator[Image], fps: int) -> None:
+    """H.264 that every browser plays, by FFmpeg."""
+    _encode(path, frames, fps, H264)
+
+
+def write_gif(path: Path, frames: Iterator[Image], fps: int) -> None:
+    """One palette for all frames, no dithering. Choosing it takes a look at them all: until then they are on disk."""
+    whole = path.with_name("whole.mkv")
+    _encode(whole, frames, fps, LOSSLESS)
+    _ffmpeg(path, "-i", whole.name, "-i", whole.name, "-filter_complex", PALETTE, "-fps_mode", "passthrough")
+    whole.unlink()
+
+
+def read_folder(path: Path) -> tuple[int, int, int]:
+    """Frames, height and width of a folder of pictures."""
+    files = (np.frombuffer(file.read_bytes(), np.uint8) for file in sorted(path.iterdir()))
+    pictures = (cv2.imdecode(file, cv2.IMREAD_COLOR) if file.size else None for file in files)
+    return _size([() if picture is None else picture.shape for picture in pictures])
+
+
+def read_video(path: Path) -> tuple[int, int, int]:
+    """Frames, height and width of what OpenCV decodes."""
+    shapes = list[tuple[int, ...]]()
+    with _silence(), _spelled(path) as name:
+        video = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
+        while (found := video.read())[0]:
+            shapes.append(found[1].shape)
+        video.release()
+    return _size(shapes)
+
+
+def _size(shapes: list[tuple[int, ...]]) -> tuple[int, int, int]:
+    """Number, height and width of pictures. ValueError if they are not all alike."""
+    if len(set(shapes)) > 1:
+        raise ValueError(f"its frames have the shapes {sorted(set(shapes))}")
+    height, width, _ = shapes[0] if shapes and shapes[0] else (0, 0, 0)
+    return len(shapes), height, width
+
+
+CODECS = {
+    "": Codec(write_folder, read_folder),
+    ".mp4": Codec(write_mp4, read_video, even=True, extra=True),
+    ".webm": Codec(write_webm, read_video, even=True, largest=LARGEST_VP8),
+    ".gif": Codec(write_gif, read_video, extra=True, fastest=FASTEST_GIF),
+    ".apng": Codec(write_apng, count_apng),
+}
+"""By the suffix of the path; without one it is a folder of pictures."""
+
+
+def find_ffmpeg(suffix: str) -> str:
+    """The path of the program that comes with imageio-ffmpeg. Raises FilmError."""
+    try:
+        return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    except (ModuleNotFoundError, RuntimeError) as error:
+        raise FilmError(
+            f"{suffix} needs FFmpeg: pip install 'outlast[video]'; or write .webm or .apng, which need nothing"
+        ) from error
+
+
+def _encode(path: Path, frames: Iterator[Image], fps: int, options: tuple[str, ...]) -> None:
+    """Feed frames to FFmpeg as they come."""
+    first = next(frames)
+    height, width = first.shape[:2]
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-")
+    _ffmpeg(path, *raw, *options, frames=itertools.chain([first], frames))
+
+
+def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
+    """Run it in the folder of `path`, where it writes that file. It lies out of reach of the terminal's Ctrl-C."""
+    command = [find_ffmpeg(path.suffix), "-y", "-loglevel", "error", *options, path.name]
+    with tempfile.TemporaryFile() as told:
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=told, stderr=told, cwd=path.parent, start_new_session=True
+        )
+        pipe: Any = process.stdin
+        try:
+            with contextlib.suppress(BrokenPipeError):  # it ended; its status says why
+                for frame in frames:
+                    pipe.write(np.ascontiguousarray(frame).data)
+                pipe.close()
+            process.wait()
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        finally:
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
+        if process.returncode:
+            told.seek(0)
+            lines = told.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
+            raise FilmError(f"FFmpeg failed: {lines[-1]}")
+
+
+def _status(code: int) -> str:
+    """How a process ended that said nothing."""
+    return f"status {code}" if code > 0 else f"ended by a signal: {signal.strsignal(-code)}"

@@ -1,0 +1,136 @@
+"""Films: frames become a file, whole and read back, or nothing."""
+
+import contextlib
+import itertools
+import os
+import re
+from collections.abc import Iterable, Iterator
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FilmError
+from ...storage import atomic_write
+from .codecs import CODECS, Codec, find_ffmpeg
+
+Image = np.ndarray[Any, Any]
+
+NUMBERED = re.compile(r"frame_\d{6,}\.png")
+
+
+def write(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
+    """Write frames, uint8 (height, width, 3) RGB, all of one size, at least one; returns their number.
+
+    path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`; .webm
+    (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder of pictures,
+    frame_000000.png and so on, of which those of an earlier film are replaced. Odd sizes get one more row or column in
+    .mp4 and .webm. Frames are written as they come; for a .gif they wait on disk.
+
+    It is written beside its place, read back whole, and moved there: after an error, Ctrl-C or a full disk there is
+    what was there before. Raises FilmError.
+    """
+    target, codec = _checked(Path(path), fps)
+    try:
+        with _workshop(target) as folder:
+            draft = folder / f"film{'' if target.is_dir() else target.suffix.lower()}"
+            reel = _Reel(frames, codec)
+            codec.write(draft, iter(reel), int(fps))
+            _verify(draft, codec, reel)
+            _publish(draft, target)
+    except OSError as error:
+        raise FilmError(f"{target} cannot be written: {error.strerror or error}") from error
+    return reel.count
+
+
+def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
+    """The absolute path and what writes it, before a single frame is asked for."""
+    suffix = "" if target.is_dir() else target.suffix.lower()
+    if suffix not in CODECS:
+        known = ", ".join(filter(None, CODECS))
+        raise FilmError(f"{target}: a film ends in {known}; without an ending it is a folder of pictures")
+    if target.exists() and not suffix and not target.is_dir():
+        raise FilmError(f"{target} is a file: a folder of pictures needs another name")
+    if not target.absolute().parent.is_dir():
+        raise FilmError(f"{target}: there is no folder {target.parent}; make it first")
+    codec = CODECS[suffix]
+    if isinstance(fps, bool) or not isinstance(fps, Integral) or not 1 <= int(fps) <= codec.fastest:
+        raise FilmError(f"fps = {fps!r}: an integer from 1 to {codec.fastest} is needed for {suffix or 'a folder'}")
+    if codec.extra:
+        find_ffmpeg(suffix)
+    return target.absolute(), codec
+
+
+class _Reel:
+    """The frames on their way: checked, padded and counted. shape: of those that are written."""
+
+    def __init__(self, frames: Iterable[Image], codec: Codec) -> None:
+        self.frames, self.codec, self.count = iter(frames), codec, 0
+        self.shape: tuple[int, ...] = ()
+
+    def __iter__(self) -> Iterator[Image]:
+        first = next(self.frames, None)
+        if first is None:
+            raise FilmError("there are no frames: a film needs at least one")
+        size = np.shape(first)
+        for frame in itertools.chain([first], self.frames):
+            self._check(frame, size)
+            padded = self._padded(frame)
+            self.shape = padded.shape
+            self.count += 1
+            yield padded
+
+    def _check(self, frame: Any, size: tuple[int, ...]) -> None:
+        if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+            found = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+            raise FilmError(f"frame {self.count} is {found}: uint8 (height, width, 3) is needed")
+        if frame.shape != size:
+            raise FilmError(
+                f"frame {self.count} has {frame.shape[1]} x {frame.shape[0]} pixels, those before it "
+                f"{size[1]} x {size[0]}: all need one size"
+            )
+        if not 0 < min(frame.shape[:2]) <= max(frame.shape[:2]) <= self.codec.largest:
+            raise FilmError(f"frames have {size[1]} x {size[0]} pixels: 1 to {self.codec.largest} are possible")
+
+    def _padded(self, frame: Image) -> Image:
+        odd = [side % 2 if self.codec.even else 0 for side in frame.shape[:2]]
+        return np.pad(frame, ((0, odd[0]), (0, odd[1]), (0, 0)), "edge") if any(odd) else frame
+
+
+@contextlib.contextmanager
+def _workshop(target: Path) -> Iterator[Path]:
+    """A folder on the target's own disk that vanishes with all that is left in it."""
+    folder = atomic_write.name(target / target.name if target.is_dir() else target)
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        atomic_write.discard(folder)
+
+
+def _verify(draft: Path, codec: Codec, reel: _Reel) -> None:
+    """Read back what was written."""
+    try:
+        found = codec.read(draft)
+    except ValueError as error:
+        raise FilmError(f"the film was not written whole: {error}") from error
+    if found != (reel.count, *reel.shape[:2]):
+        count, height, width = found
+        raise FilmError(
+            f"the film was not written whole: {count} frames of {width} x {height} can be read back, "
+            f"{reel.count} of {reel.shape[1]} x {reel.shape[0]} were written; is the disk full?"
+        )
+
+
+def _publish(draft: Path, target: Path) -> None:
+    """Move it to its place; into a folder that was there, picture by picture."""
+    if not target.is_dir():
+        os.replace(draft, target)
+        return
+    kept = {file.name for file in draft.iterdir()}
+    for name in sorted(kept):
+        os.replace(draft / name, target / name)
+    for file in target.iterdir():
+        if NUMBERED.fullmatch(file.name) and file.name not in kept:
+            file.unlink()

@@ -1,0 +1,1 @@
+"""Rollouts: policies play whole episodes in many worlds, here or on a Ray cluster, and are summed up."""

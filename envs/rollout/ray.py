@@ -1,0 +1,125 @@
+"""Rollouts spread over a Ray cluster: the same numbers as on one machine, whoever computes them."""
+
+import contextlib
+import os
+import socket
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import outlast
+
+from ..errors import ClusterError, EndlessError
+from .local import Task, blocks, play
+from .summary import Summary
+
+try:
+    import ray
+    from ray.exceptions import RayError, RayTaskError
+except ImportError as error:
+    raise ModuleNotFoundError("--ray needs Ray: pip install 'outlast[ray]'", name="ray") from error
+
+RETRIES = 5  # how often a block starts anew after it lost its worker
+GRACE = 2.0  # seconds that running blocks have to end before they are stopped
+PATIENCE = 10.0  # seconds that the head of a cluster has to answer
+
+
+@contextlib.contextmanager
+def connected(address: str = "") -> Iterator[None]:
+    """Connect to the Ray cluster at `address`, unless this process is connected to one already.
+
+    "": the one that $RAY_ADDRESS names or that runs on this machine, else a new one on this machine for as long as the
+    connection is open. Raises ClusterError where there is no cluster.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    address = address or os.environ.get("RAY_ADDRESS", "")
+    try:
+        _knock(address)
+        ray.init(address or None, logging_level="warning")
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise ClusterError(f"no Ray cluster at {address or 'this machine'}: {reason}") from error
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def rollout(task: Task, worlds: int, progress: Callable[[Summary], None] = lambda summary: None) -> Summary:
+    """The summary of `worlds` worlds, in blocks spread over the connected cluster (see `connected`).
+
+    A block counts when all of it is done, and then once: one whose worker is lost starts anew elsewhere. progress is
+    called with the numbers of episodes and world-steps done, and no sums. Ctrl-C ends it early; the summary of the
+    finished blocks is returned by raising KeyboardInterrupt with it as its argument. Raises ClusterError if a block
+    loses too many workers, and whatever a worker raises.
+    """
+    remote, room = ray.remote(max_retries=RETRIES)(_play), max(1, int(ray.cluster_resources().get("CPU", 1)))
+    ahead = deque(blocks(worlds, room))
+    waiting: dict[Any, tuple[int, int]] = {}  # blocks by Ray's references to their results, one for each core
+    done: dict[tuple[int, int], Summary] = {}
+    try:
+        while ahead or waiting:
+            while ahead and len(waiting) < room:
+                part = ahead.popleft()
+                waiting[remote.remote(outlast.__version__, task, *part)] = part
+            ready, _ = ray.wait(list(waiting), timeout=1)
+            for reference in ready:
+                done[waiting[reference]] = _result(reference, *waiting[reference])
+                del waiting[reference]
+            progress(
+                Summary(
+                    episodes=sum(summary.episodes for summary in done.values()),
+                    world_steps=sum(summary.world_steps for summary in done.values()),
+                )
+            )
+    except KeyboardInterrupt:
+        summary = _merged(done)
+        summary.each = 0  # blocks of short episodes are done first
+        raise KeyboardInterrupt(summary) from None
+    finally:
+        _stop(list(waiting))
+    return _merged(done)
+
+
+def _stop(references: list[Any]) -> None:
+    """Stop what runs. Ray 2.60 ends this very process if a task is cancelled that has not begun, or just ends."""
+    if references:
+        _, running = ray.wait(references, num_returns=len(references), timeout=GRACE)
+        for reference in running:
+            ray.cancel(reference)
+
+
+def _knock(address: str) -> None:
+    """OSError if nobody listens at host:port: Ray itself would go on asking for many minutes."""
+    host, _, port = address.rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), PATIENCE).close()
+
+
+def _play(version: str, task: Task, first: int, count: int) -> Summary:
+    """What a worker does; a function of its arguments, so that it can be repeated elsewhere."""
+    if version != outlast.__version__:
+        raise ClusterError(f"a worker has outlast {outlast.__version__}, this machine {version}: install the same")
+    return play(task, first, count)
+
+
+def _result(reference: Any, first: int, count: int) -> Summary:
+    try:
+        result: Summary = ray.get(reference)
+        return result
+    except RayTaskError as error:
+        if isinstance(error.cause, (ClusterError, EndlessError)):
+            raise error.cause from None
+        raise
+    except RayError as error:
+        raise ClusterError(
+            f"worlds {first} to {first + count - 1} lost their worker {RETRIES + 1} times ({type(error).__name__}); "
+            "the worker may have run out of memory: its log tells"
+        ) from error
+
+
+def _merged(done: dict[tuple[int, int], Summary]) -> Summary:
+    """In order of the worlds, whichever was done first."""
+    return Summary.merge(done[part] for part in sorted(done))

@@ -1,0 +1,1 @@
+"""Scenarios as data: the mechanics of a game with their numbers, the paper's variants, and ablations of their flaws."""

@@ -1,0 +1,122 @@
+"""Scenarios: a list of mechanics with their numbers, and the ways to derive one from another."""
+
+import dataclasses
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from outlast.ecs import Module, NumberError
+from outlast.systems import FreeForAll
+
+
+class ScenarioError(ValueError):
+    """An unknown variant, module or number; the message lists the known ones."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A world to play in: its mechanics (in any order) as data.
+
+    >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
+    """
+
+    name: str
+    modules: tuple[Module, ...]
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        slots = [module.slot() for module in self.modules]
+        for slot in slots:
+            if slots.count(slot) > 1:
+                raise ScenarioError(
+                    f"{self.name}: more than one module for {slot.__name__}; use with_() to replace one"
+                )
+        if FreeForAll.slot() not in slots:  # without teams, everybody fights for itself
+            object.__setattr__(self, "modules", (*self.modules, FreeForAll()))
+        self._check_names()
+
+    def _check_names(self) -> None:
+        """ScenarioError if two mechanics, or two numbers, have one name: nothing could tell them apart."""
+        owners: dict[str, Module] = {}
+        for module in self.modules:
+            for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
+                if name in owners:
+                    one, two = (f"{type(m).__module__}.{type(m).__qualname__}" for m in (owners[name], module))
+                    raise ScenarioError(
+                        f"{self.name}: '{name}' is a name of both {one} and {two}; give one of the mechanics another "
+                        'name, a class attribute as in name = "swamp"'
+                    )
+                owners[name] = module
+
+    def without(self, *kinds: type[Module] | str) -> "Scenario":
+        """The same without some mechanics, named by class or by name ("melee")."""
+        gone = [self._find(kind) for kind in kinds]
+        return dataclasses.replace(self, modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
+
+    def with_(self, *modules: Module) -> "Scenario":
+        """The same with more mechanics; one of a kind that is there already takes its place."""
+        for module in modules:
+            if not isinstance(module, Module):
+                raise ScenarioError(f"{module!r} is not a module: pass an instance, as in with_(Melee(damage=20))")
+        slots = {module.slot() for module in modules}
+        return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+
+    def replace(self, **numbers: Any) -> "Scenario":
+        """The same with other numbers, named module_number ("melee_damage"); n_agents stands for agents_count."""
+        changed: dict[str, dict[str, Any]] = {}
+        for key, value in numbers.items():
+            module, name = self._split(f"{key[2:]}_count" if key.startswith("n_") else key, key)
+            changed.setdefault(module, {})[name] = value
+        modules = tuple(_replaced(module, changed.get(module.name, {})) for module in self.modules)
+        return dataclasses.replace(self, modules=modules)
+
+    def numbers(self) -> dict[str, Any]:
+        """Every number of every mechanic, by the name that `replace` takes."""
+        return {f"{m.name}_{f.name}": getattr(m, f.name) for m in sorted_(self) for f in dataclasses.fields(m)}
+
+    def __getitem__(self, kind: type[Module] | str) -> Module:
+        """The mechanic of this class or name."""
+        return self._find(kind)
+
+    def __contains__(self, kind: type[Module] | str) -> bool:
+        return any(_is(module, kind) for module in self.modules)
+
+    def _find(self, kind: type[Module] | str) -> Module:
+        for module in self.modules:
+            if _is(module, kind):
+                return module
+        known = ", ".join(module.name for module in sorted_(self))
+        name = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
+        raise ScenarioError(f"{self.name} has no module '{name}'; it has: {known}")
+
+    def _split(self, key: str, asked: str) -> tuple[str, str]:
+        for module in self.modules:
+            prefix = module.name + "_"
+            if key.startswith(prefix) and any(f.name == key[len(prefix) :] for f in dataclasses.fields(module)):
+                return module.name, key[len(prefix) :]
+        known = [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
+        near = difflib.get_close_matches(asked, known, 3)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
+
+
+def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
+    """Its copy with other numbers; who wants none of what it counts is told how to get that."""
+    try:
+        return module.replace(**numbers)
+    except NumberError as error:
+        count = numbers.get("count")
+        if isinstance(count, int) and count == 0 and module.name != "agents":
+            raise NumberError(f"{error}; for none, leave it out: Scenario.without({module.name!r})") from None
+        raise
+
+
+def sorted_(scenario: Scenario) -> Iterator[Module]:
+    """Its modules by name."""
+    return iter(sorted(scenario.modules, key=lambda module: module.name))
+
+
+def _is(module: Module, kind: Any) -> bool:
+    """Whether it has that name, or is of that class or of a subclass."""
+    return module.name == kind or (isinstance(kind, type) and isinstance(module, kind))

@@ -1,0 +1,80 @@
+"""Scenarios as names: which classes of mechanics one has, one made anew from such names, and how large it would be."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from outlast import systems
+from outlast.ecs import Layout, Module
+
+from .scenario import Scenario, ScenarioError
+
+KNOWN: dict[str, type[Module]] = {
+    f"{kind.__module__}.{kind.__qualname__}": kind for kind in (getattr(systems, name) for name in systems.__all__)
+}
+
+MOST = {  # of what a file asks for; larger numbers would go on for very long, and nobody could stop them
+    "physics_substeps": 1000,
+    "physics_velocity_iterations": 10_000,
+    "physics_position_iterations": 10_000,
+}
+LONGEST = 2**16  # of a dimension: entities of a kind, slots of a bag, cells
+LARGEST = 2**22  # bytes of the state of one world
+
+
+def classes(scenario: Scenario) -> list[str]:
+    """The full names of the classes of its modules, by name of the module."""
+    kinds = [type(module) for module in sorted(scenario.modules, key=lambda module: module.name)]
+    return [f"{kind.__module__}.{kind.__qualname__}" for kind in kinds]
+
+
+def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
+    """The scenario of that identity (see fingerprint) and those classes, all of them outlast's own.
+
+    Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
+    """
+    if foreign := [name for name in names if name not in KNOWN]:
+        raise ScenarioError(
+            f"the mechanic {foreign[0]} is not one of outlast's own, and what a file names is not imported: "
+            "give the scenario, as in Recording.open(path, scenario=...)"
+        )
+    kinds, numbers = [KNOWN[name] for name in names], dict(identity["numbers"])
+    for name, most in MOST.items():
+        if isinstance(numbers.get(name), int) and numbers[name] > most:
+            raise ScenarioError(f"{name} is {numbers[name]}: of a file, at most {most} is accepted")
+    modules = []
+    for kind in kinds:
+        own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}
+        if missing := [full for full in own.values() if full not in numbers]:
+            raise ScenarioError(f"the number {missing[0]} is missing; was it made by another version of outlast?")
+        modules.append(kind(**{name: numbers.pop(full) for name, full in own.items()}))
+    if numbers:
+        raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
+    return Scenario(str(identity["name"]), tuple(modules))
+
+
+class _Plan(Layout):
+    """A layout without the bytes of a world, to know their number before they are there."""
+
+    def _template(self) -> np.ndarray[Any, Any]:
+        return np.zeros(0, np.uint8)
+
+
+def planned(scenario: Scenario) -> tuple[int, int]:
+    """Agents in a world, and bytes that a world takes; next to nothing is allocated to know it.
+
+    Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
+    """
+    for module in scenario.modules:
+        for dim, size in module.dims().items():
+            if isinstance(size, int) and size > LONGEST:
+                raise ScenarioError(f"it would have {size} {dim}: at most {LONGEST} is possible")
+    layout = _Plan(scenario.modules)
+    if "agents" not in layout.dims:
+        raise ScenarioError("it has no agents")
+    if layout.world_bytes > LARGEST:
+        raise ScenarioError(f"a world would have {layout.world_bytes} bytes of state: at most {LARGEST} is possible")
+    beside = [math.prod(p.shape) * p.component.columns[p.name].dtype.itemsize for p in layout.places if p.offset < 0]
+    return layout.dims["agents"], layout.world_bytes + sum(beside)

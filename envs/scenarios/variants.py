@@ -1,0 +1,97 @@
+"""The paper's eight variants, as data (reference rules, section 0).
+
+Where the paper's text and the runs behind its figures differ, a mechanic's default follows the text, and BASE below
+says what the runs had.
+"""
+
+import difflib
+
+from outlast.systems import (
+    Agents,
+    AutoPickup,
+    Boxes,
+    Cameras,
+    Contacts,
+    DeathDrop,
+    Ending,
+    FreeForAll,
+    GiveLast,
+    Heals,
+    Inventory,
+    Melee,
+    Mortality,
+    Motors,
+    Record,
+    Rewards,
+    Room,
+    SafeZone,
+    SpawnGrid,
+    Teams,
+)
+
+from .ablations import fixed
+from .scenario import Scenario, ScenarioError
+
+BASE = Scenario(
+    "base",
+    (
+        Agents(count=2, radius=0.5, health=100),
+        Room(size=25.0),
+        SpawnGrid(cells=8),
+        Motors(ahead=0.25, left=0.25, turn=0.0125, give="at once"),
+        Contacts(),
+        Cameras(fov=0.4 * 3.141592653589793, depth=10.0, cone="kite"),
+        Mortality(),
+        Melee(reach=2.0, damage=5, cooldown=0, blocked=True),
+        Inventory(slots=4),
+        AutoPickup(reach=0.5, touch=False),
+        GiveLast(reach=2.0, nearest="any", passes_on=True),
+        DeathDrop(radius=0.5, scatter="rim"),
+        Heals(count=15, amount=75),
+        SafeZone(radii=(12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), stand=100, shrink=100, harm=1),
+        FreeForAll(),
+        Rewards(posthumous=False),
+        Ending(),
+        Record(),
+    ),
+)
+BOXES = Boxes(count=8, toughness=5, owned=True, offset=0.75, settles=True, corners="rolled")
+TEAMS = BASE.with_(Teams(count=2)).replace(n_agents=4, rewards_posthumous=True)
+
+LOW = {"rewards_alive": 1.0, "ending_rule": "all dead"}
+MID = {"rewards_alive": 1.0, "rewards_dead": -1.0, "ending_rule": "last alive"}
+HIGH = {**MID, "rewards_kill": 100.0, "rewards_death": -100.0}
+
+_ROWS = (
+    ("ffa_1", "1v1_heals_low", BASE, LOW, "two agents, heals; survival pays"),
+    ("ffa_2", "1v1_heals_mid", BASE, MID, "two agents, heals; outliving pays"),
+    ("ffa_3", "1v1_all_mid", BASE.with_(BOXES), MID, "two agents, heals and boxes; outliving pays"),
+    ("ffa_4", "1v1_all_high", BASE.with_(BOXES), HIGH, "two agents, heals and boxes; killing pays"),
+    ("teams_1", "2v2_all_low", TEAMS.with_(BOXES), LOW, "two teams of two, heals and boxes; survival pays"),
+    ("teams_2", "2v2_heals_mid", TEAMS, MID, "two teams of two, heals; outliving pays"),
+    ("teams_3", "2v2_all_mid", TEAMS.with_(BOXES), MID, "two teams of two, heals and boxes; outliving pays"),
+    ("teams_4", "2v2_all_high", TEAMS.with_(BOXES), HIGH, "two teams of two, heals and boxes; killing pays"),
+)
+
+VARIANTS = {name: Scenario(name, base.replace(**numbers).modules, about) for name, _, base, numbers, about in _ROWS}
+ALIASES = {original: name for name, original, *_ in _ROWS}
+
+
+def base(name: str) -> str:
+    """The name of a variant without its fixes."""
+    return name.partition("+")[0]
+
+
+def variant(name: str) -> Scenario:
+    """The paper's variant of that name or of its original name, with flaws mended: "teams_2+health_cap", see FIXES.
+
+    An unknown name is a ScenarioError that lists all.
+    """
+    plain, *fixes = str(name).split("+")
+    found = VARIANTS.get(ALIASES.get(plain, plain))
+    if found is None:
+        near = difflib.get_close_matches(plain, [*VARIANTS, *ALIASES], 2)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
+        raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
+    return fixed(found, fixes) if fixes else found

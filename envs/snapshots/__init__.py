@@ -1,0 +1,1 @@
+"""The state of worlds as plain arrays: taken, checked, put back, saved."""

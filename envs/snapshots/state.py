@@ -1,0 +1,141 @@
+"""The state of worlds as plain arrays: taken, put back, copied onto other worlds, kept in a file.
+
+A State holds everything that decides how its worlds go on: their blocks of tables, the buffers of actions, observations
+and signals, and whether they run. Whatever continues from it is bit-identical to never having stopped.
+"""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from outlast.ecs import Worlds
+
+from ..errors import StateError
+from ..scenarios.fingerprint import difference, identity, is_identity
+from ..scenarios.scenario import Scenario
+from ..storage import safe_npz
+from ..storage.atomic_write import draft
+from . import validation
+
+VERSION = 1
+HEADER = "header"  # the entry of a file that says what the others are: JSON as bytes
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class State:
+    """The state of some worlds of a scenario.
+
+    scenario: its name and numbers, which must be the same where it is put back. arrays: by name, one row a world.
+    state[k], state[a:b], state[mask] are the states of some of them.
+    """
+
+    scenario: dict[str, Any]
+    arrays: dict[str, Array] = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.arrays["world"])
+
+    def __getitem__(self, which: Any) -> "State":
+        chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
+        return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all."""
+        header = {"version": VERSION, "scenario": self.scenario, "checksum": _checksum(self.arrays)}
+        named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
+        with draft(Path(path)) as place, place.open("wb") as file:
+            np.savez(file, **named)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "State":
+        """Read what `save` wrote; StateError with a reason for anything else.
+
+        What it holds is checked where it is put, as only a scenario tells what can be: see `put`.
+        """
+        try:
+            with open(path, "rb") as file:
+                return read(file, os.fspath(path))
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise StateError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
+
+
+def read(file: BinaryIO, name: str) -> State:
+    """The state in a file, which errors call by that name. Raises StateError."""
+    try:
+        arrays = {key.removesuffix(".npy"): safe_npz.array(content) for key, content in safe_npz.entries(file).items()}
+        header = json.loads(arrays.pop(HEADER).tobytes())
+        version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
+    except safe_npz.BROKEN as error:
+        raise StateError(f"{name} is not a saved state: {str(error) or type(error).__name__}") from None
+    if version != VERSION:
+        raise StateError(f"{name} has version {version!r:.20} of the format: this outlast reads version {VERSION}")
+    if checksum != _checksum(arrays):
+        raise StateError(f"{name} is damaged: its checksum does not fit")
+    if "world" not in arrays or len({array.shape[:1] for array in arrays.values()}) != 1 or not arrays["world"].ndim:
+        raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
+    if not is_identity(scenario):
+        raise StateError(f"{name} is not a saved state: it does not say of which scenario")
+    return State(scenario, arrays)
+
+
+def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> State:
+    """The state of the worlds `where` (mask, indices or slice). faces: what a face keeps for each world."""
+    rows = _rows(worlds, where)
+    return State(identity(scenario), {name: array[rows] for name, array in _arrays(worlds, faces).items()})
+
+
+def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> None:
+    """Make the worlds `where` go on from `state`: one for each of them, or one for all.
+
+    Raises StateError, before anything is written, if it is of another scenario or not sound (see validation).
+    """
+    if other := difference(state.scenario, identity(scenario)):
+        raise StateError(f"the state is of another scenario {other}")
+    rows = _rows(worlds, where)
+    if len(state) not in (1, len(rows)):
+        raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
+    arrays = _arrays(worlds, faces)
+    for name, array in arrays.items():
+        given = state.arrays.get(name)
+        if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
+            found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
+            raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
+        if len(given) != len(state):
+            raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
+    validation.check(worlds.layout, {name: state.arrays[name] for name in arrays})
+    for name, array in arrays.items():
+        array[rows] = state.arrays[name]
+
+
+def _rows(worlds: Worlds, where: Any) -> Array:
+    """The numbers of the worlds `where`."""
+    return np.atleast_1d(np.arange(worlds.count)[where])
+
+
+def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
+    """Everything that there is of each world: the arrays themselves, by name."""
+    outside = {
+        f"{component.__module__}.{component.__qualname__}.{name}": column
+        for component in worlds.components
+        if not component.packed
+        for name, column in worlds[component]._asdict().items()
+    }
+    return {"world": worlds.block, **outside, **faces}
+
+
+def _checksum(arrays: dict[str, Array]) -> str:
+    total = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        total.update(array.tobytes())
+    return total.hexdigest()

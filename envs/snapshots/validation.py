@@ -1,0 +1,162 @@
+"""What a saved state may hold: numbers that something takes for an index are in range, and truths are 0 or 1.
+
+Compiled kernels do not check an index: one that is out of range would read and write somewhere else. RANGES has the
+columns of outlast's own components that kernels or views take for an index, a length or a share of an address. The
+others do no harm, whatever they hold: they are compared, counted or computed with.
+
+A mechanic of one's own whose columns hold an index says so, in either of two ways. Without that they are not checked,
+as nothing tells that they are one, and its states are to be loaded from people one trusts only:
+
+    owner: Array = column("i4", fill=-1, low=-1, high=7)   # bounds of integer columns hold for states
+    RANGES[Nest] = {"owner": Range(-1, "rows")}            # of this module, where the scenario decides
+
+A state that is sound need not be one to which any game leads: items may be in two bags, or agents in a wall.
+"""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Bag, BoxItem, Death, Gift, Health, Item, Side, Sight, Weapon
+from outlast.components.sight import MODES
+from outlast.ecs import Clock, Component, Entity, Layout, Singleton
+from outlast.ecs.layout import Place
+
+from ..errors import StateError
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class Range:
+    """low <= number < below, or <= below if it is `included`. below: a number, or a dimension of the scenario."""
+
+    low: int
+    below: int | str
+    included: bool = False
+
+    def last(self, dims: dict[str, int]) -> int:
+        """The largest number in it; nothing is an index of a dimension that the scenario does not have."""
+        below = dims.get(self.below, LARGEST) if isinstance(self.below, str) else self.below
+        return below - (not self.included)
+
+
+LARGEST = 2**63
+ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "causes")  # -1: none
+RANGES: dict[type[Component], dict[str, Range]] = {
+    Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
+    BoxItem: {"index": Range(0, "boxes")},
+    Clock: {"tick": Range(0, 2**62)},  # from which the zone tells its phase
+    Death: {"cause": CAUSE, "source": SIDE},
+    Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
+    Gift: {"taker": ROW},
+    Health: {"cause": CAUSE, "source": SIDE},
+    Item: {"holder": ROW, "user": ROW},
+    Side: {"side": Range(0, "sides")},
+    Sight: {"mode": Range(0, len(MODES))},
+    Weapon: {"target": ROW},
+}
+
+
+def check(layout: Layout, arrays: dict[str, Array]) -> None:
+    """Raise StateError unless the arrays of a state, "world" among them, are sound in worlds of that layout.
+
+    Worlds that have not started are reset before anything runs in them: they may hold what nobody has drawn yet.
+    """
+    for name, array in arrays.items():
+        if array.dtype == bool and (array.view(np.uint8) > 1).any():
+            raise StateError(f"the state's array '{name}' holds bytes that are neither 0 nor 1")
+    block = np.ascontiguousarray(arrays["world"])
+    for span in _spans(layout):
+        values = span.values(block)
+        if not (values < span.low).any() and not (values > span.last).any():
+            continue
+        bad = (values < span.low) | (values > span.last)
+        if "started" in arrays:
+            fresh = ~arrays["started"]
+            bad[fresh] &= (values != span.values(layout.template[None]))[fresh]
+        if bad.any():
+            raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
+    _check_bags(layout, block)
+    _check_sight(layout, block)
+
+
+@dataclass(frozen=True)
+class Span:
+    """A column that is checked: where it lies in a world, its rows that count, its smallest and its largest number."""
+
+    name: str
+    place: Place
+    dtype: np.dtype[Any]
+    rows: slice | Array
+    low: int
+    last: int
+
+    def values(self, block: Array) -> Array:
+        """What the column holds in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
+        inner = np.empty(self.place.shape, self.dtype).strides
+        shape = (len(block), *self.place.shape)
+        column: Array = np.ndarray(shape, self.dtype, block, self.place.offset, (block.strides[0], *inner))
+        return column[:, self.rows]
+
+
+@functools.lru_cache(maxsize=16)
+def _spans(layout: Layout) -> tuple[Span, ...]:
+    """What is checked in worlds of that layout; found once, as a search puts single worlds back very often."""
+    return tuple(
+        Span(f"{place.component.__name__}.{place.name}", place, dtype, _rows(layout, place.component), *ends)
+        for place in layout.places
+        if place.offset >= 0
+        for dtype, ends in _ends(place, layout.dims)
+    )
+
+
+def _ends(place: Place, dims: dict[str, int]) -> Iterator[tuple[np.dtype[Any], tuple[int, int]]]:
+    """The type of a column (of truths, that of its bytes), and the ends of its range; nothing if all is in range."""
+    column, own = place.component.columns[place.name], RANGES.get(place.component, {}).get(place.name)
+    if column.dtype.kind not in "biu":
+        return
+    dtype = np.dtype(np.uint8) if column.dtype == bool else column.dtype
+    whole = np.iinfo(dtype)
+    low, last = (
+        (own.low, own.last(dims)) if own else (column.low, min(column.high, 1 if column.dtype == bool else np.inf))
+    )
+    if low > whole.min or last < whole.max:
+        yield dtype, (int(max(low, whole.min)), int(min(last, whole.max)))
+
+
+def _rows(layout: Layout, component: type[Component]) -> slice | Array:
+    """Of entities that have the component: a slice where they lie together, as nothing is copied then."""
+    if issubclass(component, Singleton):
+        return slice(None)
+    rows = layout.rows(component)
+    together = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1
+    return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
+
+
+def _check_bags(layout: Layout, block: Array) -> None:
+    """What a bag holds are items: no slot is empty below the first free one."""
+    if Bag in layout.components:
+        bag, rows = layout.columns(block, Bag), _rows(layout, Bag)
+        items, count = bag.items[:, rows], bag.count[:, rows]
+        bad = (items < 0) & (np.arange(items.shape[2]) < count[..., None])
+        if bad.any():
+            raise _refusal("Bag.items", rows, items, bad, "a row is needed, as Bag.count says that the slot is in use")
+
+
+def _check_sight(layout: Layout, block: Array) -> None:
+    """Who sees whom are sets of rows that there are."""
+    if Sight in layout.components:
+        seen = layout.columns(block, Sight).seen
+        if (bad := seen & ~layout.bits(Entity) != 0).any():
+            raise _refusal("Sight.seen", slice(None), seen, bad, "a set of rows that there are is needed")
+
+
+def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:
+    """The error for the first number that cannot be."""
+    w, k, *rest = (int(index) for index in np.argwhere(bad)[0])
+    row = k + (rows.start or 0) if isinstance(rows, slice) else int(rows[k])
+    return StateError(f"the state's {what} is {values[w, k, *rest]} in world {w}, row {row}: {needed}")

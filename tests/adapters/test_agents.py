@@ -1,0 +1,343 @@
+"""Every agent of every world as a sub-environment: beside the batched environment, and under Gymnasium's wrappers."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+import outlast
+from outlast import ScenarioError, make_vec
+from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
+from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from tests.conftest import scaled
+from tests.ways import equal, short
+
+KINDS = ("ffa_3", "teams_3")
+MODES = [mode.value for mode in AutoresetMode]
+WORLDS, SEED = scaled(20, least=2), 5
+STEPS = 65  # enough for every world of short() to end
+SIDES = {"ffa_3": [0, 1], "teams_3": [0, 0, 1, 1]}
+
+
+def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> SurvivalAgentVectorEnv:
+    return outlast.make_agents(short(name), worlds, **options)
+
+
+def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
+    """Random actions, the same for two environments of one shape; of another type every tick."""
+    actions = np.random.default_rng(tick).integers(0, env.single_action_space.nvec, (env.num_envs, 6))
+    return actions.astype(["i1", "u2", "i8"][tick % 3])
+
+
+def rows(values: Any) -> Any:
+    """(worlds, agents, ...) as the sub-environments have it."""
+    return np.concatenate(list(values))
+
+
+def lives(observations: Any) -> Any:
+    """Who is not dead, as observations tell it: the place of the dead is 0."""
+    return (observations["self"][:, -6:-4] != 0).any(-1)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Equal dicts of dicts, arrays, and arrays of dicts, with equal types; rows behind a mask must be empty."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+    return type(one) is type(other) and np.array_equal(one, other)
+
+
+# ---- beside the batched environment
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None:
+    env, core = make(name, autoreset=mode), make_vec(short(name), WORLDS, autoreset=mode)
+    agents = core.num_agents
+    assert (env.num_envs, env.num_worlds, env.num_agents) == (WORLDS * agents, WORLDS, agents)
+    seen, info = env.reset(seed=SEED)
+    expected, _ = core.reset(seed=SEED)
+    assert equal(seen, {key: rows(values) for key, values in expected.items()})
+    assert same(info, {"alive": np.ones(env.num_envs, bool), "_alive": np.ones(env.num_envs, bool)})
+    ends = deaths = 0
+    for tick in range(STEPS):
+        actions = drawn(env, tick)
+        seen, reward, terminated, truncated, info = env.step(actions)
+        expected, *outcome, told = core.step(actions.reshape(WORLDS, agents, 6))
+        assert equal(seen, {key: rows(values) for key, values in expected.items()})
+        assert same(reward, rows(outcome[0]))
+        assert same(terminated, np.repeat(outcome[1], agents))
+        assert same(truncated, np.repeat(outcome[2], agents))
+        assert same(info["alive"], lives(seen))
+        assert info["_alive"].all()
+        assert ("statistics" in info) == ("statistics" in told)
+        if told:
+            compare_ends(info, told, SIDES[name])
+        ends += int(terminated.sum())
+        deaths += int((~info["alive"]).sum())
+    assert ends >= env.num_envs
+    assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, nobody is dead in a world that goes on
+
+
+def compare_ends(info: dict[str, Any], told: dict[str, Any], sides: list[int]) -> None:
+    """What both tell of ended worlds: final observations, and of the statistics each sub-environment's own."""
+    agents = len(sides)
+    assert same(info["_statistics"], np.repeat(told["_statistics"], agents))
+    for key, values in told["statistics"].items():
+        mine = info["statistics"][key]
+        if key == "return":
+            assert same(mine, rows(values))
+        else:
+            assert same(mine, rows(values[:, sides]) if key == "kills" else np.repeat(values, agents))
+    assert ("final_obs" in info) == ("final_obs" in told)
+    if "final_obs" in told:
+        assert same(info["_final_obs"], np.repeat(told["_final_obs"], agents))
+        assert same(info["_final_info"], info["_final_obs"])
+        assert same(info["final_info"]["statistics"], info["statistics"])
+        assert same(info["final_info"]["_alive"], info["_final_obs"])
+        for k, final in enumerate(info["final_obs"]):
+            if not told["_final_obs"][k // agents]:
+                assert final is None
+                continue
+            assert same(final, {key: v[k % agents] for key, v in told["final_obs"][k // agents].items()})
+            assert info["final_info"]["alive"][k] == lives({"self": final["self"][None]})[0]
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_spaces_are_a_batch_of_single_ones_and_hold_what_comes_out(name: str) -> None:
+    env = make(name, autoreset="SameStep")
+    assert env.observation_space == batch_space(env.single_observation_space, env.num_envs)
+    assert env.action_space == batch_space(env.single_action_space, env.num_envs)
+    assert env.single_action_space == gymnasium.spaces.MultiDiscrete([3, 3, 3, 2, 2, 2])
+    env.action_space.seed(0)
+    observations, _ = env.reset(seed=1)
+    steps, played = scaled(40, least=10), set()
+    for _ in range(steps):
+        assert env.observation_space.contains(observations)
+        actions = env.action_space.sample()
+        played.add(actions.tobytes())
+        observations, reward, terminated, truncated, info = env.step(actions)
+        assert (reward.dtype, reward.shape) == (np.float32, (env.num_envs,))
+        assert terminated.dtype == truncated.dtype == info["alive"].dtype == bool
+        for final in info.get("final_obs", []):
+            assert final is None or env.single_observation_space.contains(final)
+    assert len(played) == steps  # or it would be the test of one action
+
+
+# ---- ends
+
+
+def test_next_step_resets_in_a_step_of_its_own() -> None:
+    env, other = make(seed=SEED), make(seed=SEED)
+    env.reset()
+    other.reset()
+    over, resets = np.zeros(env.num_envs, bool), 0
+    for tick in range(STEPS):
+        actions = drawn(env, tick)
+        seen, reward, terminated, truncated, info = env.step(actions)
+        ignored = np.where(over[:, None], (actions + 1) % 2, actions)
+        assert equal(seen, other.step(ignored)[0])
+        assert not reward[over].any()
+        assert not (terminated | truncated)[over].any()
+        assert (seen["self"][over, 2] == 10).all()  # the health of a new episode
+        assert info["alive"][over].all()
+        resets += int(over.sum())
+        over = terminated | truncated
+    assert resets >= env.num_envs
+
+
+def test_disabled_waits_for_a_reset_of_what_ended() -> None:
+    env, other = make(seed=SEED, autoreset="Disabled"), make(seed=SEED)
+    env.reset()
+    other.reset()
+    for tick in range(STEPS):
+        seen, _, terminated, truncated, _ = env.step(drawn(env, tick))
+        other.step(drawn(env, tick))
+        if (over := terminated | truncated).any():
+            break
+    assert not over.all()
+    first = int(np.flatnonzero(over)[0])
+    with pytest.raises(NotResetError, match=rf"sub-environments \[{first}, .* have ended.*reset_mask"):
+        env.step(drawn(env, 0))
+    fresh, info = env.reset(options={"reset_mask": over})
+    assert same(info, {"alive": over, "_alive": over})
+    assert all(np.array_equal(fresh[key][~over], seen[key][~over]) for key in seen)
+    following = other.step(drawn(env, 0))[0]  # which resets the same worlds
+    assert all(np.array_equal(fresh[key][over], following[key][over]) for key in seen)
+    env.step(drawn(env, 0))
+
+
+def test_the_time_limit_truncates_all_agents() -> None:
+    env = outlast.make_agents(outlast.variant("teams_3").replace(ending_limit=3), 2, seed=0)
+    env.reset()
+    for tick in range(3):
+        _, _, terminated, truncated, _ = env.step(drawn(env, tick))
+        assert not terminated.any()
+        assert truncated.tolist() == [tick == 2] * 8
+
+
+# ---- reset
+
+
+def test_seeds_of_worlds_whichever_way_they_are_given() -> None:
+    env = make(worlds=3)
+    core = make_vec(short("teams_3"), 3)
+    given: list[tuple[Any, Any]] = [(SEED, SEED), (np.int64(SEED), SEED), ([5] * 4 + [6] * 4 + [7] * 4, [5, 6, 7])]
+    for seed, same_seed in (*given, (np.repeat([5, 6, 7], 4).astype(np.uint8), [5, 6, 7])):
+        observations, _ = env.reset(seed=seed)
+        assert equal(observations, {key: rows(values) for key, values in core.reset(seed=same_seed)[0].items()})
+    assert equal(env.reset(seed=SEED)[0], make(worlds=3, seed=SEED).reset()[0])
+    assert not equal(env.reset(seed=SEED)[0], env.reset()[0])
+    env.reset(seed=8)
+    assert env.np_random_seed == 8
+
+
+def test_a_mask_resets_whole_worlds() -> None:
+    env = make(worlds=3, seed=SEED)
+    env.reset()
+    before = env.step(drawn(env, 0))[0]
+    mask = np.repeat([False, True, False], 4)
+    after, _ = env.reset(seed=SEED, options={"reset_mask": mask})
+    first, _ = make(worlds=3, seed=SEED).reset()
+    for key in after:
+        assert np.array_equal(after[key][mask], first[key][mask])
+        assert np.array_equal(after[key][~mask], before[key][~mask])
+    assert not equal(after, before)
+
+
+def test_copies_are_kept_and_views_are_read_only() -> None:
+    kept, fast = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED, copy=False)
+    results = [[env.reset()] + [env.step(drawn(env, tick)) for tick in range(3)] for env in (kept, fast)]
+    for key in results[0][0][0]:
+        arrays = [result[0][key] for result in results[0]]
+        assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])
+        assert all(array.flags.writeable for array in arrays)
+        views = [result[0][key] for result in results[1]]
+        assert all(np.shares_memory(view, fast.core.observe()[key]) for view in views)
+        assert not any(view.flags.writeable for view in views)
+        assert np.array_equal(views[0], arrays[-1])  # the first shows the last state
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_states_go_on_where_they_were(mode: str) -> None:
+    """Also in the step in which worlds have ended."""
+    env, other = make(seed=SEED, autoreset=mode), make(autoreset=mode)
+    env.reset()
+    saved, over, tick = [(env.get_state(), np.zeros(env.num_envs, bool))], np.zeros(env.num_envs, bool), 0
+    while not over.any():
+        _, _, terminated, truncated, _ = env.step(drawn(env, tick))
+        over, tick = terminated | truncated, tick + 1
+        if over.any() or tick == 5:
+            saved.append((env.get_state(), over))
+    for (state, ended), first in zip(saved, (0, 5, tick), strict=True):
+        for each in (env, other):
+            each.set_state(state)
+            if mode == "Disabled" and ended.any():
+                with pytest.raises(NotResetError):
+                    each.step(drawn(env, 0))
+                each.reset(options={"reset_mask": ended})
+        for k in range(first, first + 5):
+            results = [each.step(drawn(env, k)) for each in (env, other)]
+            assert all(same(*pair) for pair in zip(*results, strict=True))
+
+
+# ---- bad input
+
+
+def test_close_twice_and_then_nothing_works() -> None:
+    env = make(worlds=1)
+    env.reset()
+    env.close()
+    env.close()
+    for call in (env.reset, lambda: env.step(drawn(env, 0))):
+        with pytest.raises(ClosedError):
+            call()
+
+
+MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+    "no such variant": ({"scenario": "ffa_9"}, ScenarioError, "ffa_9"),
+    "no worlds": ({"num_worlds": 0}, ValueError, "num_worlds = 0: an integer >= 1"),
+    "worlds in words": ({"num_worlds": "2"}, ValueError, "num_worlds = '2'"),
+    "no such mode": ({"autoreset": "never"}, ValueError, "autoreset = 'never'.*NEXT_STEP.*'SameStep'"),
+    "no such picture": ({"render_mode": "human"}, ValueError, "render_mode = 'human': allowed are None, 'rgb_array'"),
+    "seed below zero": ({"seed": -1}, ValueError, "seed = -1"),
+    "no threads": ({"threads": 0}, ValueError, "threads = 0"),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_environments_that_cannot_be(name: str) -> None:
+    options, error, message = MADE[name]
+    with pytest.raises(error, match=message):
+        outlast.make_agents(**({"scenario": "ffa_3", "num_worlds": 2} | options))
+
+
+def rows_with(value: Any, where: tuple[int, int] = (5, 3)) -> Any:
+    actions = np.zeros((8, 6), np.int64)
+    actions[where] = value
+    return actions
+
+
+ACTIONS: dict[str, tuple[Any, str]] = {
+    "shape of the batched environment": (np.zeros((2, 4, 6), int), r"\(2, 4, 6\).*\(num_envs, actions\) = \(8, 6\)"),
+    "too few": (np.zeros((7, 6), int), r"\(7, 6\)"),
+    "ragged": ([[0, 1], [0]], r"\(num_envs, actions\)"),
+    "floats": (np.zeros((8, 6)), "float64: integers"),
+    "too high": (rows_with(2), "action 3 of sub-environment 5 is 2: 0 to 1"),
+    "below zero": (rows_with(-1), "action 3 of sub-environment 5 is -1"),
+}
+RESETS: dict[str, tuple[dict[str, Any], str]] = {
+    "agents disagree on the seed": ({"seed": [1] * 7 + [2]}, r"seed: sub-environments 4 to 7 .* world 1 .*1, 1, 1, 2"),
+    "a seed a world": ({"seed": [1, 2]}, r"shape \(2,\).*each of 8 sub-environments"),
+    "a seed that is none": ({"seed": 1.5}, "seed = 1.5"),
+    "a truth value for a seed": ({"seed": True}, "seed = True"),
+    "a seed too large": ({"seed": 2**64}, f"seed = {2**64}"),
+    "no seed in a list": ({"seed": [None] * 8}, "seed = None"),
+    "agents disagree on the reset": (
+        {"options": {"reset_mask": np.arange(8) != 2}}, "reset_mask: sub-environments 0 to 3 .* world 0 and must agree",
+    ),
+    "a mask of worlds": ({"options": {"reset_mask": np.ones(2, bool)}}, r"shape \(8,\)"),
+    "an empty mask": ({"options": {"reset_mask": np.zeros(8, bool)}}, "at least one True"),
+    "a mask of numbers": ({"options": {"reset_mask": np.ones(8)}}, "must be bool"),
+    "a typo": ({"options": {"reset_masc": np.ones(8, bool)}}, "reset_masc"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*ACTIONS, *RESETS])
+def test_calls_that_are_refused_change_nothing(name: str) -> None:
+    env, twin = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED)
+    for each in (env, twin):
+        each.reset()
+    bad: Any
+    bad, message = ACTIONS.get(name) or RESETS[name]
+    with pytest.raises(ValueError, match=message) as raised:
+        env.step(bad) if name in ACTIONS else env.reset(**bad)
+    assert (type(raised.value) is ActionError) == (name in ACTIONS)
+    assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), twin.step(drawn(env, 0)), strict=True))
+
+
+def test_nothing_goes_before_reset() -> None:
+    env = make(worlds=2, seed=SEED, render_mode="ansi")
+    for call in (lambda: env.step(drawn(env, 0)), env.render):
+        with pytest.raises(NotResetError, match="reset them"):
+            call()
+    env.reset(options={"reset_mask": np.arange(8) < 4})
+    for call in (lambda: env.step(drawn(env, 0)), env.render):
+        with pytest.raises(NotResetError, match="1 worlds"):
+            call()
+    env.reset()
+    env.step(drawn(env, 0))
+
+
+def test_without_the_range_check_nothing_breaks() -> None:
+    env = make(worlds=2, seed=SEED, check_actions=False)
+    env.reset()
+    observations, *_ = env.step(rows_with(100))
+    assert all(np.isfinite(values).all() for values in observations.values())
+    with pytest.raises(ActionError):
+        env.step(np.zeros((8, 6)))

@@ -1,0 +1,187 @@
+"""Agents as sub-environments under Gymnasium's vector wrappers, and their pictures."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import vector as wrappers
+
+import outlast
+from outlast.envs.rendering.lazy_frames import Frames
+from tests.adapters.test_agents import MODES, SEED, STEPS, drawn, make, same
+from tests.conftest import scaled
+
+# ---- pictures
+
+
+def test_frames_are_drawn_when_they_are_read() -> None:
+    calls: list[int] = []
+    fresh = [True]
+
+    def draw(w: int) -> int:
+        calls.append(w)
+        return 10 * w
+
+    frames = Frames(draw, 12, 4, lambda: fresh[0])
+    assert len(frames) == 12
+    assert calls == []
+    assert [frames[5], frames[-1], frames[4]] == [10, 20, 10]
+    assert calls == [1, 2]
+    assert frames[3:6] == [0, 10, 10]
+    fresh[0] = False
+    assert list(frames) == [0] * 4 + [10] * 4 + [20] * 4  # drawn before
+    with pytest.raises(IndexError):
+        frames[12]
+    with pytest.raises(RuntimeError, match=r"moved on since render.*list\(env.render\(\)\)"):
+        Frames(draw, 1, 1, lambda: False)[0]
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
+def test_sub_environments_show_their_world(mode: str) -> None:
+    from outlast.envs.rendering.rgb import draw, text
+
+    env = make("ffa_3", worlds=2, seed=SEED, render_mode=mode)
+    env.reset()
+    frames = env.render()
+    assert frames is not None
+    assert len(frames) == 4
+    expected = [(draw if mode == "rgb_array" else text)(env.core.worlds, w) for w in (0, 0, 1, 1)]
+    assert all(np.array_equal(a, b) for a, b in zip(frames, expected, strict=True))
+    assert not np.array_equal(expected[0], expected[2])
+    stale = env.render()
+    env.step(drawn(env, 0))
+    with pytest.raises(RuntimeError, match="moved on"):
+        stale[0]  # type: ignore[index]
+
+
+@pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
+def test_worlds_show_themselves(mode: str) -> None:
+    from outlast.envs.rendering.rgb import draw, text
+
+    env = outlast.make_vec("ffa_3", 2, seed=SEED, render_mode=mode)
+    env.reset()
+    frames = env.render()
+    assert frames is not None
+    expected = [(draw if mode == "rgb_array" else text)(env.worlds, w) for w in (0, 1)]
+    assert all(np.array_equal(a, b) for a, b in zip(frames, expected, strict=True))
+    for move in (env.reset, lambda: env.set_state(env.get_state()), lambda: env.step(np.ones((2, 2, 6), int))):
+        stale = env.render()
+        move()
+        with pytest.raises(RuntimeError, match="moved on"):
+            stale[0]  # type: ignore[index]
+
+
+def test_without_a_render_mode_nothing_is_drawn() -> None:
+    for env in (make(worlds=1), outlast.make_vec("ffa_3", 1)):
+        with pytest.warns(UserWarning, match="render_mode"):
+            assert env.render() is None
+
+
+def test_a_render_mode_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="'rgb_array', 'ansi'"):
+        outlast.make_vec("ffa_3", 1, render_mode="human")
+
+
+# ---- Gymnasium's wrappers
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_record_episode_statistics_counts_what_info_tells(mode: str) -> None:
+    if mode == "SameStep" and gymnasium.__version__.startswith("1.2."):
+        pytest.skip("gymnasium 1.2's wrapper forgets the first step after a reset")
+    env = wrappers.RecordEpisodeStatistics(make(seed=SEED, autoreset=mode), buffer_length=10_000)
+    env.reset()
+    ends = 0
+    for tick in range(STEPS):
+        _, _, terminated, truncated, info = env.step(drawn(env, tick))
+        if (over := terminated | truncated).any():
+            assert same(info["_episode"], over)
+            assert np.array_equal(info["episode"]["r"], info["statistics"]["return"])
+            assert np.array_equal(info["episode"]["l"], info["statistics"]["length"])
+            if mode == "Disabled":
+                env.reset(options={"reset_mask": over})
+        ends += int(over.sum())
+    assert env.episode_count == len(env.return_queue) == ends >= env.num_envs
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
+def test_flatten_observation(mode: str) -> None:
+    """Gymnasium refuses every wrapper of observations under SAME_STEP."""
+    env, flat = (make(seed=SEED, autoreset=mode) for _ in range(2))
+    wrapped = wrappers.FlattenObservation(flat)
+    assert wrapped.single_observation_space.shape == (env.core.flat_size,)
+    observations, flattened = env.reset()[0], wrapped.reset()[0]
+    for tick in range(3):
+        for k in range(env.num_envs):
+            row = {key: values[k] for key, values in observations.items()}
+            assert np.array_equal(gymnasium.spaces.flatten(env.single_observation_space, row), flattened[k])
+        observations, flattened = env.step(drawn(env, tick))[0], wrapped.step(drawn(env, tick))[0]
+
+
+def test_normalize_observation_of_flat_ones() -> None:
+    """It takes no dicts, and no other mode than NEXT_STEP."""
+    env = make(seed=SEED)
+    wrapped = wrappers.NormalizeObservation(wrappers.FlattenObservation(env))
+    wrapped.reset()
+    for tick in range(scaled(40, least=10)):
+        observations, *_ = wrapped.step(drawn(env, tick))
+    assert observations.shape == (env.num_envs, env.core.flat_size)
+    assert np.isfinite(observations).all()
+    assert abs(observations.mean()) < 1
+
+
+def test_reward_wrappers() -> None:
+    plain, changed, normal = (make(seed=SEED, autoreset="SameStep") for _ in range(3))
+    changed = wrappers.ClipReward(wrappers.TransformReward(changed, lambda reward: 3 * reward), -2, 2)
+    normal = wrappers.NormalizeReward(normal)
+    for env in (plain, changed, normal):
+        env.reset()
+    for tick in range(scaled(40, least=10)):
+        _, reward, *_ = plain.step(drawn(plain, tick))
+        assert np.array_equal(changed.step(drawn(plain, tick))[1], np.clip(3 * reward, -2, 2))
+        normalised = normal.step(drawn(plain, tick))[1]
+        assert np.array_equal(np.sign(normalised), np.sign(reward))
+        assert np.isfinite(normalised).all()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_infos_as_a_list(mode: str) -> None:
+    env, other = (make(seed=SEED, autoreset=mode) for _ in range(2))
+    listed = wrappers.DictInfoToList(wrappers.RecordEpisodeStatistics(env))
+    other.reset()
+    assert listed.reset()[1] == [{"alive": True}] * env.num_envs
+    ends = 0
+    for tick in range(STEPS):
+        _, _, terminated, truncated, infos = listed.step(drawn(env, tick))
+        info = other.step(drawn(env, tick))[-1]
+        for k, (over, found) in enumerate(zip(terminated | truncated, infos, strict=True)):
+            assert found["alive"] == info["alive"][k]
+            assert ("statistics" in found) == ("episode" in found) == over
+            assert ("final_obs" in found) == ("final_info" in found) == (over and mode == "SameStep")
+            if over:
+                assert found["statistics"] == {key: values[k] for key, values in info["statistics"].items()}
+            ends += over
+    assert ends >= env.num_envs
+
+
+def test_observations_are_filtered_and_changed() -> None:
+    env = wrappers.FilterObservation(make(worlds=2, seed=SEED), ["self", "zone"])
+    env = wrappers.TransformObservation(env, lambda observations: observations)
+    assert set(env.reset()[0]) == {"self", "zone"}
+    assert set(env.step(drawn(env, 0))[0]) == {"self", "zone"}
+
+
+@pytest.mark.parametrize("maker", [make, outlast.make_vec])
+def test_videos_are_recorded(tmp_path: Any, maker: Any) -> None:
+    pytest.importorskip("moviepy", reason="gymnasium's RecordVideo needs moviepy")
+    env = wrappers.RecordVideo(
+        maker("ffa_3", 2, seed=SEED, render_mode="rgb_array"), str(tmp_path / "videos"), record_first_only=True,
+        video_length=5, step_trigger=lambda step: step == 0,
+    )  # fmt: skip
+    env.reset()
+    for _ in range(8):
+        env.step(env.action_space.sample())
+    env.close()
+    (video,) = (tmp_path / "videos").glob("*.mp4")
+    assert video.stat().st_size > 1000

@@ -1,0 +1,91 @@
+"""CleanRL's manner: the single-file PPO of the documents learns, from every agent of every world."""
+
+import math
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.conftest import COMPILED, scaled
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install torch")
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "cleanrl_ppo.py"
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+SMALL = {"num_worlds": 4, "num_steps": scaled(64, least=12), "num_minibatches": 2, "update_epochs": 2}
+
+
+@pytest.fixture(scope="module")
+def ppo() -> SimpleNamespace:
+    return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
+
+
+@pytest.mark.parametrize("variant", ["duel", "teams_3"])
+def test_updates(ppo: SimpleNamespace, variant: str) -> None:
+    """Losses are finite, actor and critic change, and the same seed does the same."""
+    agents = 2 if variant == "duel" else 4
+    args = ppo.Args(variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
+    agent, rows = ppo.train(args)
+    assert rows.shape == (3, 4)
+    assert np.isfinite(rows[:, 1:]).all()
+    assert 0 < rows[0, 3] < math.log(3 * 3 * 3 * 2 * 2 * 2)  # entropy, almost that of uniform actions
+    assert rows[0, 3] > 0.99 * math.log(3 * 3 * 3 * 2 * 2 * 2)
+    torch.manual_seed(args.seed)
+    untrained = ppo.Agent(agent.actor[0].in_features, agent.sizes)
+    changed = [not torch.equal(one, other) for one, other in zip(agent.parameters(), untrained.parameters())]
+    assert len(changed) == 12
+    assert all(changed)
+    assert np.array_equal(ppo.train(args)[1], rows, equal_nan=True)
+
+
+def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace) -> None:
+    """Of the last observation, not of the first one of the next episode; who dies or wins gets nothing more."""
+    args = ppo.Args(gamma=0.5)
+    final = {"self": np.full((3, 2), 7, np.float32)}
+    last = np.array([{key: rows[k] for key, rows in final.items()} for k in range(3)], object)
+    following = {"self": np.zeros((3, 2), np.float32)}
+    ends = np.array([True, False, False]), np.array([False, True, False])
+    info = {"alive": np.ones(3, bool), "final_obs": last}
+    envs = SimpleNamespace(step=lambda actions: (following, np.ones(3, np.float32), *ends, info))
+    critic = SimpleNamespace(value=lambda obs: obs.sum(1))
+    this = SimpleNamespace(envs=envs, agent=critic, args=args, returns=[])
+    reward, done = ppo.Rollouts.step(this, torch.zeros((3, 6), dtype=torch.int64))
+    assert reward.tolist() == pytest.approx([1.0, 1.0 + 0.5 * 2 * math.log(8), 1.0])
+    assert done.tolist() == [True, True, False]
+
+
+def test_advantages_are_sums_of_what_follows(ppo: SimpleNamespace) -> None:
+    """With lambda 1: discounted rewards until the episode ends, or the critic's word at the edge, less the value."""
+    args = ppo.Args(gamma=0.9, gae_lambda=1.0)
+    generator = torch.Generator().manual_seed(0)
+    reward, value = torch.rand((5, 2), generator=generator), torch.rand((5, 2), generator=generator)
+    done = torch.zeros((5, 2), dtype=torch.bool)
+    done[2, 0] = True
+    edge = torch.tensor([3.0, 4.0])
+    this = SimpleNamespace(agent=SimpleNamespace(value=lambda obs: obs), obs=edge, args=args)
+    found = ppo.Rollouts.advantages(this, {"reward": reward, "value": value, "done": done})
+    for t in range(5):
+        for agent in range(2):
+            end = 3 if agent == 0 and t <= 2 else 5
+            following = sum(0.9 ** (k - t) * float(reward[k, agent]) for k in range(t, end))
+            after = 0.9 ** (end - t) * float(edge[agent]) if end == 5 else 0.0
+            assert float(found["target"][t, agent]) == pytest.approx(following + after, rel=1e-5)
+    assert torch.allclose(found["advantage"], found["target"] - value)
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
+def test_it_learns(ppo: SimpleNamespace) -> None:
+    """Ticks that agents live, 200 at most: in the last updates far more than in the first, without training."""
+    _, rows = ppo.train(ppo.Args(total_timesteps=150_000))
+    assert rows[-5:, 0].mean() > rows[0, 0] + 30
+
+
+def test_the_command() -> None:
+    options = ["--variant", "ffa_1", "--num-worlds", "2", "--num-steps", "4", "--total-timesteps", "16"]
+    done = subprocess.run([sys.executable, str(EXAMPLE), *options], capture_output=True, text=True)
+    assert (done.returncode, len(done.stdout.splitlines())) == (0, 1), done.stderr

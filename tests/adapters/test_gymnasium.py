@@ -1,0 +1,401 @@
+"""One agent of one world as an ordinary Gymnasium environment, by its own name and by its registered ones."""
+
+import copy
+import pickle
+import subprocess
+import sys
+from importlib.util import find_spec
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from outlast import VARIANTS, ScenarioError, make_vec
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
+from outlast.envs.adapters.gymnasium_registry import IDS
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
+from tests.conftest import scaled
+from tests.ways import equal, short
+
+SEED, STEPS = 3, 60  # enough for an episode of short()
+IDLE = [1, 1, 1, 0, 0, 0]
+
+
+def make(name: str = "teams_3", **options: Any) -> SurvivalEnv:
+    return SurvivalEnv(short(name), **options)
+
+
+def drawn(tick: int) -> Any:
+    return np.random.default_rng(tick).integers(0, [3, 3, 3, 2, 2, 2])
+
+
+def arrays(result: Any) -> list[np.ndarray[Any, Any]]:
+    return [value for part in result if isinstance(part, dict) for value in part.values() if np.ndim(value)]
+
+
+# ---- the contract
+
+
+@pytest.mark.parametrize("name", IDS)
+@pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity")
+def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
+    """Neither an error nor a warning, pictures included: in tests, every warning is an error.
+
+    But for one, that infinite bounds are probably too wide: velocities, angles and health have no others.
+    """
+    env = gymnasium.make(name).unwrapped
+    check_env(env, skip_render_check=find_spec("pygame") is None)  # it also opens a window
+    assert (env.metadata["name"], env.metadata["render_fps"]) == (IDS[name], 30)
+    env.close()
+
+
+@pytest.mark.parametrize("dead", ["end", "keep"])
+@pytest.mark.parametrize("learner", [0, 2, 3])
+def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> None:
+    """The others' actions are noted by the function that gives them, and the world is played again."""
+    others: list[Any] = []
+
+    def play(observations: dict[str, Any]) -> Any:
+        assert {key: values.shape[:2] for key, values in observations.items()} == dict.fromkeys(observations, (1, 3))
+        ids = observations["self"][..., 0].astype(int)
+        others.append((ids, np.random.default_rng(len(others)).integers(0, [3, 3, 3, 2, 2, 2], (1, 3, 6))))
+        return others[-1][1]
+
+    env, core = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset="Disabled")
+    seen, info = env.reset(seed=SEED)
+    expected, _ = core.reset(seed=[SEED])
+    assert info["alive"] is True
+    total, over, length = 0.0, False, 0
+    while not over:
+        assert equal(seen, {key: values[0, learner] for key, values in expected.items()})
+        seen, reward, terminated, truncated, info = env.step(drawn(length))
+        joint = np.insert(others[-1][1], learner, drawn(length), axis=1)
+        expected, payment, ended, cut, told = core.step(joint)
+        length += 1
+        total += reward
+        lives = bool(expected["self"][0, learner, 3:5].any())  # the place of the dead is 0
+        assert reward == payment[0, learner]
+        assert (terminated, truncated) == (ended[0] or (dead == "end" and not lives), cut[0])
+        assert (info["alive"], info["length"], info["return"]) == (lives, length, total)
+        over = terminated or truncated
+    assert all(ids.tolist() == [[i for i in range(4) if i != learner]] for ids, _ in others)
+    assert length > 5
+    if dead == "keep":
+        assert {key: info[key] for key in ("kills", "deaths_zone", "first_death")} == {
+            "kills": told["statistics"]["kills"][0, learner // 2],
+            "deaths_zone": told["statistics"]["deaths_zone"][0],
+            "first_death": told["statistics"]["first_death"][0],
+        }
+    with pytest.raises(NotResetError, match="after the end of the episode; call reset"):
+        env.step(IDLE)
+    env.reset()
+    env.step(IDLE)
+
+
+def test_death_ends_the_episode_or_does_not() -> None:
+    """Somewhere among a few episodes the learner dies before its world ends; then, dead= makes the difference."""
+    lengths: dict[str, list[int]] = {}
+    for dead in ("end", "keep"):
+        env, lengths[dead] = make(dead=dead), []
+        for seed in range(scaled(20, least=6)):
+            _, info = env.reset(seed=seed)
+            over = False
+            while not over:
+                lived = info["alive"]
+                _, _, terminated, truncated, info = env.step(IDLE)
+                over = terminated or truncated
+                assert over or info["alive"] or dead == "keep"
+                assert lived or not info["alive"]
+            lengths[dead].append(info["length"])
+    assert np.all(np.array(lengths["end"]) <= lengths["keep"])
+    assert lengths["end"] != lengths["keep"]
+
+
+def test_types_are_pythons_own_and_infos_keep_their_keys() -> None:
+    env = make()
+    _, first = env.reset(seed=SEED)
+    over = False
+    while not over:
+        _, reward, terminated, truncated, info = env.step(IDLE)
+        assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
+        assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
+        over = terminated or truncated
+    assert {type(value) for value in first.values()} == {bool, int, float}
+    assert {"alive", "length", "return", "kills", "deaths_zone", "deaths_melee"} < first.keys()
+
+
+def test_what_comes_out_is_not_used_again() -> None:
+    env = make()
+    results = [env.reset(seed=SEED), env.step(IDLE), env.step(IDLE), env.reset()]
+    assert len(arrays(results[0])) > 5
+    for k, result in enumerate(results):
+        for array in arrays(result):
+            assert array.flags.writeable
+            assert not any(np.shares_memory(array, other) for older in results[:k] for other in arrays(older))
+
+
+def test_seeds_begin_and_the_next_reset_goes_on() -> None:
+    env, other = make(), make()
+    first, second = env.reset(seed=SEED)[0], env.reset()[0]
+    assert not equal(first, second)
+    assert equal(first, other.reset(seed=SEED, options={"anything": 1})[0])
+    for tick in range(5):
+        other.step(drawn(tick))
+    assert equal(second, other.reset()[0])
+    assert env.np_random.random() == np.random.default_rng(SEED).random()
+    assert not equal(make().reset()[0], make().reset()[0])  # without any seed, no two are alike
+
+
+def test_time_limits_truncate() -> None:
+    scenario = VARIANTS["ffa_3"].replace(ending_limit=4)
+    for env in (SurvivalEnv(scenario), gymnasium.make("outlast/FreeForAll-v1", max_episode_steps=4)):
+        env.reset(seed=SEED)
+        assert [env.step(IDLE)[2:4] for _ in range(4)] == [(False, False)] * 3 + [(False, True)]
+
+
+# ---- others
+
+
+@pytest.mark.parametrize("name", ["random", "noop", "scripted"])
+def test_the_same_seed_gives_the_same_game(name: str) -> None:
+    first, second = (make(others=name) for _ in range(2))
+    second.reset(seed=SEED + 1)
+    second.step(IDLE)
+    games = [[env.reset(seed=SEED)[0]] + [env.step(drawn(t))[0] for t in range(10)] for env in (first, second)]
+    assert all(equal(a, b) for a, b in zip(*games, strict=True))
+
+
+# ---- pictures
+
+
+def test_pictures_are_those_of_the_world() -> None:
+    from outlast.envs.rendering.rgb import draw, text
+
+    env, written = make(render_mode="rgb_array"), make(render_mode="ansi")
+    for each in (env, written):
+        with pytest.raises(NotResetError, match="render"):
+            each.render()
+        each.reset(seed=SEED)
+    frame = env.render()
+    assert (frame.dtype, frame.ndim, frame.shape[2]) == (np.uint8, 3, 3)
+    assert np.array_equal(frame, draw(env.batch.core.worlds, 0))
+    assert written.render() == text(written.batch.core.worlds, 0)
+    env.step(IDLE)
+    assert not np.array_equal(env.render(), frame)
+    with pytest.warns(UserWarning, match="without a render_mode"):
+        assert make().render() is None
+
+
+def test_gymnasium_collects_pictures() -> None:
+    env = gymnasium.make("outlast/FreeForAll-v1", render_mode="rgb_array_list")
+    env.reset(seed=SEED)
+    env.step(IDLE)
+    assert [frame.shape for frame in env.render()] == [(512, 512, 3)] * 2
+
+
+def test_a_window_shows_every_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened by gymnasium.make or by hand; reset and step draw by themselves."""
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env, seen = gymnasium.make("outlast/FreeForAll-v1", render_mode="human"), SurvivalEnv(render_mode="rgb_array")
+    for each in (env, seen):
+        each.reset(seed=SEED)
+    for _ in range(2):
+        shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+        assert np.array_equal(shown, seen.render())
+        for each in (env, seen):
+            each.step(IDLE)
+    assert env.render() is None
+    env.close()
+    assert pygame.display.get_surface() is None
+
+
+def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    batch = SurvivalLearnerVectorEnv(4, render_mode="rgb_array")
+    env = gymnasium.wrappers.vector.HumanRendering(batch, screen_size=(200, 200))
+    env.reset(seed=SEED)
+    env.step(np.tile(IDLE, (4, 1)))
+    shown = pygame.surfarray.array3d(pygame.display.get_surface())
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 10
+    env.close()
+
+
+# ---- wrappers, copies
+
+
+def test_wrappers_for_single_environments() -> None:
+    env = gymnasium.make("outlast/FreeForAll-v1", variant=short("ffa_3"))
+    env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.FlattenObservation(env))
+    observation, _ = env.reset(seed=SEED)
+    assert env.observation_space.contains(observation)
+    info: dict[str, Any] = {}
+    while "episode" not in info:
+        *_, info = env.step(IDLE)
+    assert (info["episode"]["r"], info["episode"]["l"]) == (info["return"], info["length"])
+
+
+def test_copies_and_pickles_are_made_anew() -> None:
+    env = gymnasium.make("outlast/Teams-v1", learner=2, others="scripted").unwrapped
+    expected, _ = env.reset(seed=SEED)
+    following = env.step(IDLE)[0]
+    for other in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+        with pytest.raises(NotResetError):
+            other.step(IDLE)
+        assert equal(other.reset(seed=SEED)[0], expected)
+        assert equal(other.step(IDLE)[0], following)
+        assert other.spec == env.spec
+
+
+def test_states_go_on_where_they_were() -> None:
+    """Also in the step in which the learner has died and its world goes on."""
+    env, other = make(), make()
+    for seed in range(20):
+        env.reset(seed=seed)
+        over = False
+        while not over:
+            seen, _, terminated, truncated, info = env.step(IDLE)
+            over = terminated or truncated
+            if info["length"] == 5:
+                middle, expected = env.get_state(), seen
+        if not env.get_state().arrays["over"][0]:
+            break
+    assert not info["alive"]
+    end = env.get_state()
+    assert equal(other.set_state(middle), expected)
+    for each in (env, other):
+        each.set_state(end)
+        with pytest.raises(NotResetError, match="after the end"):
+            each.step(IDLE)
+        each.set_state(middle)
+    assert equal(env.step(IDLE)[0], other.step(IDLE)[0])
+    with pytest.raises(StateError, match="another scenario"):
+        make("ffa_3").set_state(middle)
+
+
+# ---- the registry
+
+
+def test_ids_name_the_eight_variants() -> None:
+    assert {name: IDS[name] for name in ("outlast/FreeForAll-v1", "outlast/Teams-v1")} == {
+        "outlast/FreeForAll-v1": "ffa_3", "outlast/Teams-v1": "teams_3",
+    }  # fmt: skip
+    assert len(IDS) == 10
+    assert set(IDS.values()) == set(VARIANTS)
+    assert (IDS["outlast/FreeForAll1-v1"], IDS["outlast/Teams4-v1"]) == ("ffa_1", "teams_4")
+    assert set(IDS) < set(gymnasium.registry)
+    env = gymnasium.make("outlast/FreeForAll-v1", variant="1v1_heals_low")
+    assert env.unwrapped.batch.core.scenario.name == "ffa_1"
+
+
+PROGRAMS = {
+    "an id with a colon needs no import": """
+import gymnasium
+env = gymnasium.make("outlast:outlast/FreeForAll1-v1")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+assert gymnasium.make_vec("outlast:outlast/FreeForAll1-v1", num_envs=2).spec.id == env.spec.id
+""",
+    "a second import is silent, and what stands behind the ids is loaded late": """
+import importlib, sys
+import gymnasium, outlast
+importlib.reload(outlast.envs.adapters.gymnasium_registry)
+importlib.reload(outlast)
+assert sum(name.startswith("outlast/") for name in gymnasium.registry) == 10
+late = {f"outlast.envs.adapters.gymnasium_{name}" for name in ("single", "learners", "agents")} | {"cv2"}
+assert not late & set(sys.modules)
+""",
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_registration_in_a_fresh_process(name: str) -> None:
+    """Gymnasium's warnings, such as that of an id registered twice, are errors."""
+    command = [sys.executable, "-W", "error::UserWarning", "-c", PROGRAMS[name]]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+# ---- bad input
+
+MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+    "no such variant": ({"variant": "ffa_9"}, ScenarioError, "ffa_9"),
+    "no such agent": ({"learner": 2}, ValueError, "learner = 2: an agent of ffa_3 .* 0 to 1"),
+    "an agent below zero": ({"learner": -1}, ValueError, "learner = -1"),
+    "an agent by name": ({"learner": "agent_0"}, ValueError, "learner = 'agent_0'.*integer"),
+    "an agent as truth": ({"learner": True}, ValueError, "learner = True"),
+    "no such policy": ({"others": "clever"}, ValueError, "'clever': 'noop', 'random', 'scripted' or a function"),
+    "a saved policy": (
+        {"others": "policy.pt"},
+        ValueError,
+        r"'policy.pt': .*outlast.load_policy\(path\) plays what",
+    ),
+    "no policy": ({"others": None}, ValueError, "others = None"),
+    "a number for a policy": ({"others": 3}, ValueError, "others = 3"),
+    "neither dead nor alive": ({"dead": "remove"}, ValueError, "dead = 'remove': allowed are 'end', 'keep'"),
+    "no such picture": ({"render_mode": "svg"}, ValueError, "render_mode = 'svg': allowed are None, 'rgb_array'"),
+}
+
+
+def test_a_batch_says_who_opens_windows() -> None:
+    with pytest.raises(ValueError, match=r"render_mode = 'human'.*gymnasium\.wrappers\.vector\.HumanRendering"):
+        SurvivalLearnerVectorEnv(2, render_mode="human")
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_environments_that_cannot_be(name: str) -> None:
+    options, error, message = MADE[name]
+    for kind in (SurvivalEnv, lambda **options: SurvivalLearnerVectorEnv(2, **options)):
+        with pytest.raises(error, match=message):
+            kind(**options)
+
+
+ACTIONS: dict[str, tuple[Any, str]] = {
+    "too few": ([0] * 5, r"shape \(5,\): \(6,\) is needed, 6 integers"),
+    "one too deep": ([IDLE], r"shape \(1, 6\)"),
+    "ragged": ([0, [1]], "is needed"),
+    "one number": (3, r"shape \(\)"),
+    "floats": ([0.0] * 6, "float64: integers"),
+    "truth": ([True] * 6, "bool: integers"),
+    "too high": ([0, 0, 3, 0, 0, 0], "action 2 of .* is 3: 0 to 2"),
+    "below zero": ([0, 0, 0, 0, 0, -1], "action 5 of .* is -1: 0 to 1"),
+}
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_actions_that_are_refused_change_nothing(name: str) -> None:
+    asked: list[int] = []
+
+    def play(observations: dict[str, Any]) -> Any:
+        asked.append(1)
+        return np.full((1, 3, 6), len(asked) % 2)
+
+    env, twin = make(others=play), make(others=lambda observations: np.ones((1, 3, 6), int))
+    env.reset(seed=SEED)
+    twin.reset(seed=SEED)
+    with pytest.raises(ActionError, match=ACTIONS[name][1]):
+        env.step(ACTIONS[name][0])
+    assert asked == []
+    assert equal(env.step(IDLE)[0], twin.step(np.array(IDLE, np.uint8))[0])
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, 2**64, "1"])
+def test_seeds_are_refused(seed: Any) -> None:
+    with pytest.raises((ValueError, gymnasium.error.Error)):
+        make().reset(seed=seed)
+
+
+def test_before_reset_and_after_close() -> None:
+    env = make()
+    with pytest.raises(NotResetError, match="before reset"):
+        env.step(IDLE)
+    env.reset()
+    env.close()
+    env.close()
+    for call in (env.reset, lambda: env.step(IDLE)):
+        with pytest.raises(ClosedError):
+            call()

@@ -1,0 +1,217 @@
+"""A batch of learners, one in every world: beside Gymnasium's own vector of single environments."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+
+import outlast
+from outlast import variant
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.adapters.opponents import Opponents
+from outlast.envs.errors import ActionError, NotResetError
+from tests.conftest import COMPILED, digest, scaled
+from tests.ways import equal, short
+
+WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
+MODES = list(AutoresetMode)
+
+
+def by_id(observations: dict[str, Any]) -> np.ndarray[Any, Any]:
+    """Everybody walks another way, by number and health, and attacks."""
+    me = observations["self"]
+    actions = np.ones((*me.shape[:2], 6), np.int8)
+    actions[..., 0] = (me[..., 0] + me[..., 2]) % 3
+    return actions
+
+
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "free for all": ("ffa_3", {}),
+    "the last of a team": ("teams_3", {"learner": 3, "others": "scripted"}),
+    "in the middle, to the end": ("teams_3", {"learner": 1, "dead": "keep"}),
+    "a function": ("teams_3", {"learner": 2, "others": by_id}),
+    "nobody moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
+}
+
+
+def single(name: str, max_episode_steps: int | None = None, **options: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
+    def make() -> gymnasium.Env[Any, Any]:
+        env = SurvivalEnv(short(name), **options)
+        return gymnasium.wrappers.TimeLimit(env, max_episode_steps) if max_episode_steps else env
+
+    return make
+
+
+def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(tick).integers(0, [3, 3, 3, 2, 2, 2], (env.num_envs, 6))
+
+
+def alike(one: Any, other: Any) -> bool:
+    """Equal keys and values, whatever the types of numbers: Gymnasium makes Python's numbers 64 bits wide."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return len(one) == len(other) and all(alike(a, b) for a, b in zip(one, other, strict=True))
+    return np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", CASES)
+def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: AutoresetMode) -> None:
+    """Bit for bit over several episodes, sub-environment i seeded SEED + i in both; infos and final ones, too."""
+    kind, options = CASES[name]
+    env = SurvivalLearnerVectorEnv(WORLDS, short(kind), autoreset=mode, **options)
+    oracle: Any = SyncVectorEnv([single(kind, **options)] * WORLDS, autoreset_mode=mode)
+    assert env.single_observation_space == oracle.single_observation_space
+    assert (env.observation_space, env.action_space) == (oracle.observation_space, oracle.action_space)
+    assert env.metadata | {"render_modes": 0} == oracle.metadata | {"render_modes": 0}
+    assert all(alike(*pair) for pair in zip(env.reset(seed=SEED), oracle.reset(seed=SEED), strict=True))
+    ends, truncations = 0, 0
+    for tick in range(STEPS):
+        results = [each.step(drawn(env, tick)) for each in (env, oracle)]
+        for mine, its in zip(*results, strict=True):
+            assert alike(mine, its), tick
+        over = results[0][2] | results[0][3]
+        ends, truncations = ends + int(over.sum()), truncations + int(results[0][3].sum())
+        if mode is AutoresetMode.DISABLED and over.any():
+            with pytest.raises(NotResetError, match=rf"sub-environments \[{np.flatnonzero(over)[0]}"):
+                env.step(drawn(env, tick))
+            results = [each.reset(options={"reset_mask": over.copy()}) for each in (env, oracle)]
+            assert all(alike(*pair) for pair in zip(*results, strict=True))
+    assert ends >= WORLDS
+    assert (truncations > 0) == ("max_episode_steps" in options)
+
+
+def test_both_modes_of_make_vec() -> None:
+    """The entry point is what gymnasium.make_vec takes by itself; both pass max_episode_steps on."""
+    for options in ({}, {"max_episode_steps": 3}, {"variant": "ffa_1", "others": "noop"}):
+        fast, slow = (
+            gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=2, vectorization_mode=mode, **options)
+            for mode in (None, "sync")
+        )
+        assert isinstance(fast, SurvivalLearnerVectorEnv)
+        assert isinstance(slow, SyncVectorEnv)
+        assert fast.spec is not None
+        assert fast.spec.id == "outlast/FreeForAll-v1"
+        assert fast.core.scenario.name == options.get("variant", "ffa_3")
+        assert equal(fast.reset(seed=SEED)[0], slow.reset(seed=SEED)[0])
+        for tick in range(4):
+            results = [each.step(drawn(fast, tick)) for each in (fast, slow)]
+            assert all(alike(*pair) for pair in zip(*results, strict=True))
+        fast.close()
+        slow.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_processes_of_gymnasium() -> None:
+    env = SurvivalLearnerVectorEnv(2, short("ffa_3"))
+    oracle = AsyncVectorEnv([single("ffa_3")] * 2)
+    assert equal(env.reset(seed=SEED)[0], oracle.reset(seed=SEED)[0])
+    for tick in range(5):
+        results = [each.step(drawn(env, tick)) for each in (env, oracle)]
+        assert all(alike(*pair) for pair in zip(*results, strict=True))
+    oracle.close()
+
+
+def test_views_and_copies_show_the_same() -> None:
+    kept, fast = (SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), learner=1, copy=copy) for copy in (True, False))
+    before = kept.reset(seed=SEED)[0], fast.reset(seed=SEED)[0]
+    after = kept.step(drawn(kept, 0))[0], fast.step(drawn(kept, 0))[0]
+    assert equal(*after)
+    assert equal(before[1], after[1])  # overwritten
+    assert not equal(before[0], after[0])
+    for key in after[0]:
+        assert np.shares_memory(after[1][key], fast.core.observe()[key])
+        assert not np.shares_memory(after[0][key], before[0][key])
+        assert not after[1][key].flags.writeable
+
+
+def test_worlds_keep_their_pictures_apart() -> None:
+    env = SurvivalLearnerVectorEnv(2, short("ffa_3"), render_mode="ansi")
+    alone = SurvivalEnv(short("ffa_3"), render_mode="ansi")
+    env.reset(seed=SEED)
+    alone.reset(seed=SEED + 1)
+    frames = env.render()
+    assert frames is not None
+    assert len(frames) == 2
+    assert frames[1] == alone.render() != frames[0]
+
+
+# ---- others
+
+
+@pytest.mark.skipif(not COMPILED, reason="statistics need draws by the thousand")
+def test_random_others_are_uniform_and_independent() -> None:
+    """Of 216 joint actions each comes equally often, and two agents and two ticks agree by chance only."""
+    core = outlast.make_vec("teams_3", 256, seed=[*range(256)])
+    core.reset()
+    opponents = Opponents("random", core, 0)
+    drawn = []
+    for _ in range(30):
+        drawn.append(opponents.actions().astype(int))
+        core.step(np.zeros((256, 4, 6), int))
+    joint = np.ravel_multi_index(tuple(np.moveaxis(np.array(drawn), -1, 0)), (3, 3, 3, 2, 2, 2))
+    counts = np.bincount(joint.ravel(), minlength=216)
+    expected = joint.size / 216
+    assert abs(((counts - expected) ** 2 / expected).sum() - 215) < 5 * np.sqrt(2 * 215)
+    for one, other in ((joint[1:], joint[:-1]), (joint[:, :, 0], joint[:, :, 1]), (joint[:, 1:], joint[:, :-1])):
+        agree, error = (one == other).mean(), np.sqrt(1 / 216 / one.size)
+        assert abs(agree - 1 / 216) < 5 * error
+
+
+def test_random_others_do_the_same_whoever_learns() -> None:
+    core = outlast.make_vec("teams_3", 3, seed=0)
+    core.reset()
+    by_learner = {learner: Opponents("random", core, learner).actions() for learner in range(4)}
+    assert np.array_equal(by_learner[0][:, 1:], by_learner[1][:, 1:])
+    assert np.array_equal(by_learner[3][:, 1], by_learner[2][:, 1])
+    assert not np.array_equal(by_learner[0][0], by_learner[0][1])  # worlds differ
+    core.reset()
+    assert not np.array_equal(by_learner[0], Opponents("random", core, 0).actions())  # and episodes
+
+
+def test_others_of_the_names_are_the_policies() -> None:
+    from outlast.envs.rollout.policies import noop_policy, scripted_policy
+
+    core = outlast.make_vec("teams_3", 3, seed=0)
+    observations, _ = core.reset()
+    for name, policy in (("noop", noop_policy(core)), ("scripted", scripted_policy(core))):
+        for learner in range(4):
+            expected = np.delete(policy(observations), learner, axis=1)
+            assert np.array_equal(Opponents(name, core, learner).actions(), expected)
+
+
+def test_a_learner_alone() -> None:
+    env = SurvivalLearnerVectorEnv(2, variant("ffa_1").replace(n_agents=1), others=by_id)
+    env.reset(seed=0)
+    assert env.step(drawn(env, 0))[1].tolist() == [1, 1]
+
+
+REFUSED: dict[str, tuple[Any, str]] = {
+    "its own, too": (lambda seen: np.ones((2, 4, 6), int), r"others: .*\(2, 4, 6\).* = \(2, 3, 6\)"),
+    "floats": (lambda seen: np.ones((2, 3, 6)), "others: .*float64"),
+    "nothing": (lambda seen: None, "others: .*object"),
+    "too high": (lambda seen: np.full((2, 3, 6), 2), "action 3 of agent 0 in world 0 is 2"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_others_must_not_do(name: str) -> None:
+    policy, message = REFUSED[name]
+    env = SurvivalLearnerVectorEnv(2, short("teams_3"), learner=1, others=policy)
+    env.reset(seed=SEED)
+    before = digest(env.core.worlds)
+    with pytest.raises(ActionError, match=message):
+        env.step(drawn(env, 0))
+    assert digest(env.core.worlds) == before
+
+
+@pytest.mark.parametrize("options", [{"num_envs": 0}, {"max_episode_steps": 0}, {"threads": 0}, {"autoreset": "never"}])
+def test_batches_that_cannot_be(options: dict[str, Any]) -> None:
+    (name,) = options
+    with pytest.raises(ValueError, match=f"{name} = "):
+        SurvivalLearnerVectorEnv(**({"num_envs": 2} | options))

@@ -1,0 +1,245 @@
+"""The PettingZoo face: PettingZoo's own suites, and the same world as in the batched environment."""
+
+import copy
+import pickle
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pettingzoo
+import pytest
+
+import outlast
+from outlast import VARIANTS, make_vec, variant
+from outlast.ecs import Entity
+from outlast.envs.adapters import pettingzoo as parallel
+from tests.conftest import COMPILED, scaled
+
+with warnings.catch_warnings():  # of PettingZoo, about its own examples
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from pettingzoo.test import (
+        api_test,
+        max_cycles_test,
+        parallel_api_test,
+        parallel_seed_test,
+        render_test,
+        seed_test,
+        state_test,
+    )
+    from pettingzoo.test.render_test import collect_render_results
+
+SHORT: dict[str, Any] = {  # some die on the way, and all episodes end within 60 ticks
+    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
+}  # fmt: skip
+CYCLES = scaled(1000, least=20)
+NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
+both = pytest.mark.parametrize("dead", ["remove", "keep"])
+everywhere = pytest.mark.parametrize("name", NAMES)
+Env = parallel.SurvivalParallelEnv
+
+
+def short(name: str = "teams_3", **options: Any) -> Env:
+    """Four agents, in teams or not, and an early end."""
+    return outlast.parallel_env(name, **{"n_agents": 4, **SHORT, **options})
+
+
+def act(env: Env, tick: int) -> dict[str, Any]:
+    """Random actions of everybody, the dead included; they depend on the tick only."""
+    rng = np.random.default_rng(tick)
+    return {agent: rng.integers(0, env.action_space(agent).nvec) for agent in env.possible_agents}
+
+
+def play(env: Env) -> Iterator[tuple[list[str], Any]]:
+    """(who was there before the step, what the step returned) up to the end of the episode."""
+    tick = 0
+    while env.agents:
+        yield list(env.agents), env.step(act(env, tick))
+        tick += 1
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether dicts, lists and what is in them have the same types and the same values."""
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, (list, tuple)):
+        return len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and bool(np.array_equal(one, other))
+
+
+# ---- PettingZoo's own suites
+
+
+@both
+@everywhere
+def test_parallel_api(name: str, dead: str) -> None:
+    """Also its checks of dead agents, which are mere warnings."""
+    env = outlast.parallel_env(name, dead=dead, **SHORT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parallel_api_test(env, CYCLES)
+    assert env.statistics or not COMPILED  # it saw the end of an episode
+
+
+@both
+@everywhere
+@pytest.mark.filterwarnings("ignore:Observation is not a NumPy array", "ignore:.*probably should be gymnasium.spaces")
+def test_aec_api(name: str, dead: str) -> None:
+    env = outlast.aec_env(name, dead=dead, **SHORT)
+    api_test(env, CYCLES)
+    assert env.unwrapped.statistics or not COMPILED
+
+
+@pytest.mark.parametrize("agents", [1, 12])
+def test_other_numbers_of_agents(agents: int) -> None:
+    """Agent 10 comes after agent 9, though its name sorts before."""
+    env = outlast.parallel_env("ffa_1", **{**SHORT, "n_agents": agents})
+    assert env.possible_agents == [f"agent_{i}" for i in range(agents)]
+    parallel_api_test(env, CYCLES)
+    observations, _ = env.reset()
+    assert [seen["self"][0] for seen in observations.values()] == list(range(agents))
+    assert list(env.step({})[0]) == env.agents == env.possible_agents
+
+
+@both
+@everywhere
+def test_seeds(name: str, dead: str) -> None:
+    parallel_seed_test(lambda: outlast.parallel_env(name, dead=dead, **SHORT), CYCLES)
+    seed_test(lambda: outlast.aec_env(name, dead=dead, **SHORT), CYCLES)
+
+
+def test_max_cycles() -> None:
+    max_cycles_test(parallel)
+
+
+@everywhere
+@pytest.mark.filterwarnings("ignore:Environment's (minimum|maximum) state space value is -?infinity")
+def test_state(name: str) -> None:
+    """It takes infinite bounds for probably wrong ones; velocities, angles and health have no others."""
+    state_test(outlast.aec_env(name, **SHORT), outlast.parallel_env(name, **SHORT), CYCLES)
+
+
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_render(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pygame", reason="render_mode='human' needs pygame, which is not installed")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    render_test(lambda **options: outlast.aec_env(name, **options))
+
+
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_render_without_a_window(name: str) -> None:
+    """What their suite asks of pictures and text; drawing changes nothing."""
+    for picture in collect_render_results(outlast.aec_env(name, render_mode="rgb_array")):
+        assert (picture.dtype, picture.ndim, picture.shape[2]) == (np.uint8, 3, 3)
+    assert all(isinstance(page, str) for page in collect_render_results(outlast.aec_env(name, render_mode="ansi")))
+    drawn, blind = short(name, render_mode="rgb_array", seed=1), short(name, seed=1)
+    assert same(drawn.reset(), blind.reset())
+    assert np.array_equal(drawn.render(), drawn.render())
+    assert same(drawn.step(act(drawn, 0)), blind.step(act(blind, 0)))
+
+
+def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(ImportError, match=r"pip install 'outlast\[window\]'"):
+        outlast.parallel_env(render_mode="human")
+
+
+# ---- PettingZoo's registry
+
+
+@pytest.mark.skipif(not hasattr(pettingzoo, "parallel_registry"), reason="a PettingZoo without a registry")
+@pytest.mark.parametrize("kind", ["parallel", "aec"])
+@everywhere
+def test_the_registry_makes_them(kind: Any, name: str) -> None:
+    env = pettingzoo.make(kind, f"outlast/{name}-v1", max_cycles=7, melee_damage=2)
+    assert isinstance(env, pettingzoo.ParallelEnv if kind == "parallel" else pettingzoo.AECEnv)
+    scenario = env.unwrapped.batch.scenario
+    assert (scenario.name, str(env)) == (name, name)
+    assert scenario.numbers() == variant(name).replace(ending_limit=7, melee_damage=2).numbers()
+
+
+def test_without_pettingzoo_only_this_face_is_missing() -> None:
+    code = "import sys; sys.modules['pettingzoo'] = None; import outlast; print(outlast.make_vec); outlast.parallel_env"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "make_vec" in done.stdout
+    assert "pip install 'outlast[pettingzoo]'" in done.stderr
+
+
+# ---- the same world as in a batch
+
+
+@both
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
+    """Observations, rewards, ends and statistics of an episode with deaths; the batch also hears what the dead want."""
+    env, seed = short(name, dead=dead), 5
+    batch = make_vec(env.batch.scenario, 3, seed=0)
+    observations, _ = env.reset(seed=seed)
+    expected, _ = batch.reset(seed=[seed + 1, seed, seed + 2])
+    alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
+    assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4)})
+    died = over = False
+    for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
+        rows = [int(agent[6:]) for agent in before]
+        actions = np.stack([list(act(env, tick).values())] * 3)
+        expected, reward, ended, cut, info = batch.step(actions)
+        gone = alive == 0 if dead == "remove" else np.zeros(4, bool)
+        over = bool(ended[1] | cut[1])
+        died |= not alive.all() and not over
+        assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in rows})
+        assert same(rewards, {f"agent_{i}": float(reward[1, i]) for i in rows})
+        assert same(terminated, {f"agent_{i}": bool(ended[1] | gone[i]) for i in rows})
+        assert same(truncated, {f"agent_{i}": bool(cut[1]) for i in rows})
+        assert same(infos, {f"agent_{i}": {"alive": int(alive[i])} for i in rows})
+        assert env.agents == [agent for agent in before if not over and not gone[int(agent[6:])]]
+    assert died
+    assert over
+    assert same(env.statistics, {key: values[1] for key, values in info["statistics"].items()})
+
+
+@both
+def test_whole_episodes_repeat(dead: str) -> None:
+    """Two in a row; reset() without a seed goes on to the next one, which is another."""
+    one, other = short(dead=dead), short(dead=dead, seed=9)
+    first, again = [one.reset(seed=9), *play(one)], [other.reset(), *play(other)]
+    second, then = [one.reset(), *play(one)], [other.reset(), *play(other)]
+    assert same(first, again)
+    assert same(second, then)
+    assert not same(first[0], second[0])
+    assert same(first, [other.reset(seed=9), *play(other)])
+
+
+@both
+@pytest.mark.parametrize("name", NAMES)
+def test_everything_lies_in_its_space(name: str, dead: str) -> None:
+    env = short(name, dead=dead, seed=1)
+    observations, _ = env.reset()
+    assert observations.keys() == set(env.possible_agents)
+    for _, (observations, rewards, terminated, truncated, _) in play(env):
+        for agent, seen in observations.items():
+            assert env.observation_space(agent).contains(seen)
+            assert type(rewards[agent]) is float
+            assert type(terminated[agent]) is type(truncated[agent]) is bool
+        assert env.state_space.contains(env.state())
+        assert np.isfinite(env.state()).all()
+    for agent in env.possible_agents:
+        space: Any = env.observation_space(agent)
+        assert space is env.observation_space(agent)
+        assert env.action_space(agent) is env.action_space(agent)
+        assert env.action_space(agent).nvec.tolist() == [3, 3, 3, 2, 2, 2]
+        assert all(box.dtype == np.float32 for box in space.values())
+    assert env.action_space("agent_0") is not env.action_space("agent_1")  # they are seeded one by one
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_copies_are_made_the_same_way(copied: Any) -> None:
+    env = short(dead="keep", render_mode="ansi", seed=4)
+    first = env.reset()
+    env.step({})
+    other = copied(env)
+    assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", [])
+    assert other.batch.scenario == env.batch.scenario
+    assert same(other.reset(), first)
+    assert pickle.loads(pickle.dumps(outlast.aec_env("ffa_3"))).metadata["name"] == "ffa_3"

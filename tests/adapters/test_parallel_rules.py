@@ -1,0 +1,247 @@
+"""The PettingZoo face: who is reported when, what is done with actions, the state, and bad input."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import ScenarioError
+from outlast.components import Health
+from outlast.ecs import Entity, NumberError
+from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
+from tests.adapters.test_parallel import Env, act, both, play, same, short
+from tests.conftest import digest
+
+IDLE = [1, 1, 1, 0, 0, 0]
+
+
+# ---- who is reported
+
+
+def test_the_dead_are_reported_once_and_leave() -> None:
+    """With terminated True, their last reward, and masks of 0."""
+    env = short("ffa_3", seed=2)
+    env.reset()
+    ends: dict[str, int] = {}
+    for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
+        for part in (observations, rewards, terminated, truncated, infos):
+            assert list(part) == before
+        for agent in before:
+            if terminated[agent]:
+                assert agent not in ends
+                ends[agent] = tick
+                assert agent not in env.agents
+            if not infos[agent]["alive"]:
+                assert terminated[agent]
+                assert observations[agent]["heals_mask"].sum() == 0
+    assert ends.keys() == set(env.possible_agents)
+    assert len(set(ends.values())) > 1
+
+
+def test_nobody_comes_back() -> None:
+    """Whatever a mechanic does: PettingZoo knows no second life of an agent within an episode."""
+    env = short("ffa_3", seed=2)
+    env.reset()
+    while len(env.agents) == 4:
+        env.step({})
+    left = list(env.agents)
+    worlds = env.batch.worlds
+    for column in (worlds[Entity].alive, worlds[Health].points):
+        column[0, worlds.span("agent")] = 1
+    observations, *_, infos = env.step({})
+    assert list(observations) == list(infos) == left
+    assert worlds[Entity].alive[0, worlds.span("agent")].all()
+    assert env.agents == left
+    assert env.reset()[0].keys() == set(env.possible_agents)
+
+
+def test_kept_agents_stay_until_the_world_ends() -> None:
+    """And are paid what the dead are paid: -1 a tick in this variant, or their team's reward."""
+    env = short("ffa_3", dead="keep", seed=2)
+    env.reset()
+    paid = []
+    for before, (_, rewards, terminated, _, infos) in play(env):
+        assert before == env.possible_agents
+        assert set(terminated.values()) == {not env.agents}
+        paid += [rewards[agent] for agent in before if not infos[agent]["alive"]]
+    assert len(paid) > 4
+    assert set(paid) == {-1.0}
+
+
+def limited(dead: str, seed: int) -> Any:
+    """The step at the limit, in which those outside of the zone die; the world may end by its rule in that step."""
+    env = outlast.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, zone_radii=(8.0,))
+    env.reset(seed=seed)
+    *_, (_, last) = play(env)
+    assert env.agents == []
+    return env, last
+
+
+@both
+def test_at_the_limit_everybody_is_truncated(dead: str) -> None:
+    """Also who dies in that step. If the world ends by its rule instead, all are terminated and nobody is truncated."""
+    found = set()
+    for seed in range(12):
+        env, (_, _, terminated, truncated, infos) = limited(dead, seed)
+        alive = {agent: bool(info["alive"]) for agent, info in infos.items()}
+        assert list(truncated) == env.possible_agents
+        if not (any(alive[f"agent_{i}"] for i in (0, 1)) and any(alive[f"agent_{i}"] for i in (2, 3))):
+            assert set(terminated.values()) == {True}
+            assert set(truncated.values()) == {False}
+            found.add("rule")
+            continue
+        assert set(truncated.values()) == {True}
+        assert terminated == {agent: dead == "remove" and not lives for agent, lives in alive.items()}
+        found.add("limit and deaths" if not all(alive.values()) else "limit")
+    assert {"rule", "limit and deaths"} <= found
+
+
+def test_everything_returned_is_new() -> None:
+    env = short(seed=1)
+    observations, infos = env.reset()
+    assert infos == {agent: {"alive": 1} for agent in env.possible_agents}
+    kept = {agent: {key: values.copy() for key, values in seen.items()} for agent, seen in observations.items()}
+    later, *_, next_infos = env.step(act(env, 0))
+    assert same(observations, kept)
+    for agent, seen in later.items():
+        infos[agent]["alive"] = 7
+        assert next_infos[agent] == {"alive": 1}
+        for key, values in seen.items():
+            assert not np.shares_memory(values, observations[agent][key])
+            assert not np.shares_memory(values, env.batch.observe()[key])
+            values[:] = 7
+    twin = short(seed=1)
+    twin.reset()
+    twin.step(act(twin, 0))
+    assert same(env.step(act(env, 1)), twin.step(act(twin, 1)))
+
+
+# ---- actions
+
+
+@both
+def test_the_dead_and_the_missing_idle(dead: str) -> None:
+    """What the dead want is not even looked at; a random order of agents means nothing."""
+    env, twin = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=2)
+    env.reset()
+    twin.reset()
+    alive = env.batch.worlds[Entity].alive[0, env.batch.worlds.span("agent")]
+    tick, nonsense = 0, 0
+    while env.agents:
+        actions = {**act(env, tick), "agent_1": IDLE}
+        living = {agent: actions[agent] for i, agent in enumerate(env.possible_agents) if alive[i]}
+        gone = {agent: "nonsense" for agent in env.possible_agents if agent not in living}
+        living.pop("agent_1", None)
+        assert same(env.step({**gone, **dict(reversed(living.items()))}), twin.step(actions))
+        tick, nonsense = tick + 1, nonsense + len(gone)
+    assert nonsense
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.int8, np.uint8, np.int32, np.uint64])
+def test_actions_of_every_integer_type_mean_the_same(kind: Any) -> None:
+    env, twin = short(seed=3), short(seed=3)
+    env.reset()
+    twin.reset()
+    changed = {a: kind(v.tolist()) if kind in (list, tuple) else v.astype(kind) for a, v in act(env, 0).items()}
+    assert same(env.step(changed), twin.step(act(twin, 0)))
+
+
+def one(action: Any) -> Callable[[Env], Any]:
+    return lambda env: env.step({"agent_0": IDLE, "agent_2": action})
+
+
+REFUSED: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
+    "too high": (one([1, 1, 1, 0, 0, 2]), ActionError, "action 5 of agent_2 is 2: 0 to 1 is allowed"),
+    "below zero": (one([-1, 1, 1, 0, 0, 0]), ActionError, "action 0 of agent_2 is -1: 0 to 2 is allowed"),
+    "far too high": (one(np.full(6, 2**64 - 1, np.uint64)), ActionError, f"of agent_2 is {2**64 - 1}: 0 to 2"),
+    "wraps around": (one([256, 1, 1, 0, 0, 0]), ActionError, "action 0 of agent_2 is 256"),
+    "one too few": (one([1, 1, 1, 0, 0]), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "a row too many": (one([IDLE]), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "floats": (one(np.ones(6)), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "truth values": (one([True] * 6), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "NaN": (one([np.nan] * 6), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "a string": (one("attack"), ActionError, "action of agent_2 is 'attack': 6 integers are needed"),
+    "None": (one(None), ActionError, "action of agent_2 is None: 6 integers are needed"),
+    "unequal lists": (one([[1], [1, 2]]), ActionError, "action of agent_2 is .*: 6 integers are needed"),
+    "an unknown agent": (
+        lambda env: env.step({"agent_4": IDLE}), ActionError, "no agent 'agent_4' to act; there are: agent_0, .*agent_3"
+    ),
+    "a number for an agent": (lambda env: env.step({0: IDLE}), ActionError, "no agent 0"),  # type: ignore[dict-item]
+    "a list": (lambda env: env.step([IDLE] * 4), ActionError, "a dict of agent -> action"),  # type: ignore[arg-type]
+    "no actions": (lambda env: env.step(None), ActionError, "actions are None"),  # type: ignore[arg-type]
+    "seed below zero": (lambda env: env.reset(seed=-1), ValueError, "seed = -1"),
+    "seed a float": (lambda env: env.reset(seed=1.5), ValueError, "seed = 1.5"),  # type: ignore[arg-type]
+    "two seeds": (lambda env: env.reset(seed=[1, 2]), ValueError, "one integer"),  # type: ignore[arg-type]
+    "space of nobody": (lambda env: env.observation_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "actions of nobody": (lambda env: env.action_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "no render mode": (lambda env: env.render(), ValueError, "render_mode: rgb_array, ansi, human"),
+    "another scenario": (
+        lambda env: env.set_state(short("ffa_3").get_state()), StateError, "another scenario"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_changes_nothing(name: str) -> None:
+    call, error, message = REFUSED[name]
+    env, twin = short(seed=6), short(seed=6)
+    for each in (env, twin):
+        each.reset()
+        each.step(act(each, 0))
+    before, agents = digest(env.batch.worlds), list(env.agents)
+    with pytest.raises(error, match=message) as raised:
+        call(env)
+    assert type(raised.value) is error
+    assert (digest(env.batch.worlds), env.agents) == (before, agents)
+    assert same(env.step(act(env, 1)), twin.step(act(twin, 1)))
+
+
+@pytest.mark.parametrize("options", [{"options": 1}, {"reset_mask": "x"}, {}])
+def test_reset_options_are_tolerated(options: dict[str, Any]) -> None:
+    env, twin = short(seed=6), short(seed=6)
+    assert same(env.reset(options=options), twin.reset())
+
+
+def test_calls_out_of_order() -> None:
+    env = short(render_mode="ansi")
+    assert (env.agents, env.num_agents, env.max_num_agents) == ([], 0, 4)
+    for call in (lambda: env.step({}), env.state, env.render):
+        with pytest.raises(NotResetError, match=r"reset\(\)"):
+            call()
+    env.reset()
+    list(play(env))
+    with pytest.raises(NotResetError, match=r"episode is over.*reset\(\)"):
+        env.step({})
+    assert env.state_space.contains(env.state())  # the end can be looked at
+    env.close()
+    env.close()
+    for call in (env.reset, lambda: env.step({}), env.state, env.render, env.get_state):
+        with pytest.raises(ClosedError, match="closed"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"dead": "bury"}, ValueError, "dead = 'bury': allowed are 'remove', 'keep'"),
+        ({"dead": None}, ValueError, "dead = None: allowed are 'remove', 'keep'"),
+        ({"render_mode": "rgb"}, ValueError, "render_mode = 'rgb': allowed are None, 'rgb_array', 'ansi', 'human'"),
+        ({"seed": -3}, ValueError, "seed = -3"),
+        ({"seed": "x"}, ValueError, "seed = 'x'"),
+        ({"max_cycles": 0}, ValueError, "max_cycles = 0: an integer >= 1"),
+        ({"max_cycles": 2.5}, ValueError, "max_cycles = 2.5: an integer >= 1"),
+        ({"max_cycles": True}, ValueError, "max_cycles = True: an integer >= 1"),
+        ({"max_cycles": 5, "ending_limit": 5}, ValueError, "the same number"),
+        ({"scenario": "ffa_9"}, ScenarioError, "no variant 'ffa_9'"),
+        ({"scenario": 3}, ScenarioError, "3: the name of a variant or a Scenario"),
+        ({"scenario": None, "melee_damage": 3}, ScenarioError, "None: the name of a variant or a Scenario"),
+        ({"melee_damge": 3}, NumberError, "did you mean melee_damage"),
+        ({"n_agents": 0}, NumberError, "agents.count = 0"),
+    ],
+)
+def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], message: str) -> None:
+    for make in (outlast.parallel_env, outlast.aec_env):
+        with pytest.raises(error, match=message):
+            make(**options)

@@ -1,0 +1,104 @@
+"""The PettingZoo face: the global state tells of everything, and worlds can be saved and gone on from."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Bag, Box, Health
+from outlast.ecs import Worlds
+from outlast.envs.adapters.global_state import Overview
+from outlast.systems import AutoPickup, GiveLast, Heals, Inventory, SafeZone
+from tests.adapters.test_parallel import act, both, play, same, short
+from tests.conftest import scaled
+
+BUSY: dict[str, Any] = {  # items change hands all the time, and everybody is told of everything
+    "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
+    "boxes_toughness": 1, "boxes_owned": False, "max_cycles": 200,
+}  # fmt: skip
+
+
+def blocks(state: Any, features: int, heals: int, boxes: int) -> list[Any]:
+    """agents, zone, objects and items, as rows."""
+    sizes = [4 * (1 + features), 6, boxes * 7, (boxes + heals) * 4]
+    assert state.shape == (sum(sizes),)
+    widths = [1 + features, 6, 7, 4]
+    return [part.reshape(-1, k) for part, k in zip(np.split(state, np.cumsum(sizes)[:-1]), widths, strict=True)]
+
+
+@pytest.mark.parametrize(("name", "features"), [("ffa_3", 8), ("teams_3", 9)])
+def test_the_state_tells_what_an_omniscient_observer_sees(name: str, features: int) -> None:
+    env = outlast.parallel_env(name, **BUSY)
+    seen = env.reset(seed=1)[0]["agent_0"]
+    carried = broken = 0
+    worlds = env.batch.worlds
+    for tick in range(scaled(100, least=20)):
+        state = env.state()
+        assert state.dtype == np.float32
+        agents, zone, objects, items = blocks(state, features, 15, 8)
+        assert np.array_equal(agents[0], [1, *seen["self"]])
+        assert np.array_equal(agents[1:, 1:], seen["others"])
+        assert np.array_equal(agents[1:, 0], seen["others_mask"])
+        assert np.array_equal(zone[0], seen["zone"])
+        width, height, place = seen["boxes"][:, 2], seen["boxes"][:, 5], seen["boxes"][:, 8:]
+        expected = [seen["boxes_mask"], *place.T, width, height]
+        assert np.array_equal(objects[:, :6], np.column_stack(expected))
+        hits = worlds[Health].points[0, worlds.layout.rows(Box)]
+        assert np.array_equal(objects[:, 6], hits * seen["boxes_mask"])
+        shown = np.concatenate([seen["box_items"][:, 8:], seen["heals"]])
+        mask = np.concatenate([seen["box_items_mask"], seen["heals_mask"]])
+        assert np.array_equal(items[:, :3], np.column_stack([mask, shown]))
+        first = worlds.span("box_item").start
+        bags = [{row - first for row in bag[bag >= 0]} for bag in worlds[Bag].items[0, worlds.span("agent")]]
+        assert [set(np.flatnonzero(items[:, 3] == 1 + i)) for i in range(4)] == bags
+        carried, broken = max(carried, (items[:, 3] > 0).sum()), max(broken, (objects[:, 0] == 0).sum())
+        seen = env.step(act(env, tick))[0]["agent_0"]
+    assert carried > 1
+    assert broken > 0
+
+
+def test_the_dead_are_not_alive_in_the_state() -> None:
+    env = short("ffa_3", dead="keep", seed=2)
+    env.reset()
+    dead = 0
+    for _, (*_, infos) in play(env):
+        rows = env.state()[: 4 * 9].reshape(4, 9)
+        assert rows[:, 0].tolist() == [info["alive"] for info in infos.values()]
+        assert not rows[rows[:, 0] == 0, 2:].any()
+        dead += (rows[:, 0] == 0).sum()
+    assert dead
+
+
+def test_the_state_of_a_bare_scenario() -> None:
+    """Without zone and items there are agents only."""
+    bare = outlast.variant("ffa_1").without(SafeZone, Heals, AutoPickup, GiveLast, Inventory, "drop")
+    overview = Overview(Worlds(bare.modules, 1))
+    assert overview.space.shape == (2 * 9,)
+    assert overview.space.contains(overview())
+
+
+# ---- saving
+
+
+@both
+def test_going_on_from_a_saved_state(dead: str) -> None:
+    """In another environment, after a death; the state of one world of a batch will do as well."""
+    env, other = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=77)
+    env.reset()
+    while all(info["alive"] for info in env.step(act(env, 0))[-1].values()):
+        pass
+    state, agents = env.get_state(), list(env.agents)
+    assert len(agents) == 4 if dead == "keep" else 0 < len(agents) < 4
+    expected = list(play(env))
+    observations = other.set_state(state)
+    assert list(observations) == other.agents == agents
+    assert same(list(play(other)), expected)
+    over = env.get_state()
+    env.reset()
+    assert env.set_state(over) == {}
+    assert env.agents == []
+    batch = outlast.make_vec(env.batch.scenario, 3, seed=4)
+    batch.reset()
+    other.set_state(batch.get_state(2))
+    assert np.array_equal(other.state()[1:9], batch.observe()["self"][2, 0])

@@ -1,0 +1,144 @@
+"""RLlib: one world as a MultiAgentEnv."""
+
+import numpy as np
+import pytest
+
+import outlast
+from tests.conftest import scaled
+
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
+pytest.importorskip("ray.rllib", reason="RLlib is not installed: pip install 'outlast[ray]'", exc_type=ImportError)
+
+from ray.rllib.connectors.env_to_module import FlattenObservations  # noqa: E402
+from ray.rllib.env.env_context import EnvContext  # noqa: E402
+from ray.rllib.utils.pre_checks.env import check_multiagent_environments  # noqa: E402
+
+from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
+
+SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+
+
+@pytest.fixture
+def workers():
+    """Ray on this machine, small whatever it has."""
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+    yield
+    ray.shutdown()
+
+
+def idle(env):
+    return {agent: [1, 1, 1, 0, 0, 0] for agent in env.agents}
+
+
+@pytest.mark.parametrize("dead", ["remove", "keep"])
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
+def test_it_is_world_0_of_a_batch(variant, dead):
+    """Observations, rewards and ends, with the same actions."""
+    env = SurvivalMultiAgentEnv({"scenario": variant, "dead": dead, **SHORT})
+    batch = outlast.make_vec(outlast.variant(variant).replace(**SHORT), 1, seed=9)
+    rng, lost = np.random.default_rng(0), set()
+    (mine, infos), (theirs, _) = env.reset(seed=9), batch.reset()
+    assert list(mine) == list(infos) == env.possible_agents == [f"agent_{i}" for i in range(batch.num_agents)]
+    while env.agents:
+        for agent, observation in mine.items():
+            assert env.observation_spaces[agent].contains(observation)
+            for key, values in observation.items():
+                np.testing.assert_array_equal(values, theirs[key][0, int(agent[6:])])
+        actions = rng.integers(0, [3, 3, 3, 2, 2, 2], (1, batch.num_agents, 6))
+        acting = env.agents
+        mine, pay, over, cut, infos = env.step({agent: actions[0, int(agent[6:])] for agent in acting})
+        theirs, reward, terminated, truncated, _ = batch.step(actions)
+        assert mine.keys() == pay.keys() == infos.keys() == set(acting)
+        assert over.keys() == cut.keys() == {*acting, "__all__"}
+        assert [pay[agent] for agent in acting] == [reward[0, int(agent[6:])] for agent in acting]
+        assert (over["__all__"], cut["__all__"]) == (terminated[0], truncated[0])
+        assert all(cut[agent] == truncated[0] for agent in acting)
+        ends = {agent for agent in acting if over[agent]}
+        assert (
+            ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "remove" else set())
+            or over["__all__"]
+        )
+        lost |= ends
+        assert env.agents == ([] if terminated[0] or truncated[0] else [a for a in acting if a not in ends])
+    assert lost
+
+
+def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
+    """In tick 12 those outside of the zone die, and the time is up (as in the tests of the batch)."""
+    numbers = {"agents_health": 11, "zone_radii": (8.0,), "ending_limit": 12}
+    mixed = 0
+    for seed in range(20):
+        env = SurvivalMultiAgentEnv({"scenario": "teams_3", **numbers})
+        env.reset(seed=seed)
+        for tick in range(1, 13):
+            _, _, over, cut, _ = env.step(idle(env))
+            assert tick == 12 or not any((*over.values(), *cut.values()))
+        assert over.pop("__all__") != cut.pop("__all__")
+        assert len(over) == len(cut) == 4
+        mixed += len(set(over.values())) == 2
+        assert all(cut.values()) or (all(over.values()) and not any(cut.values()))
+    assert mixed
+
+
+def test_rllib_finds_nothing_wrong():
+    for dead in ("remove", "keep"):
+        check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": "ffa_3", "dead": dead}))
+
+
+def test_copies_of_a_run_play_worlds_of_their_own():
+    """Those of one worker share a context, and RLlib gives all of them one seed; without RLlib, a seed is a world."""
+    config = {"scenario": "ffa_1", "seed": 4}
+    contexts = [EnvContext(config, worker_index=1), EnvContext(config, worker_index=2)]
+    envs = [SurvivalMultiAgentEnv(context) for context in contexts for _ in range(2)]
+    again = SurvivalMultiAgentEnv(EnvContext(config, worker_index=1))
+    other = SurvivalMultiAgentEnv(EnvContext({**config, "seed": 5}, worker_index=1))
+    for seed in (42, None):
+        places = []
+        for env in (*envs, again, other):
+            env.reset(seed=seed)
+            places.append(env.parallel.state().tobytes())
+        assert places[4] == places[0]
+        assert len(set(places)) == 5
+    alone = [SurvivalMultiAgentEnv(config).reset()[0]["agent_0"]["self"].tolist() for _ in range(2)]
+    batch, _ = outlast.make_vec("ffa_1", 1, seed=4).reset()
+    assert alone == [batch["self"][0, 0].tolist()] * 2
+
+
+def test_a_wrong_configuration_is_told():
+    for config, words in (
+        ({"scenario": "ffa_9"}, "did you mean"),
+        ({"dead": "no"}, "dead"),
+        ({"n_agnts": 3}, "n_agents"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            SurvivalMultiAgentEnv(config)
+
+
+@pytest.mark.slow
+def test_ppo_trains(workers):
+    """One iteration of the new API stack, with one policy for all."""
+    from ray.rllib.algorithms.ppo import PPOConfig
+
+    config = (
+        PPOConfig()
+        .environment(SurvivalMultiAgentEnv, env_config={"scenario": "teams_3", **SHORT})
+        .env_runners(
+            num_env_runners=1, num_envs_per_env_runner=2,
+            env_to_module_connector=lambda env, spaces, device: FlattenObservations(multi_agent=True),
+        )
+        .multi_agent(policies={"all"}, policy_mapping_fn=lambda agent, episode, **more: "all")
+        .training(train_batch_size_per_learner=scaled(400, least=60), minibatch_size=50, num_epochs=1)
+        .debugging(seed=0)
+    )  # fmt: skip
+    algorithm = config.build_algo()
+    try:
+        result = algorithm.train()
+    finally:
+        algorithm.stop()
+    runners, learner = result["env_runners"], result["learners"]["all"]
+    assert runners["num_episodes"] >= 2
+    assert 1 <= runners["episode_len_mean"] <= 25
+    assert runners["agent_steps"].keys() == {f"agent_{i}" for i in range(4)}
+    assert np.isfinite(learner["total_loss"])

@@ -1,0 +1,255 @@
+"""The face for Stable-Baselines3 with what belongs to it: wrappers, attributes, pictures, and PPO, which learns."""
+
+import csv
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from outlast.envs.errors import ClosedError
+from tests.adapters.test_sb3 import SHORT, WORLDS, draw, make_sb3, same, walk
+from tests.conftest import COMPILED, scaled
+
+vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
+torch = pytest.importorskip("torch", reason="needs torch: outlast[sb3]")
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "sb3_ppo.py"
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+
+def pair() -> tuple[Any, Any]:
+    """Two environments of the same worlds, one to be wrapped."""
+    return make_sb3(SHORT, WORLDS, seed=0), make_sb3(SHORT, WORLDS, seed=0)
+
+
+# ---- wrappers
+
+
+def test_a_monitor_counts_what_the_statistics_say(tmp_path: Path) -> None:
+    env, rows = vec.VecMonitor(make_sb3(SHORT, WORLDS, seed=0), str(tmp_path / "log"), ("alive",)), []
+    for _, _, dones, infos in walk(env):
+        assert [i for i, info in enumerate(infos) if "episode" in info] == np.flatnonzero(dones).tolist()
+        for i in np.flatnonzero(dones):
+            episode, statistics = infos[i]["episode"], infos[i]["statistics"]
+            assert (episode["r"], episode["l"]) == (statistics["return"], statistics["length"])
+            rows.append([episode["r"], episode["l"], infos[i]["alive"]])
+    env.close()
+    with open(tmp_path / "log.monitor.csv") as file:
+        next(file)  # a comment
+        assert [[float(row["r"]), int(row["l"]), int(row["alive"])] for row in csv.DictReader(file)] == rows
+    assert {row[2] for row in rows} == {0, 1}
+
+
+def test_normalized_observations_are_the_normalized_ones() -> None:
+    """The last ones of an episode, too; those handed in stay as they are."""
+    plain, inner = pair()
+    env, ends = vec.VecNormalize(inner, clip_obs=3.0, clip_reward=2.0), 0
+    for expected, mine in zip(walk(plain), walk(env), strict=True):
+        observations, rewards, dones, infos = mine
+        assert same(env.get_original_obs(), expected[0])
+        assert np.array_equal(env.get_original_reward(), expected[1])
+        assert (rewards.dtype, dones.tolist()) == (np.float32, expected[2].tolist())
+        for key, values in observations.items():
+            rms = env.obs_rms[key]
+            normal = np.clip((expected[0][key] - rms.mean) / np.sqrt(rms.var + env.epsilon), -3, 3)
+            assert np.allclose(values, normal, atol=1e-6)
+            for i in np.flatnonzero(dones):
+                last = expected[3][i]["terminal_observation"][key]
+                normal = np.clip((last - rms.mean) / np.sqrt(rms.var + env.epsilon), -3, 3)
+                assert np.allclose(infos[i]["terminal_observation"][key], normal, atol=1e-6)
+        ends += dones.sum()
+    assert ends > 0
+
+
+def test_stacked_frames_are_the_last_two() -> None:
+    """An episode begins with nothing before it, and ends with its own last two."""
+    plain, inner = pair()
+    env, before, ends = vec.VecFrameStack(inner, 2), make_sb3(SHORT, WORLDS, seed=0).reset(), 0
+    for expected, (stacked, _, dones, infos) in zip(walk(plain), walk(env), strict=True):
+        for key, values in expected[0].items():
+            width = values.shape[-1]
+            assert np.array_equal(stacked[key][..., width:], values)
+            assert np.array_equal(stacked[key][~dones][..., :width], before[key][~dones])
+            assert not stacked[key][dones][..., :width].any()
+            for i in np.flatnonzero(dones):
+                last = np.concatenate([before[key][i], expected[3][i]["terminal_observation"][key]], -1)
+                assert np.array_equal(infos[i]["terminal_observation"][key], last)
+        before, ends = expected[0], ends + dones.sum()
+    assert ends > 0
+
+
+def test_other_wrappers_take_it() -> None:
+    plain, inner = pair()
+    env = vec.VecExtractDictObs(vec.VecCheckNan(inner, raise_exception=True), "self")
+    assert env.observation_space.shape == (9,)
+    for expected, (observations, _, dones, infos) in zip(walk(plain), walk(env), strict=True):
+        assert np.array_equal(observations, expected[0]["self"])
+        for i in np.flatnonzero(dones):
+            last = expected[3][i]["terminal_observation"]["self"]
+            assert np.array_equal(infos[i]["terminal_observation"], last)
+
+
+# ---- attributes
+
+
+def test_attributes_are_shared_by_all() -> None:
+    env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array")
+    assert env.get_attr("render_mode") == ["rgb_array"] * 6
+    assert env.get_attr("num_agents", 4) == [2]
+    assert env.get_attr("metadata", [0, 5]) == [{"name": "ffa_1", "render_modes": ["rgb_array"], "render_fps": 30}] * 2
+    assert env.env_is_wrapped(gymnasium.Wrapper, [1, 2]) == [False] * 2
+    assert env.has_attr("render_mode")
+    assert not env.has_attr("gravity")
+    with pytest.raises(IndexError):
+        env.get_attr("render_mode", 6)
+    env.set_attr("render_worlds", 2)
+    assert env.render_worlds == 2
+    env.set_attr("render_worlds", 3, range(6))
+    with pytest.raises(ValueError, match="'render_worlds' is shared"):
+        env.set_attr("render_worlds", 4, [0, 1])
+    assert env.get_attr("render_worlds", 0) == [3]
+    with pytest.raises(AttributeError, match="no other; step was"):
+        env.env_method("step", [0] * 6, indices=0)
+
+
+def test_worlds_take_no_options() -> None:
+    env = make_sb3("ffa_1", 2, seed=0)
+    env.set_options([{}] * 4)
+    for options in ({"reset_mask": [True, False]}, [{}, {"easy": 1}]):
+        with pytest.raises(ValueError, match="worlds take none"):
+            env.set_options(options)
+
+
+def test_a_closed_one_says_so() -> None:
+    env = make_sb3("ffa_1", 2, seed=0)
+    env.reset()
+    env.close()
+    env.close()
+    for call in (env.reset, lambda: env.step(np.ones((4, 6), int))):
+        with pytest.raises(ClosedError):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"render_mode": "human"}, "render_mode = 'human': None or 'rgb_array'"),
+        ({"render_worlds": 0}, "render_worlds = 0"),
+        ({"threads": 0}, "threads = 0"),
+        ({"seed": -1}, "seed = -1"),
+    ],
+)
+def test_bad_options_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_sb3("ffa_1", 2, **options)
+
+
+def test_without_sb3_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['stable_baselines3'] = None; import outlast; outlast.make_sb3"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    message = "ModuleNotFoundError: make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'"
+    assert done.stderr.splitlines()[-1] == message
+
+
+# ---- pictures
+
+
+def test_pictures_are_those_of_the_worlds() -> None:
+    from outlast.envs.rendering.rgb import draw as picture
+
+    env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
+    env.reset()
+    worlds = [picture(env.core.worlds, w) for w in range(3)]
+    assert len({world.tobytes() for world in worlds}) == 3
+    images = env.get_images()
+    assert len(images) == 6
+    for i, image in enumerate(images):
+        assert image is images[i // 2 * 2]
+        assert np.array_equal(image, worlds[i // 2])
+    for i, image in zip([5, 0], env.env_method("render", indices=[5, 0]), strict=True):
+        assert np.array_equal(image, worlds[i // 2])
+    height = worlds[0].shape[0]
+    tiles = env.render()
+    assert np.array_equal(tiles[:height], worlds[0])
+    assert np.array_equal(tiles[height:], worlds[1])
+    assert np.array_equal(env.render("rgb_array"), tiles)
+    assert make_sb3("ffa_1", 1, render_mode="rgb_array", render_worlds=9).render().shape == worlds[0].shape
+
+
+def test_without_a_render_mode_there_are_none() -> None:
+    env = make_sb3("ffa_1", 1, seed=0)
+    env.reset()
+    with pytest.warns(UserWarning, match="no `render_mode`"):
+        assert env.render() is None
+    with pytest.raises(ValueError, match="render_mode='rgb_array'"):
+        env.get_images()
+
+
+def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
+    env.reset()
+    assert vec.VecMonitor(env).render("human") is None
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
+    assert np.array_equal(shown, env.render())
+    env.close()
+    assert pygame.display.get_surface() is None
+    with pytest.warns(UserWarning, match="'human' or 'rgb_array'"):
+        assert make_sb3("ffa_1", 1).render("human") is None
+
+
+def test_videos(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy", reason="needs moviepy")
+    import cv2
+
+    env = make_sb3("ffa_1", 2, seed=0, render_mode="rgb_array")
+    recorder = vec.VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=10)
+    size = env.render().shape[:2]
+    recorder.reset()
+    for _ in range(12):
+        recorder.step(draw(env, np.random.default_rng(0)))
+    recorder.close()
+    (path,) = tmp_path.glob("*.mp4")
+    film = cv2.VideoCapture(str(path))
+    assert film.get(cv2.CAP_PROP_FPS) == env.metadata["render_fps"]
+    assert (film.get(cv2.CAP_PROP_FRAME_HEIGHT), film.get(cv2.CAP_PROP_FRAME_WIDTH)) == size
+    assert abs(film.get(cv2.CAP_PROP_FRAME_COUNT) - 11) <= 1  # moviepy drops a frame at times
+
+
+# ---- learning
+
+
+def test_ppo_keeps_what_its_agents_saw() -> None:
+    """The rollout that it learns from: observations as they were when the actions were chosen, not a step later."""
+    from stable_baselines3 import PPO
+
+    env, twin = pair()
+    steps, agents = scaled(40, least=24), env.num_envs
+    model = PPO("MultiInputPolicy", env, n_steps=steps, batch_size=steps * agents, n_epochs=1, gamma=0, seed=4)
+    model.learn(1)  # one rollout
+    kept = model.rollout_buffer
+    observed = {key: rows.reshape(agents, steps, *rows.shape[1:]) for key, rows in kept.observations.items()}
+    acted = kept.actions.reshape(agents, steps, -1).astype(int)
+    twin.seed(4)  # as PPO did
+    seen, dones = twin.reset(), np.ones(agents, bool)
+    for t in range(steps):
+        assert same(seen, {key: rows[:, t] for key, rows in observed.items()})
+        assert dones.tolist() == kept.episode_starts[t].tolist()
+        seen, rewards, dones, _ = twin.step(acted[:, t])
+        assert rewards.tolist() == kept.rewards[t].tolist()
+    assert kept.episode_starts[1:].any()
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
+def test_ppo_learns() -> None:
+    """The example of the documents: who is trained lives far longer, and by many standard errors."""
+    before, after = runpy.run_path(str(EXAMPLE))["main"](200_000)
+    error = np.hypot(before.std(), after.std()) / np.sqrt(len(after))
+    assert after.mean() > before.mean() + max(6 * error, 30)

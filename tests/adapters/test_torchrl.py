@@ -1,0 +1,90 @@
+"""TorchRL: its PettingZoo wrapper over worlds in which agents die one by one."""
+
+import runpy
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from tests.conftest import scaled
+
+pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
+    import torch
+    from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+    from torchrl.envs.utils import check_env_specs
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own, also about the version of PettingZoo
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_rollout.py"
+SEED = 3
+SHORT: dict[str, Any] = {"agents_health": 10, "zone_radii": (6.0,), "zone_stand": 1000}  # who is outside soon dies
+LIMIT = scaled(60, least=15)
+both = pytest.mark.parametrize("dead", ["remove", "keep"])
+
+
+def world(name: str, dead: str) -> Any:
+    return outlast.parallel_env(name, n_agents=4, dead=dead, max_cycles=LIMIT, **SHORT)
+
+
+def wrapped(name: str, dead: str) -> Any:
+    env = PettingZooWrapper(world(name, dead), use_mask=True, done_on_any=False)
+    env.set_seed(SEED)
+    torch.manual_seed(SEED)
+    return env
+
+
+@both
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_specs(name: str, dead: str) -> None:
+    """TorchRL's own check; agents are one group, by the prefix of their names."""
+    env = wrapped(name, dead)
+    check_env_specs(env)
+    assert env.group_map == {"agent": ["agent_0", "agent_1", "agent_2", "agent_3"]}
+    assert env.action_spec_unbatched["agent", "action"].nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * 4
+
+
+@both
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_a_rollout_through_deaths(name: str, dead: str) -> None:
+    """Row by row what a plain world returns for the same actions, zeros for who has left."""
+    rollout = wrapped(name, dead).rollout(10 * LIMIT)
+    group, following = rollout["agent"], rollout["next", "agent"]
+    plain = world(name, dead)
+    plain.reset(seed=SEED)  # as set_seed does; the rollout begins with the next episode
+    seen, _ = plain.reset()
+    deaths = 0
+    for tick in range(len(rollout)):
+        assert told(group["observation"][tick], seen)
+        assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
+        actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
+        before = list(plain.agents)
+        seen, rewards, terminated, truncated, infos = plain.step(actions)
+        deaths += len(before) - len(plain.agents) if plain.agents else 0
+        assert told(following["observation"][tick], seen)
+        for i, agent in enumerate(plain.possible_agents):
+            assert following["reward"][tick, i].item() == rewards.get(agent, 0)
+            assert following["terminated"][tick, i].item() is terminated.get(agent, True)
+            assert following["truncated"][tick, i].item() is truncated.get(agent, True)
+            assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
+        assert rollout["next", "done"][tick].item() is (not plain.agents)
+    assert not plain.agents
+    assert (deaths > 0) == (dead == "remove")
+
+
+def told(rows: Any, seen: dict[str, Any]) -> bool:
+    """Whether the rows of a group are what agents see; of those that are not there, zeros."""
+    return all(
+        np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
+        for key, values in rows.items()
+        for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
+    )
+
+
+def test_the_example() -> None:
+    main = runpy.run_path(str(EXAMPLE))["main"]
+    assert main(scaled(50, least=3)) > 0

@@ -1,0 +1,330 @@
+"""What must be refused: each error names the thing and what is allowed, and the refused call changes nothing."""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import ScenarioError, make_vec, variant
+from outlast.ecs import DeclarationError, NumberError, ScheduleError
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import ActionError, ClosedError, NotResetError
+from outlast.systems import Agents, Boxes, Melee, Motors, SafeZone, Teams
+from tests.conftest import COMPILED, digest, draw_actions
+
+WORLDS = 3
+Env = SurvivalVectorEnv
+
+
+@pytest.fixture(scope="module")
+def pair() -> Iterator[tuple[Env, Env]]:
+    """Two equal environments: one hears the bad input, the other does not."""
+    yield (one := make_vec("teams_3", WORLDS, seed=0)), (other := make_vec("teams_3", WORLDS, seed=0))
+    one.close()
+    other.close()
+
+
+def refuses(pair: tuple[Env, Env], call: Callable[[Env], Any], error: type[Exception], *words: str) -> None:
+    """`call` raises `error` with all `words` in its message; then, and in the next step, all is as without it."""
+    rng = np.random.default_rng(1)
+    for env in pair:
+        env.reset(seed=4)
+    for actions in (draw_actions(pair[0], rng) for _ in range(3)):
+        for env in pair:
+            env.step(actions)
+    before = digest(pair[0].worlds)
+    with pytest.raises(error) as raised:
+        call(pair[0])
+    assert type(raised.value) is error
+    for word in words:
+        assert word in str(raised.value)
+    assert digest(pair[0].worlds) == before == digest(pair[1].worlds)
+    actions = draw_actions(pair[0], rng)
+    results = [env.step(actions) for env in pair]
+    assert [np.array_equal(a, b) for a, b in zip(results[0][1:4], results[1][1:4], strict=True)] == [True] * 3
+    assert digest(pair[0].worlds) == digest(pair[1].worlds) != before
+
+
+def filled(value: Any, dtype: Any = None) -> Any:
+    return np.full((WORLDS, 4, 6), value, dtype)
+
+
+def changed(where: tuple[int, int, int], value: int) -> Any:
+    actions = filled(0, np.int64)
+    actions[where] = value
+    return actions
+
+
+SHAPE = ("actions", "(worlds, agents, actions) = (3, 4, 6)")
+ACTIONS = {
+    "no world axis": (filled(0)[0], *SHAPE),
+    "a world too few": (filled(0)[:2], *SHAPE),
+    "an agent too many": (np.zeros((3, 5, 6), int), *SHAPE),
+    "an action too few": (filled(0)[..., :5], *SHAPE),
+    "one number": (0, *SHAPE),
+    "nothing": (None, *SHAPE),
+    "empty": ([], *SHAPE),
+    "a list of unequal lists": ([[0, 1], [0]], *SHAPE),
+    "a dict": ({"attack": 1}, *SHAPE),
+    "floats": (filled(1.0), "float64", "integers are needed"),
+    "half floats": (filled(1, np.float16), "float16", "integers are needed"),
+    "NaN": (filled(np.nan), "float64", "integers are needed"),
+    "infinity": (filled(np.inf), "float64", "integers are needed"),
+    "complex": (filled(1j), "complex128", "integers are needed"),
+    "truth values": (filled(True), "bool", "integers are needed"),
+    "strings": (filled("1"), "<U1", "integers are needed"),
+    "objects": (filled(1, object), "object", "integers are needed"),
+    "dates": (filled(np.datetime64("2020-01-01")), "datetime64", "integers are needed"),
+    "too high for a motor": (changed((1, 2, 0), 3), "action 0 of agent 2 in world 1 is 3", "0 to 2"),
+    "too high for a switch": (changed((2, 3, 5), 2), "action 5 of agent 3 in world 2 is 2", "0 to 1"),
+    "below zero": (changed((0, 0, 2), -1), "action 2 of agent 0 in world 0 is -1", "0 to 2"),
+    "far too high": (changed((0, 1, 3), 2**62), f"is {2**62}", "0 to 1"),
+    "far too low": (changed((0, 1, 3), -(2**63)), f"is {-(2**63)}", "0 to 1"),
+    "high byte of a wrap-around": (changed((0, 0, 0), 256), "is 256", "0 to 2"),
+    "unsigned and too high": (filled(2**64 - 1, np.uint64), f"is {2**64 - 1}", "0 to 2"),
+}
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_actions_are_refused(pair: tuple[Env, Env], name: str) -> None:
+    actions, *words = ACTIONS[name]
+    refuses(pair, lambda env: env.step(actions), ActionError, *words)
+
+
+@pytest.mark.parametrize("dtype", ["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "list", "tuple", "fortran"])
+def test_actions_of_every_integer_type_mean_the_same(pair: tuple[Env, Env], dtype: str) -> None:
+    for env in pair:
+        env.reset(seed=4)
+    actions = draw_actions(pair[0], np.random.default_rng(3))
+    kinds: dict[str, Any] = {
+        "list": actions.tolist(), "tuple": tuple(map(tuple, actions.tolist())), "fortran": np.asfortranarray(actions),
+    }  # fmt: skip
+    pair[0].step(actions)
+    pair[1].step(kinds[dtype] if dtype in kinds else actions.astype(dtype))
+    assert digest(pair[0].worlds) == digest(pair[1].worlds)
+
+
+def test_without_the_range_check_types_and_shapes_are_still_refused() -> None:
+    env = make_vec("teams_3", WORLDS, seed=0, check_actions=False)
+    env.reset()
+    before = digest(env.worlds)
+    for bad in (filled(np.nan), filled(0)[:2]):
+        with pytest.raises(ActionError):
+            env.step(bad)
+    assert digest(env.worlds) == before
+    observations, *_ = env.step(filled(100, np.int64))
+    assert all(np.isfinite(values).all() for values in observations.values())
+
+
+def masked(mask: Any) -> dict[str, Any]:
+    return {"options": {"reset_mask": mask}}
+
+
+MASK = ("reset_mask", "bool", "(3,)")
+RESETS: dict[str, tuple[Any, ...]] = {
+    "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
+    "seed too large": ({"seed": 2**64}, f"seed = {2**64}", "0 to 2**64 - 1"),
+    "seed with a fraction": ({"seed": 1.5}, "seed = 1.5", "integer"),
+    "seed whole but a float": ({"seed": 1.0}, "seed = 1.0", "integer"),
+    "seed NaN": ({"seed": float("nan")}, "seed = nan", "integer"),
+    "seed a truth value": ({"seed": True}, "seed = True", "integer"),
+    "seed a string": ({"seed": "7"}, "seed = '7'", "integer"),
+    "seed a dict": ({"seed": {}}, "seed = {}", "integer"),
+    "a seed too few": ({"seed": [1, 2]}, "seed", "(2,)", "one for each of 3 worlds"),
+    "a seed too many": ({"seed": [1, 2, 3, 4]}, "seed", "(4,)", "one for each of 3 worlds"),
+    "no seeds": ({"seed": []}, "seed", "(0,)", "one for each of 3 worlds"),
+    "seeds in two dimensions": ({"seed": [[1, 2, 3]]}, "seed", "(1, 3)", "one for each of 3 worlds"),
+    "one seed a list": ({"seed": [1, [2], 3]}, "seed = [2]", "integer"),
+    "one seed below zero": ({"seed": [1, -2, 3]}, "seed = -2", "0 to 2**64 - 1"),
+    "one seed a float": ({"seed": [1, 2.5, 3]}, "seed = 2.5", "integer"),
+    "one seed missing": ({"seed": [1, None, 3]}, "seed = None", "integer"),
+    "mask of integers": (masked([1, 0, 1]), *MASK),
+    "mask of floats": (masked([1.0, 0.0, 1.0]), *MASK),
+    "mask too short": (masked([True, False]), *MASK),
+    "mask one value": (masked(True), *MASK),
+    "mask in two dimensions": (masked([[True, False, True]]), *MASK),
+    "mask of nobody": (masked([False] * 3), *MASK, "at least one True"),
+    "mask a string": (masked("all"), *MASK),
+    "mask of unequal lists": (masked([[True], [True, False]]), *MASK),
+    "bad mask and good seed": ({"seed": 9, **masked([True])}, *MASK),
+    "good mask and bad seed": ({"seed": -9, **masked([True] * 3)}, "seed = -9", "0 to 2**64 - 1"),
+    "an unknown option": ({"options": {"mask": [True] * 3}}, "mask", "reset_mask"),
+    "options a list": ({"options": [True] * 3}, "options", "reset_mask"),
+}
+
+
+@pytest.mark.parametrize("name", RESETS)
+def test_resets_are_refused(pair: tuple[Env, Env], name: str) -> None:
+    keywords, *words = RESETS[name]
+    refuses(pair, lambda env: env.reset(**keywords), ValueError, *words)
+
+
+def test_step_before_reset_is_refused() -> None:
+    env = make_vec("teams_3", 2, seed=0)
+    before = digest(env.worlds)
+    actions = np.zeros((2, 4, 6), int)
+    with pytest.raises(NotResetError, match=r"step\(\) before reset\(\): 2 worlds"):
+        env.step(actions)
+    assert digest(env.worlds) == before
+    env.reset(options={"reset_mask": np.array([True, False])})
+    before = digest(env.worlds)
+    with pytest.raises(NotResetError, match="1 worlds have not started; reset them"):
+        env.step(actions)
+    assert digest(env.worlds) == before
+    env.reset(options={"reset_mask": np.array([False, True])})
+    env.step(actions)
+
+
+def test_calls_after_close_are_refused() -> None:
+    env = make_vec("teams_3", 2, seed=0, threads=2)
+    env.reset()
+    before = digest(env.worlds)
+    env.close()
+    env.close()  # twice is fine
+    for call in (env.reset, lambda: env.step(np.zeros((2, 4, 6), int))):
+        with pytest.raises(ClosedError, match="the environment is closed; make a new one"):
+            call()
+    assert digest(env.worlds) == before
+
+
+OPTIONS: dict[str, tuple[Any, ...]] = {
+    "no worlds": ({"num_worlds": 0}, "num_worlds = 0", ">= 1"),
+    "worlds below zero": ({"num_worlds": -1}, "num_worlds = -1", ">= 1"),
+    "half a world": ({"num_worlds": 1.5}, "num_worlds = 1.5", "integer"),
+    "worlds a truth value": ({"num_worlds": True}, "num_worlds = True", "integer"),
+    "worlds a string": ({"num_worlds": "8"}, "num_worlds = '8'", "integer"),
+    "worlds NaN": ({"num_worlds": float("nan")}, "num_worlds = nan", "integer"),
+    "worlds missing": ({"num_worlds": None}, "num_worlds = None", "integer"),
+    "no threads": ({"threads": 0}, "threads = 0", ">= 1"),
+    "threads below zero": ({"threads": -2}, "threads = -2", ">= 1"),
+    "threads a float": ({"threads": 2.0}, "threads = 2.0", "integer"),
+    "first world below zero": ({"first_world": -1}, "first_world = -1", ">= 0"),
+    "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
+    "seed a float": ({"seed": 0.5}, "seed = 0.5", "integer"),
+    "unknown autoreset": ({"autoreset": "never"}, "autoreset", "'never'", "NextStep", "SameStep", "Disabled"),
+    "autoreset a number": ({"autoreset": 1}, "autoreset", "1", "NextStep", "SameStep", "Disabled"),
+}
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_options_are_refused(name: str) -> None:
+    keywords, *words = OPTIONS[name]
+    with pytest.raises(ValueError, match=re.escape(words[0])) as raised:
+        make_vec("teams_3", **({"num_worlds": 2} | keywords))
+    for word in words:
+        assert word in str(raised.value)
+
+
+def teams(**numbers: Any) -> Callable[[], Any]:
+    return lambda: make_vec(variant("teams_3").replace(**numbers), 1)
+
+
+SCENARIOS: dict[str, tuple[Any, ...]] = {
+    # names
+    "unknown variant": (lambda: make_vec("teams_5", 1), ScenarioError, "'teams_5'", "did you mean teams_", "ffa_1"),
+    "variant in capitals": (lambda: variant("FFA_1"), ScenarioError, "'FFA_1'", "known: ffa_1 (1v1_heals_low)"),
+    "variant misspelt": (lambda: variant("2v2_all_mit"), ScenarioError, "did you mean 2v2_all_mid"),
+    "variant a number": (lambda: make_vec(3, 1), ScenarioError, "3", "name of a variant or a Scenario"),
+    "variant missing": (lambda: make_vec(None, 1), ScenarioError, "None", "name of a variant or a Scenario"),
+    "without an unknown module": (lambda: variant("ffa_1").without("lasers"), ScenarioError, "'lasers'", "melee"),
+    "without an absent module": (lambda: variant("ffa_1").without(Boxes), ScenarioError, "'Boxes'", "heals"),
+    "with a class": (lambda: variant("ffa_1").with_(Melee), ScenarioError, "Melee", "pass an instance"),
+    "with a string": (lambda: variant("ffa_1").with_("melee"), ScenarioError, "'melee'", "pass an instance"),
+    "one module twice": (
+        lambda: outlast.Scenario("twice", (Melee(), Melee(damage=6))), ScenarioError, "twice", "Melee", "with_()",
+    ),
+    "two kinds of sides": (
+        lambda: outlast.Scenario("both", (outlast.systems.FreeForAll(), Teams())), ScenarioError, "both", "FreeForAll",
+    ),
+    "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage", "zone_harm"),
+    "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "Known: agents_count"),
+    "number of an absent module": (
+        lambda: variant("ffa_1").replace(boxes_count=3), NumberError, "'boxes_count'", "heals_count",
+    ),
+    "unknown n_": (teams(n_lasers=3), NumberError, "'n_lasers'", "n_agents"),
+    "unknown number of a module": (lambda: Melee().replace(strength=3), NumberError, "'strength'", "damage"),
+    # numbers
+    "agents none": (teams(n_agents=0), NumberError, "agents.count = 0", ">= 1"),
+    "agents below zero": (teams(n_agents=-4), NumberError, "agents.count = -4", ">= 1"),
+    "agents and a half": (teams(n_agents=2.5), NumberError, "agents.count = 2.5", "integer"),
+    "agents whole but a float": (teams(n_agents=4.0), NumberError, "agents.count = 4.0", "integer"),
+    "agents a truth value": (teams(n_agents=True), NumberError, "agents.count = True", "integer"),
+    "agents a string": (teams(n_agents="4"), NumberError, "agents.count = '4'", "integer"),
+    "agents missing": (teams(n_agents=None), NumberError, "agents.count = None", "integer"),
+    "health too large for a column": (teams(agents_health=2**31), NumberError, "agents.health = 2147483648"),
+    "radius below zero": (teams(agents_radius=-0.5), NumberError, "agents.radius = -0.5", "must be >= 0.002"),
+    "radius zero": (teams(agents_radius=0.0), NumberError, "agents.radius = 0.0", "must be >= 0.002"),
+    "radius NaN": (teams(agents_radius=float("nan")), NumberError, "agents.radius = nan", "finite"),
+    "radius infinite": (teams(agents_radius=float("inf")), NumberError, "agents.radius = inf", "finite"),
+    "radius a list": (teams(agents_radius=[0.5]), NumberError, "agents.radius = [0.5]", "finite number"),
+    "radius an array": (teams(agents_radius=np.ones(2)), NumberError, "agents.radius", "finite number"),
+    "radius complex": (teams(agents_radius=1j), NumberError, "agents.radius = 1j", "finite number"),
+    "radius a truth value": (teams(agents_radius=True), NumberError, "agents.radius = True", "finite number"),
+    "heal below zero": (teams(heals_amount=-75), NumberError, "heals.amount = -75", ">= 0"),
+    "damage with a fraction": (teams(melee_damage=2.5), NumberError, "melee.damage = 2.5", "integer"),
+    "restitution above one": (teams(physics_restitution=1.5), NumberError, "physics.restitution = 1.5", "<= 1"),
+    "no substeps": (teams(physics_substeps=0), NumberError, "physics.substeps = 0", ">= 1"),
+    "camera too wide": (teams(cameras_fov=4.0), NumberError, "cameras.fov = 4.0", "> 0", "<= 3.14159"),
+    "blocked a number": (teams(melee_blocked=1), NumberError, "melee.blocked = 1", "True or False"),
+    "walls a string": (teams(room_walls="yes"), NumberError, "room.walls = 'yes'", "True or False"),
+    "unknown choice": (teams(ending_rule="never"), NumberError, "ending.rule = 'never'", "'all dead', 'last alive'"),
+    "choice a number": (teams(cameras_cone=0), NumberError, "cameras.cone = 0", "'sector', 'kite'"),
+    "choice an array": (teams(cameras_cone=np.ones(2)), NumberError, "cameras.cone", "'sector', 'kite'"),
+    "unknown bridge": (teams(physics_bridge="fast"), NumberError, "physics.bridge = 'fast'", "'auto', 'native'"),
+    "one zone radius zero": (teams(zone_radii=(5.0, 0.0)), NumberError, "zone.radii[1] = 0.0", "> 0"),
+    "one zone radius NaN": (teams(zone_radii=(float("nan"),)), NumberError, "zone.radii[0] = nan", "finite"),
+    "one zone radius a string": (teams(zone_radii=(5.0, "4")), NumberError, "zone.radii[1] = '4'", "finite"),
+    "zone radii one number": (teams(zone_radii=5.0), NumberError, "zone.radii = 5.0", "tuple"),
+    "zone radii a string": (teams(zone_radii="5"), NumberError, "zone.radii = '5'", "tuple"),
+    # numbers that do not fit together
+    "no zone radii": (teams(zone_radii=()), NumberError, "zone.radii", "empty", "leave SafeZone out"),
+    "zone wider than the room": (teams(zone_radii=(13.0,)), NumberError, "zone.radii", "13", "side 25"),
+    "room too small for the zone": (teams(room_size=10.0), NumberError, "zone.radii", "12.5", "side 10"),
+    "more bodies than cells": (teams(n_heals=53), NumberError, "65 bodies (", "4 agent", "53 heal", "8 x 8 = 64"),
+    "fewer cells than bodies": (teams(spawn_cells=5), NumberError, "27 bodies", "5 x 5 = 25"),
+    "more teams than agents": (teams(sides_count=5), NumberError, "sides.count = 5", "4 agents"),
+    "no teams": (teams(sides_count=0), NumberError, "sides.count = 0", ">= 1"),
+    "more bodies than Box2D gets": (
+        teams(n_agents=600, spawn_cells=32), NumberError, "612 bodies", "512",
+    ),
+    # modules that miss each other
+    "no agents": (lambda: make_vec(variant("ffa_1").without(Agents), 1), (DeclarationError, ScheduleError), "agent"),
+    "items and no bag": (
+        lambda: make_vec(variant("ffa_1").without("inventory"), 1), ScheduleError, "needs Bag", "no module", "leave",
+    ),
+    "nobody is paid": (
+        lambda: make_vec(variant("ffa_1").without("rewards", "record"), 1), ScenarioError, "Reward", "rewards",
+    ),
+    "it never ends": (
+        lambda: make_vec(variant("ffa_1").without("ending", "rewards", "record"), 1), ScenarioError, "Reward", "End",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_scenarios_are_refused(name: str) -> None:
+    call, error, *words = SCENARIOS[name]
+    with pytest.raises(error) as raised:
+        call()
+    for word in words:
+        assert word in str(raised.value)
+
+
+NUMBERS = {Motors: {"ahead": 1, "turn": np.float32(0.5)}, SafeZone: {"radii": [5, 4.0], "stand": np.int64(7)}}
+
+
+def test_numbers_are_taken_in_every_reasonable_type() -> None:
+    """A whole number for a float, numpy's own, a list for a tuple: all become the type of the default."""
+    assert repr(Motors(**NUMBERS[Motors])) == repr(Motors(ahead=1.0, turn=0.5))
+    assert repr(SafeZone(**NUMBERS[SafeZone])) == repr(SafeZone(radii=(5.0, 4.0), stand=7))
+
+
+@pytest.mark.skipif(COMPILED, reason="compiled, there is a native bridge")
+def test_the_native_bridge_is_refused_where_kernels_are_not_compiled() -> None:
+    from outlast.systems.box2d.scene import IncompatibleBox2D
+
+    with pytest.raises(IncompatibleBox2D, match="NUMBA_DISABLE_JIT"):
+        teams(physics_bridge="native")()

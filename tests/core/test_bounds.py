@@ -1,0 +1,189 @@
+"""Bounds of observations: true in play, real where there are any, infinite elsewhere, and so read by wrappers."""
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import DtypeObservation, FilterObservation, FlattenObservation, RescaleObservation
+
+import outlast
+from outlast import Scenario, make_vec, variant
+from outlast.components import Bag, Body, Item
+from outlast.ecs import DeclarationError, Entity, Module
+from outlast.ecs.random import NORMAL
+from outlast.envs.rollout.policies import random_policy, scripted_policy
+from outlast.systems import DropLast
+from tests.conftest import few_by_day, scaled
+from tests.ways import SHORT, short
+
+INF = math.inf
+HARD: dict[str, Any] = {"boxes_width_deviation": 3.0, "boxes_least": 0.003, "boxes_offset": 3.0, "drop_radius": 2.0}
+CASES: dict[str, Scenario] = {
+    **{name: short(name) for name in outlast.VARIANTS},
+    "far away": short("teams_4").with_(DropLast(offset=4.0)).replace(**HARD, drop_scatter="rim"),
+    "pushed boxes": short("ffa_4").replace(boxes_dynamic=True, cameras_mode="revealed"),
+    "no boxes left": variant("teams_3").replace(**SHORT, boxes_toughness=1, melee_reach=8.0),
+    "crowd": short("ffa_3").replace(n_agents=12, heals_amount=3, health_limit=50, agents_health=50),
+    "zones alike": short("ffa_1").replace(zone_radii=(12.5, 12.5, 12.5), zone_stand=1, zone_shrink=29),
+    "small room": short("ffa_3").replace(room_size=9.0, zone_radii=(4.5, 1e-6), spawn_cells=5, n_heals=4),
+    "no walls": short("ffa_1").replace(room_walls=False),
+}
+BY_DAY = ("ffa_1", "teams_3", "far away", "zones alike", "crowd", "no walls")
+
+
+@pytest.mark.parametrize("name", few_by_day(CASES, BY_DAY))
+def test_everything_that_is_told_lies_within(name: str) -> None:
+    """Random and scripted play, over several episodes of many worlds."""
+    env = make_vec(CASES[name], scaled(48, least=2), seed=3)
+    single: Any = env.single_observation_space
+    lows, highs = ({key: getattr(box, end) for key, box in single.items()} for end in ("low", "high"))
+    for make_policy in (random_policy, scripted_policy):
+        policy, (observations, _) = make_policy(env, 1), env.reset()
+        for _ in range(scaled(150, least=30)):
+            for key, values in observations.items():
+                assert ((lows[key] <= values) & (values <= highs[key])).all(), key
+            observations, *_ = env.step(policy(observations))
+    assert env.observation_space.contains({key: values.copy() for key, values in observations.items()})
+    assert env.observation_space.contains(env.observation_space.sample())
+    assert all((box.low <= 0).all() and (box.high >= 0).all() for box in single.values())  # what is not there
+
+
+def row(name: str, key: str, scenario: Any = None) -> list[tuple[float, float]]:
+    """The bounds of the last axis for the first agent (and entity)."""
+    box: Any = make_vec(scenario or variant(name), 1).single_observation_space[key]
+    low, high = (end.reshape(-1, end.shape[-1])[0].astype(float) for end in (box.low, box.high))
+    return list(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def test_bounds_are_the_numbers_of_the_scenario() -> None:
+    """By the rules: a room of 25 m; 4 agents in 2 teams; heals of 75; radii of the zone up to 12.5 m."""
+    free, place = (-INF, INF), (-12.5, 12.5)
+    assert row("teams_3", "self") == [(0, 3), (0, 1), free, place, place, free, free, free, free]
+    assert row("teams_3", "others") == row("teams_3", "self")
+    assert row("ffa_1", "self") == [(0, 1), free, place, place, free, free, free, free]
+    assert row("ffa_1", "self", variant("ffa_1").replace(health_limit=120))[1] == (-INF, 120)
+    assert row("ffa_1", "self", variant("ffa_1").replace(room_walls=False))[2:4] == [free, free]
+    assert row("ffa_1", "heals_mask")[0] == (0, 1)
+    assert row("ffa_1", "heal_slot") == [(0, 75)]
+    assert row("ffa_1", "zone") == [pytest.approx(ends, rel=1e-6) for ends in [place, place, (0, 12.5)] * 2]
+    far = variant("ffa_1").with_(DropLast(offset=2.0))
+    assert row("ffa_1", "heals") == [pytest.approx((-13, 13), rel=1e-6)] * 2  # scattered by 0.5 m at most
+    assert row("", "heals", far) == [pytest.approx((-14.5, 14.5), rel=1e-6)] * 2
+    corner = [(-4.8, 4.8), (-7.2, 7.2)] * 4  # half of 1 + 8.6 * 1, half of 1.5 + 8.6 * 1.5
+    boxes = variant("ffa_3").replace(boxes_offset=0.75)
+    assert row("", "boxes", boxes) == [pytest.approx(e, rel=1e-6) for e in [*corner, *[(-13.25, 13.25)] * 2, free]]
+    assert row("", "box_items", boxes)[8:] == [pytest.approx((-13.25, 13.25), rel=1e-6)] * 2
+    assert row("", "box_slot", boxes) == [pytest.approx(ends, rel=1e-6) for ends in corner]
+
+
+def test_a_single_value_leaves_room_for_another_one() -> None:
+    """Or wrappers that rescale would divide by 0."""
+    scenario = variant("ffa_1").replace(n_agents=1, heals_amount=0)
+    assert row("", "self", scenario)[0] == (0, 1)
+    assert row("", "heal_slot", scenario) == [(0, 1)]
+
+
+def test_no_normal_is_beyond_its_bound() -> None:
+    """Box-Muller draws its distance from 2**-53 at least."""
+    assert math.sqrt(-2 * math.log(2.0**-53)) < NORMAL - 0.02
+
+
+def test_what_agents_lay_down_in_a_wall() -> None:
+    """An agent at the wall, facing it, has a heal and a box item: it drops the one and uses the other."""
+    scenario = variant("ffa_3").with_(DropLast(offset=2.0)).replace(boxes_offset=1.5)
+    for kind, deed in (("heal", [1, 1, 1, 0, 0, 0, 1]), ("box_item", [1, 1, 1, 0, 1, 0, 0])):
+        env = make_vec(scenario, 1, seed=0)
+        env.reset()
+        body, bag, thing = env.worlds[Body], env.worlds[Bag], env.worlds.span(kind).start
+        body.x[0, 0], bag.items[0, 0, 0], bag.count[0, 0] = 12.2, thing, 1
+        env.worlds[Entity].alive[0, env.worlds.span("box").start] = 0
+        env.worlds[Entity].alive[0, thing], env.worlds[Item].holder[0, thing] = 0, 0
+        idle = [1, 1, 1, 0, 0, 0, 0]
+        env.step(np.array([[deed, idle]]))
+        laid = env.worlds.span("heal" if kind == "heal" else "box").start
+        assert env.worlds[Entity].alive[0, laid]
+        assert body.x[0, laid] > 13.5
+        box: Any = env.single_observation_space["heals" if kind == "heal" else "boxes"]
+        assert body.x[0, laid] <= box.high[0, 0, 0 if kind == "heal" else 8]
+
+
+def said(key: str, low: Any, high: Any) -> Scenario:
+    """With a mechanic that does nothing but say what can be."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Said(Module):
+        def bounds(self, layout: Any) -> Any:
+            return {key: (low, high)}
+
+    return variant("ffa_1").with_(Said())
+
+
+def test_of_what_several_modules_say_the_widest_counts() -> None:
+    """So a mechanic can break the bounds of another one; but not what a column declares."""
+    assert row("", "heal_slot", said("heal_slot", -5, 20)) == [(-5, 75)]
+    assert row("", "heal_slot", said("heal_slot", 0, 200)) == [(0, 200)]
+    assert row("", "heals_mask", said("heals_mask", -5, 5))[0] == (0, 1)
+    assert row("", "self", said("nowhere", 0, 1)) == row("ffa_1", "self")
+
+
+def test_bounds_that_cannot_be_are_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'zone' do not fit its shape \(2, 6\)"):
+        make_vec(said("zone", [0, 0, 0], 1), 1)
+    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'self' have a low end above the high one"):
+        make_vec(said("self", 1, 0), 1)
+
+
+# ---- wrappers
+
+
+def flat(*keys: str) -> Any:
+    env = gymnasium.make("outlast/Teams3-v1", others="scripted")
+    return FlattenObservation(FilterObservation(env, keys) if keys else env)
+
+
+def play(env: Any) -> Any:
+    """What is told in the episode of a seed."""
+    rows, over = [env.reset(seed=0)[0]], False
+    env.action_space.seed(0)
+    while not over and len(rows) < scaled(200, least=20):
+        seen, _, over, _, _ = env.step(env.action_space.sample())
+        rows.append(seen)
+    assert len(rows) >= 20
+    return np.array(rows)
+
+
+def test_rescaling_keeps_what_is_told() -> None:
+    raw, keys = flat("zone", "heals"), ("zone", "heals")
+    low, high = raw.observation_space.low, raw.observation_space.high
+    assert raw.observation_space.is_bounded()
+    seen = play(raw)
+    found = play(RescaleObservation(flat(*keys), np.float32(0), np.float32(1)))
+    assert found.dtype == np.float32
+    assert ((found >= 0) & (found <= 1)).all()
+    np.testing.assert_allclose(found, (seen - low) / (high - low), atol=1e-6)
+    assert len(np.unique(found)) > 0.9 * len(np.unique(seen))
+
+
+def test_what_has_no_bounds_is_not_rescaled_in_silence() -> None:
+    with pytest.raises(ValueError, match="unbounded"):
+        RescaleObservation(flat(), np.float32(0), np.float32(1))
+    low, high = flat().observation_space.low, flat().observation_space.high
+    bounded = np.isfinite(low) & np.isfinite(high)
+    ends = (np.where(bounded, end, limit).astype(np.float32) for end, limit in ((0, low), (1, high)))
+    seen, found = play(flat()), play(RescaleObservation(flat(), *ends))
+    np.testing.assert_array_equal(found[:, ~bounded], seen[:, ~bounded])
+    assert ((found[:, bounded] >= 0) & (found[:, bounded] <= 1)).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting to float16")  # which is what is asked for
+def test_half_precision_is_possible() -> None:
+    env = DtypeObservation(flat(), np.float16)
+    low, high = env.observation_space.low, env.observation_space.high
+    assert (low.dtype, env.observation_space.dtype) == (np.float16, np.float16)
+    assert (np.isfinite(low) == np.isfinite(flat().observation_space.low)).all()
+    seen, found = play(flat()), play(env)
+    np.testing.assert_allclose(found.astype(np.float32), seen, rtol=1e-3)
+    assert ((found >= low) & (found <= high)).all()

@@ -1,0 +1,174 @@
+"""The same seeds and actions give the same bits, however worlds are run."""
+
+import functools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import VARIANTS, variant
+from outlast.components import Body
+from outlast.ecs import Clock
+from outlast.envs.errors import FaultError
+from tests.conftest import COMPILED, digest, scaled
+from tests.digests import behaviour, numbered_actions
+from tests.ways import FEW, SHORT, Way, lockstep, short, unlike
+
+ROOT = Path(__file__).parents[2]
+QUICK = ("teams_4",)  # variants of the fast tests
+
+
+# ---- however worlds are run
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_same_bits_however_worlds_are_run(name: str) -> None:
+    lockstep(short(name), scaled(100, least=8))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", VARIANTS)
+def test_the_same_bits_for_two_thousand_ticks(name: str) -> None:
+    """With the paper's own numbers, and several episodes in every world."""
+    lockstep(variant(name), scaled(2000, least=40))
+
+
+def test_the_two_bridges_agree_in_a_crowd() -> None:
+    """Contacts are many; boxes are set up on top of agents."""
+    crowd = variant("teams_3").replace(**SHORT | {"n_agents": 12, "agents_health": 40, "room_size": 26.0})
+    bridges = ("native", "portable") if COMPILED else ("auto", "portable")
+    native, portable = (Way(crowd.replace(physics_bridge=bridge), range(8)) for bridge in bridges)
+    assert "(python)" in str(portable.env.worlds.schedule)
+    assert ("(python)" in str(native.env.worlds.schedule)) == (not COMPILED)
+    for tick in range(scaled(150, least=10)):
+        actions = numbered_actions(native.env, tick)
+        native.step(actions)
+        portable.step(actions)
+        assert native.digest() == portable.digest(), f"tick {tick}: {unlike(native, portable)}"
+
+
+def test_every_way_sees_episodes_end() -> None:
+    """Guards the tests above against comparing one episode only, and against a digest that is blind."""
+    way = Way(short("teams_4"), range(FEW))
+    seen = set()
+    for tick in range(scaled(100, least=8)):
+        way.step(numbered_actions(way.env, tick))
+        seen.add(way.digest())
+    assert len(seen) == scaled(100, least=8)
+    assert way.env.worlds[Clock].episode.min() >= (2 if COMPILED else 0)
+    before = way.digest()
+    for component in way.env.worlds.components:
+        for column in way.env.worlds[component]:
+            if column.size:
+                column.view(np.uint8)[0].flat[-1] ^= 1
+                assert way.digest() != before, component
+                column.view(np.uint8)[0].flat[-1] ^= 1
+    assert way.digest() == before
+
+
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_a_fault_forgets_no_end(autoreset: str) -> None:
+    """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
+    scenario = variant("ffa_1").replace(ending_limit=3)
+    harmed, twin = (Way(scenario, range(2), autoreset=autoreset) for _ in range(2))
+    idle = np.ones((2, 2, 6), int)
+    for tick in range(5):
+        twin.step(idle)
+        if tick == 2:
+            harmed.env.worlds[Body].vx[1, 0] = np.nan
+            with pytest.raises(FaultError):
+                harmed.step(idle)
+            harmed.env.reset(options={"reset_mask": np.array([False, True])})
+        else:
+            harmed.step(idle)
+        assert digest(harmed.env.worlds, [0]) == digest(twin.env.worlds, [0])
+
+
+# ---- other processes, and plain Python
+
+
+@functools.cache
+def told(name: str, ticks: int) -> dict[str, str]:
+    return behaviour(name, ticks)
+
+
+def in_another_process(names: Sequence[str], ticks: int, **environment: str) -> Any:
+    """The digests of another process, whose hashes of strings are others and whose worlds are shared out to threads."""
+    command = [sys.executable, "-m", "tests.digests", *names, "--ticks", str(ticks), "--threads", "2"]
+    variables = os.environ | {"PYTHONHASHSEED": "7"} | environment
+    return json.loads(subprocess.check_output(command, cwd=ROOT, env=variables, text=True))
+
+
+def test_another_process_is_told_the_same() -> None:
+    ticks = scaled(200, least=1)
+    assert in_another_process(QUICK, ticks) == {name: told(name, ticks) for name in QUICK}
+
+
+@pytest.mark.nightly
+def test_another_process_is_told_the_same_for_two_thousand_ticks() -> None:
+    ticks = scaled(2000, least=10)
+    assert in_another_process(VARIANTS, ticks) == {name: told(name, ticks) for name in VARIANTS}
+
+
+PLAIN = """
+import ctypes, sys, types
+import numpy as np
+from outlast.systems import drop, physics
+
+def of_c(name):
+    function = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_float)((name, ctypes.CDLL(None)))
+    return lambda x: np.float32(function(x))
+
+if sys.argv[1] == "libm":  # numpy, but for the sines of single numbers, which compiled code has from the C library
+    drop.np = physics.np = types.SimpleNamespace(**vars(np) | {"cos": of_c("cosf"), "sin": of_c("sinf")})
+from tests.core.test_determinism import watched
+np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
+"""
+
+
+def watched(name: str, ticks: int) -> dict[str, np.ndarray[Any, Any]]:
+    """All that two short-lived worlds tell and pay, a row a tick."""
+    way = Way(short(name), range(2))
+    rows: dict[str, list[Any]] = {}
+    for tick in range(ticks):
+        observations, reward, terminated, truncated, _ = way.env.step(numbered_actions(way.env, tick))
+        outcome = {**observations, "reward": reward, "terminated": terminated, "truncated": truncated}
+        for key, array in outcome.items():
+            rows.setdefault(key, []).append(array.copy())
+    return {key: np.stack(arrays) for key, arrays in rows.items()}
+
+
+def as_plain_python(sines: str, name: str, ticks: int, file: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """The same from kernels that are not compiled. sines: of numpy or of libm."""
+    variables = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-c", PLAIN, sines, str(file), name, str(ticks)]
+    subprocess.run(command, cwd=ROOT, env=variables, check=True)
+    with np.load(file) as arrays:
+        return dict(arrays)
+
+
+@pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
+@pytest.mark.skipif(sys.platform == "win32", reason="sinf is in no library of the process itself")
+def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_path: Path) -> None:
+    """Nothing else differs: neither order of operations, nor a fused multiply and add, nor a rounding."""
+    for name in QUICK:
+        here, there = watched(name, 70), as_plain_python("libm", name, 70, tmp_path / "told.npz")
+        assert {key: array.tobytes() for key, array in here.items()} == {k: a.tobytes() for k, a in there.items()}
+
+
+@pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
+def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path: Path) -> None:
+    """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""
+    here, there = watched("teams_4", 70), as_plain_python("numpy", "teams_4", 70, tmp_path / "told.npz")
+    for key, array in here.items():
+        if key in ("self", "others"):
+            np.testing.assert_allclose(there[key], array, rtol=0, atol=1e-4)
+            np.testing.assert_array_equal(there[key][..., :3], array[..., :3])  # id, team, hit points
+        else:
+            np.testing.assert_array_equal(there[key], array)

@@ -1,0 +1,140 @@
+"""The fast path: steps in the background, observations in memory of the caller."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import ActionError, ClosedError, PendingError
+from tests.conftest import COMPILED, digest, draw_actions
+
+WORLDS, STEPS = 8, 40 if COMPILED else 4
+
+
+def make(**options: Any) -> SurvivalVectorEnv:
+    scenario = outlast.variant("ffa_3").replace(ending_limit=15 if COMPILED else 2)
+    env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1} | options)
+    env.reset()
+    return env
+
+
+def same(left: Any, right: Any) -> bool:
+    """Equal, whatever it is made of."""
+    if isinstance(left, dict):
+        return left.keys() == right.keys() and all(same(left[key], right[key]) for key in left)
+    return bool(np.array_equal(left, right))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_sent_steps_are_steps(threads: int) -> None:
+    env, twin, rng = make(threads=threads), make(), np.random.default_rng(0)
+    for _ in range(STEPS):
+        actions = draw_actions(env, rng)
+        env.send(actions)
+        for sent, stepped in zip(env.recv(), twin.step(actions), strict=True):
+            assert same(sent, stepped)
+    assert digest(env.worlds) == digest(twin.worlds)
+
+
+def test_two_halves_are_the_whole() -> None:
+    """One half is stepped in the background while the other's actions are chosen."""
+    whole, rng = make(), np.random.default_rng(0)
+    halves = [make(num_worlds=WORLDS // 2, first_world=first) for first in (0, WORLDS // 2)]
+    actions = [draw_actions(whole, rng) for _ in range(STEPS)]
+    split = [np.split(both, 2) for both in actions]
+    halves[0].send(split[0][0])
+    for step in range(STEPS):
+        halves[1].send(split[step][1])
+        parts = [halves[0].recv()]
+        if step + 1 < STEPS:
+            first = {key: array.copy() for key, array in parts[0][0].items()}
+            parts = [(first, *parts[0][1:])]
+            halves[0].send(split[step + 1][0])
+        parts.append(halves[1].recv())
+        expected = whole.step(actions[step])
+        for key, array in expected[0].items():
+            np.testing.assert_array_equal(np.concatenate([part[0][key] for part in parts]), array)
+        for k in (1, 2, 3):
+            np.testing.assert_array_equal(np.concatenate([part[k] for part in parts]), expected[k])
+
+
+def test_between_send_and_recv_nothing_else_is_allowed() -> None:
+    env = make()
+    with pytest.raises(PendingError, match=r"recv\(\) without send\(\)"):
+        env.recv()
+    actions = draw_actions(env, np.random.default_rng(0))
+    env.send(actions)
+    for call in (lambda: env.step(actions), lambda: env.send(actions), env.reset, env.get_state, env.observe):
+        with pytest.raises(PendingError, match="call recv"):
+            call()
+    env.recv()
+    env.step(actions)
+
+
+def test_what_a_sent_step_raises_comes_with_recv() -> None:
+    env = make()
+    before = digest(env.worlds)
+    env.send(np.zeros((1, 2, 3), int))
+    with pytest.raises(ActionError, match="shape"):
+        env.recv()
+    assert digest(env.worlds) == before
+    env.send(draw_actions(env, np.random.default_rng(0)))
+    env.recv()
+    env.send(draw_actions(env, np.random.default_rng(0)))
+    env.close()  # waits for the step
+    with pytest.raises(ClosedError):
+        env.step(draw_actions(env, np.random.default_rng(0)))
+
+
+# ---- memory of the caller
+
+
+def test_observations_into_arrays_of_the_caller() -> None:
+    """Into a slice of a longer storage, without an array in between."""
+    env, rng = make(), np.random.default_rng(0)
+    storage = {key: np.full((STEPS, *array.shape), 7, np.float32) for key, array in env.observe().items()}
+    flat = np.full((STEPS, WORLDS, env.num_agents, env.flat_size), 7, np.float32)
+    for step in range(STEPS):
+        env.observe({key: array[step] for key, array in storage.items()})
+        told = env.observe(flat[step])
+        rows = [array.reshape(WORLDS, env.num_agents, -1) for array in told.values()]
+        np.testing.assert_array_equal(flat[step], np.concatenate(rows, axis=-1))
+        for key, array in told.items():
+            np.testing.assert_array_equal(storage[key][step], array)
+        env.step(draw_actions(env, rng))
+
+
+@pytest.mark.parametrize(
+    ("out", "reason"),
+    [
+        (lambda env: np.zeros((WORLDS, 2, env.flat_size)), "out is float64"),
+        (lambda env: np.zeros((WORLDS, 2, env.flat_size + 1), np.float32), "out is float32"),
+        (lambda env: {"self": np.zeros((WORLDS, 2, 8), np.float32)}, r"out has the keys \['self'\]"),
+        (lambda env: {**{k: a.copy() for k, a in env.observe().items()}, "zone": [1]}, r"out\['zone'\] is list"),
+        (lambda env: dict(env.observe()), "is read-only"),
+        (lambda env: 3, "out is int"),
+    ],
+)
+def test_memory_that_does_not_fit_is_refused(out: Any, reason: str) -> None:
+    env = make()
+    with pytest.raises(ValueError, match=reason):
+        env.observe(out(env))
+
+
+def test_observations_handed_out_cannot_be_written_to() -> None:
+    """The engine writes only what changes; a copy is the caller's own."""
+    env = make()
+    for array in env.observe().values():
+        with pytest.raises(ValueError, match="read-only"):
+            array += 1
+    for array in make(copy=True).observe().values():
+        array += 1
+
+
+def test_spaces_hold_what_is_told() -> None:
+    env, rng = make(), np.random.default_rng(0)
+    for _ in range(STEPS):
+        observations, *_ = env.step(draw_actions(env, rng))
+        assert env.observation_space.contains({key: array.copy() for key, array in observations.items()})

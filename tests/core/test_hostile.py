@@ -1,0 +1,244 @@
+"""Hostile saved states, and files as such: what could do harm is refused, what games lead to is not."""
+
+import dataclasses
+import io
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import components
+from outlast.components import Bag, Item, Side, Sight, Weapon
+from outlast.ecs import (
+    Action,
+    Archetype,
+    Clock,
+    Component,
+    Entity,
+    Layout,
+    Module,
+    Observation,
+    Signal,
+    Statistic,
+    column,
+)
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import StateError
+from outlast.envs.snapshots import validation
+from outlast.envs.snapshots.state import State
+from outlast.envs.storage import safe_npz
+from tests.conftest import digest, draw_actions, scaled
+from tests.fuzz_mutations import BOMB, announced, bomb, npy, within, zipped
+
+# ---- saved states
+
+
+@pytest.fixture(scope="module")
+def env() -> SurvivalVectorEnv:
+    """Three worlds with everything in them, some time after the start."""
+    env, rng = outlast.make_vec("teams_3", 3, seed=0), np.random.default_rng(0)
+    env.reset()
+    for _ in range(scaled(100, 3)):
+        env.step(draw_actions(env, rng))
+    return env
+
+
+def refusal(env: SurvivalVectorEnv, spoil: Callable[[State], None]) -> str:
+    """Why a spoiled state is refused, with nothing written."""
+    state, before = env.get_state(), digest(env.worlds)
+    spoil(state)
+    with pytest.raises(StateError) as caught:
+        env.set_state(state)
+    assert digest(env.worlds) == before
+    env.set_state(env.get_state())
+    return str(caught.value)
+
+
+def table(env: SurvivalVectorEnv, state: State, component: type[Component]) -> Any:
+    return env.worlds.layout.columns(state.arrays["world"], component)
+
+
+RANGES = [(component, name) for component, columns in validation.RANGES.items() for name in columns]
+
+
+@pytest.mark.parametrize(("component", "name"), RANGES, ids=[f"{c.__name__}.{name}" for c, name in RANGES])
+@pytest.mark.parametrize("end", ["below", "above"])
+def test_an_index_out_of_range_is_refused(
+    env: SurvivalVectorEnv, component: type[Component], name: str, end: str
+) -> None:
+    found, whole = validation.RANGES[component][name], np.iinfo(component.columns[name].dtype)
+    number = found.low - 1 if end == "below" else found.last(env.worlds.dims) + 1
+    if not whole.min <= number <= whole.max:
+        pytest.skip("the column cannot hold such a number")
+    rows = env.worlds.layout.rows(component)
+    row = int(rows[-1]) if len(rows) and env.worlds[component][0].shape[1] == env.worlds.dims["rows"] else 0
+
+    def spoil(state: State) -> None:
+        getattr(table(env, state, component), name)[1, row] = number
+
+    assert f"{component.__name__}.{name} is {number} in world 1, row {row}: " in refusal(env, spoil)
+
+
+HARMLESS = {  # integers that are compared, counted, or computed with, or that are random keys
+    "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Solid.dynamic", "Solid.near", "Spawned.cell",
+    "Fault.physics", "Box.broken", "Box.placed", "Box.fresh", "Heal.amount", "Health.points", "Health.mortal",
+    "Health.doomed", "Guard.ignores", "Guard.heeds", "Death.now", "Weapon.wait", "Score.alive", "Score.deaths",
+    "Score.kills", "Cells.cells",
+    "Sight.seen",  # sets, which are checked as such
+}  # fmt: skip
+
+
+def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
+    """Whoever adds a column decides: into validation.RANGES, or into this list."""
+    found = {}
+    for name in outlast.VARIANTS:
+        for kind in Layout(outlast.variant(name).modules).components:
+            if kind.packed and not issubclass(kind, (Action, Observation, Signal, Statistic)):
+                integers = [key for key, each in kind.columns.items() if each.dtype.kind in "iu"]
+                found |= {f"{kind.__name__}.{key}": key in validation.RANGES.get(kind, {}) for key in integers}
+    assert {name for name, checked in found.items() if not checked} == HARMLESS
+    assert set(validation.RANGES) <= {Clock, Entity, *(getattr(components, name) for name in components.__all__)}
+
+
+SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {
+    "a bag with a hole": (
+        lambda t: (t(Bag).items.fill(-1), t(Bag).count.fill(1)),
+        "Bag.items is -1 in world 0, row 0: a row is",
+    ),
+    "a view of nobody": (lambda t: t(Sight).seen.__setitem__((2, 1, 2), 1 << 9), "Sight.seen is 512 in world 2, row 1"),
+    "a view below": (
+        lambda t: t(Sight).seen.__setitem__((2, 1, 2), -1),
+        "Sight.seen is -1 in world 2, row 1: a set of",
+    ),
+    "an item held from afar": (lambda t: t(Item).holder.__setitem__((0, 20), 10**9), "Item.holder is 1000000000"),
+    "a target": (
+        lambda t: t(Weapon).target.__setitem__((0, 3), -2),
+        "Weapon.target is -2 in world 0, row 3: -1 to 38 is",
+    ),
+    "no side": (lambda t: t(Side).side.__setitem__((0, 3), -1), "Side.side is -1 in world 0, row 3: 0 to 1 is needed"),
+    "ages": (lambda t: t(Clock).tick.__setitem__((1, 0), 2**63), "Clock.tick is 9223372036854775808 in world 1"),
+}
+
+
+@pytest.mark.parametrize("what", SPOILS)
+def test_states_that_cannot_be_are_refused(env: SurvivalVectorEnv, what: str) -> None:
+    spoil, reason = SPOILS[what]
+    assert reason in refusal(env, lambda state: spoil(lambda component: table(env, state, component)))
+
+
+def test_arrays_of_other_lengths_and_truths_that_are_none_are_refused(env: SurvivalVectorEnv) -> None:
+    for name in ("over", "outlast.components.score.End.truncated"):
+        told = refusal(env, lambda state, name=name: state.arrays[name].view(np.uint8).fill(85))
+        assert told == f"the state's array '{name}' holds bytes that are neither 0 nor 1"
+    told = refusal(env, lambda state: state.arrays.update({"over": np.zeros(2, bool)}))
+    assert "array 'over' is of 2 worlds, and the state of 3" in told
+    assert "bool () a world" in refusal(env, lambda state: state.arrays.update({"over": np.zeros((), bool)}))
+
+
+@pytest.mark.parametrize("name", outlast.VARIANTS)
+def test_what_games_lead_to_is_sound(name: str) -> None:
+    """Also before the first reset, and in mid-episode, over many deaths and resets."""
+    env, rng = outlast.make_vec(outlast.variant(name).replace(agents_health=9), 16, seed=1), np.random.default_rng(1)
+    env.set_state(env.get_state())
+    env.reset()
+    for step in range(scaled(200, 4)):
+        env.step(draw_actions(env, rng))
+        if step % 10 == 0:
+            env.set_state(env.get_state())
+
+
+class Nest(Component):
+    owner: Any = column("i4", fill=-1, low=-1, high=7)
+    warm: Any = column("b1")
+    free: Any = column("i4")
+
+
+class Nests(Module):
+    def archetypes(self) -> Iterator[Archetype]:
+        yield Archetype("nest", (Nest(),), 3)
+
+
+def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or adds to RANGES what depends on the scenario. What it does neither for is not checked."""
+    layout = Layout([Nests()])
+    block = np.stack([layout.template] * 2)
+    nests = layout.columns(block, Nest)
+    nests.free[:] = 10**9
+    validation.check(layout, {"world": block})
+    nests.owner[1, 2] = 8
+    with pytest.raises(StateError, match=r"Nest.owner is 8 in world 1, row 2: -1 to 7 is needed"):
+        validation.check(layout, {"world": block})
+    nests.owner[1, 2], nests.warm.view(np.uint8)[0, 1] = 7, 2
+    with pytest.raises(StateError, match=r"Nest.warm is 2 in world 0, row 1: 0 to 1 is needed"):
+        validation.check(layout, {"world": block})
+    nests.warm[:] = True
+    monkeypatch.setitem(validation.RANGES, Nest, {"free": validation.Range(0, "rows")})
+    with pytest.raises(StateError, match=r"Nest.free is 1000000000 in world 0, row 0: 0 to 2 is needed"):
+        validation.check(Layout([Nests()]), {"world": block})
+
+
+def test_states_are_kept_whatever_a_scenario_is_called(tmp_path: Path) -> None:
+    scenario = dataclasses.replace(outlast.variant("ffa_1"), name="duel\n\x1b[31m" + "x" * 999)
+    env = outlast.make_vec(scenario, 1, seed=0)
+    env.get_state().save(tmp_path / "a.npz")
+    env.set_state(State.load(tmp_path / "a.npz"))
+    assert State.load(tmp_path / "a.npz").scenario["name"] == ("duel??[31m" + "x" * 999)[:200]
+
+
+# ---- zip files and arrays
+
+
+FILES = {"a.npy": npy(np.arange(6, dtype=np.int32).reshape(2, 3)), "b.npy": npy(np.zeros(1000, np.uint8))}
+
+
+def packed_bomb() -> bytes:
+    crc = bomb()[1]
+    return announced(zipped({"a.npy": bomb()[0]}), 0, method=zipfile.ZIP_DEFLATED, crc=crc, unpacked=BOMB)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "not a zip file"),
+        (zipped(FILES, zipfile.ZIP_DEFLATED), "is compressed"),
+        (packed_bomb(), "is compressed"),
+        (announced(zipped(FILES), 0, flags=1), "encrypted"),
+        (announced(zipped(FILES), 1, packed=2**31, unpacked=2**31), "larger than the file"),
+        (announced(zipped(FILES), 0, unpacked=1500), "larger than the file"),
+        (announced(zipped(FILES), 0, crc=1), "CRC"),
+        (zipped([("a.npy", b"1"), ("a.npy", b"2")]), "the same name"),
+        (zipped({"x": b"1"}), "it has no a.npy"),
+    ],
+)
+def test_archives_that_are_not_plain_are_refused(content: bytes, reason: str) -> None:
+    """Whatever they announce, nothing of that size is read."""
+    with within(2 * len(content) + 2**18), pytest.raises(safe_npz.BROKEN, match=reason):
+        safe_npz.entries(io.BytesIO(content), ("a.npy",))
+    assert safe_npz.entries(io.BytesIO(zipped(FILES))) == FILES
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    [
+        ("|O", "(2, 3)"), ("<U1", "(6,)"), ("|V4", "(6,)"), ("<i4", "(-2, -3)"), ("<i4", "(2**3,)"), ("<i4", "(0, 99)"),
+        ("<i4", "(9999999999,)"), ("<i4", "()"), ("<f8", "(2, 3)"), ("<M8", "(3,)"), ("[('a', '<i4')]", "(6,)"),
+    ],
+)  # fmt: skip
+def test_arrays_that_are_no_numbers_or_of_other_sizes_are_refused(kind: str, shape: str) -> None:
+    content = FILES["a.npy"].replace(b"<i4", kind.encode()).replace(b"(2, 3)", shape.encode())
+    with pytest.raises(ValueError, match=r"no array of numbers|of shape \("):
+        safe_npz.array(content)
+    assert safe_npz.array(FILES["a.npy"]).tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_arrays_are_read_as_numpy_wrote_them() -> None:
+    rng = np.random.default_rng(0)
+    for kind in ("u1", "i1", "b1", "i2", "i4", "i8", "u8", "f4", "f8"):
+        for shape in ((), (0,), (5,), (2, 0, 3), (4, 3, 2, 1)):
+            array = rng.integers(0, 2, shape).astype(kind)
+            again = safe_npz.array(npy(array))
+            assert (again.dtype, again.shape, again.tobytes()) == (array.dtype, array.shape, array.tobytes())

@@ -1,0 +1,64 @@
+"""Policies without training: they act within the rules, and the scripted one is clearly better than chance."""
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.envs.rollout.policies import POLICIES, random_policy, scripted_policy
+from tests.conftest import COMPILED, few_by_day, scaled
+
+WORLDS, STEPS = scaled(256, 2), scaled(700, 5)
+variants = pytest.mark.parametrize("variant", few_by_day(outlast.VARIANTS, ("ffa_2", "teams_4")))
+
+
+@pytest.mark.parametrize("name", sorted(POLICIES))
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
+def test_actions_are_in_the_space(name, variant):
+    env = outlast.make_vec(variant, 2, seed=0)
+    policy = POLICIES[name](env, 0)
+    observations, _ = env.reset()
+    for _ in range(scaled(20, 3)):
+        actions = policy(observations)
+        assert env.action_space.contains(np.asarray(actions, env.action_space.dtype))
+        observations = env.step(actions)[0]
+
+
+def test_noop_changes_nothing_that_moves():
+    env = outlast.make_vec("ffa_1", 2, seed=0)
+    before = {key: array.copy() for key, array in env.reset()[0].items()}
+    after = env.step(POLICIES["noop"](env, 0)(before))[0]
+    np.testing.assert_array_equal(after["self"][..., 2:], before["self"][..., 2:])
+
+
+@pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
+@variants
+def test_the_script_beats_chance(variant):
+    """Side 0 follows the script, the others act at random, in the same worlds for the same number of steps."""
+    env = outlast.make_vec(variant, WORLDS, seed=1, check_actions=False)
+    chance, script = random_policy(env), scripted_policy(env)
+    observations, _ = env.reset()
+    first, total = env.num_agents // 2, np.zeros((WORLDS, env.num_agents))
+    for _ in range(STEPS):
+        actions = chance(observations)
+        actions[:, :first] = script(observations)[:, :first]
+        observations, reward, _, _, _ = env.step(actions)
+        total += reward
+    lead = total[:, :first].mean(1) - total[:, first:].mean(1)
+    assert lead.mean() > 5 * lead.std() / np.sqrt(WORLDS)
+
+
+@pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
+@variants
+def test_worlds_of_the_script_outlast_worlds_of_chance(variant):
+    """All agents of a world do the same; the length of the first episode, cut off at STEPS."""
+    env = outlast.make_vec(variant, WORLDS, seed=2, check_actions=False)
+    lengths = {}
+    for name in ("random", "scripted"):
+        observations, _ = env.reset(seed=2)
+        policy, first = POLICIES[name](env, 0), np.full(WORLDS, STEPS)
+        for step in range(STEPS):
+            observations, _, terminated, _, _ = env.step(policy(observations))
+            first = np.where(terminated & (first == STEPS), step + 1, first)
+        lengths[name] = first
+    error = np.hypot(*(length.std() / np.sqrt(WORLDS) for length in lengths.values()))
+    assert lengths["scripted"].mean() - lengths["random"].mean() > 5 * error

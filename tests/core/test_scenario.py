@@ -1,0 +1,439 @@
+"""Scenarios as data: the paper's eight variants, number by number, and what can be derived from them."""
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import ALIASES, VARIANTS, Scenario, make_vec, variant
+from outlast.components import Bag, Body, Guard, Heal, Health, Item, Shape, Spawned
+from outlast.components.health import hurt
+from outlast.ecs import (
+    Action,
+    Archetype,
+    DeclarationError,
+    Entity,
+    Module,
+    NumberError,
+    Observation,
+    ScheduleError,
+    Statistic,
+    Worlds,
+    column,
+    number,
+)
+from outlast.envs.core.spaces import action_space, observation_space
+from outlast.envs.scenarios.fingerprint import difference, identity
+from outlast.envs.scenarios.scenario import ScenarioError
+from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
+from tests.conftest import draw_actions, nightly_compiled
+
+HERE = Path(__file__).parents[1]
+
+
+# ---- the eight variants (tests/data/variants: the original's own configurations)
+
+# A number of the original's files: the number that stands for it here, and how to get the one from the other.
+MEANING: dict[str, Any] = {
+    "reward_scheme.r_alive": ("rewards_alive", float),
+    "reward_scheme.r_dead": ("rewards_dead", float),
+    "reward_scheme.r_kill": ("rewards_kill", float),
+    "reward_scheme.r_death": ("rewards_death", float),
+    "gameover.mode": ("ending_rule", {"alldead": "all dead", "lastalive": "last alive"}.get),
+    "safe_zone.phases": ("zone_radii", lambda phases: (12.5, 10, 7.5, 5, 4, 2, 1, 0)[: phases - 1]),
+    "safe_zone.cooldown": ("zone_stand", int),
+    "safe_zone.damage": ("zone_harm", int),
+    "safe_zone.radiuses": ("zone_radii", tuple),
+    "safe_zone.centers": ("zone_centres", str),
+    "spawn_grid.grid_size": ("spawn_cells", int),
+    "spawn_grid.floor_size": ("room_size", float),
+    "agents.n_agents": ("agents_count", int),
+    "agents.agent_size": ("agents_radius", lambda size: size / 2),
+    "health.health": ("agents_health", int),
+    "melee.range": ("melee_reach", float),
+    "melee.damage": ("melee_damage", int),
+    "heals.reset_spawns.n_items": ("heals_count", int),
+    "heals.reset_spawns.item_size": ("heals_radius", lambda size: size / 2),
+    "heals.heal.healing": ("heals_amount", int),
+    "boxes.reset_spawns.n_boxes": ("boxes_count", int),
+    "boxes.ownership": ("boxes_owned", bool),
+    "boxes.randomized_shape.avg_w": ("boxes_width", float),
+    "boxes.randomized_shape.std_w": ("boxes_width_deviation", float),
+    "boxes.randomized_shape.avg_h": ("boxes_height", float),
+    "boxes.randomized_shape.std_h": ("boxes_height_deviation", float),
+    "boxes.item.item_size": ("boxes_item_radius", lambda size: size / 2),
+    "boxes.item.offset": ("boxes_offset", float),
+    "boxes.health": ("boxes_toughness", int),
+}
+WITHOUT_MEANING = {
+    "rng.seed": 42,  # the original ignores it
+    "boxes.reset_spawns.box_size": 1,  # shapes are random
+    "melee.drift": True,  # forces, not set velocities: the only kind of motors here
+}
+
+
+def leaves(tree: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{path}{key}.")
+        else:
+            yield path + key, value
+
+
+@pytest.mark.parametrize("original", ALIASES)
+def test_variants_have_the_numbers_of_the_original(original: str) -> None:
+    """Every one in its file, none left out."""
+    scenario = variant(original)
+    config = dict(leaves(json.loads((HERE / "data" / "variants" / f"{original}.json").read_text())))
+    has_boxes = config["boxes.reset_spawns.n_boxes"] > 0
+    assert (Boxes in scenario) == has_boxes
+    assert (Teams in scenario, FreeForAll in scenario) == (config["teams.twoteams"], not config["teams.twoteams"])
+    assert config.pop("observation.omniscent") is False
+    numbers = scenario.numbers()
+    assert numbers["cameras_mode"] == "masked"
+    assert numbers.get("sides_count", 2) == 2
+    del config["teams.twoteams"]
+    for key, value in config.items():
+        if key in WITHOUT_MEANING:
+            assert WITHOUT_MEANING[key] == value
+        elif has_boxes or not key.startswith("boxes."):
+            name, convert = MEANING[key]
+            assert numbers[name] == convert(value), key
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_variants_have_what_the_files_leave_to_defaults(name: str) -> None:
+    """Reference rules, section 0 (inherited from the class default) and section 1."""
+    numbers = variant(name).numbers()
+    expected = {
+        "cameras_fov": 0.4 * np.pi, "cameras_depth": 10, "motors_ahead": 0.25, "motors_left": 0.25,
+        "motors_turn": 0.0125, "inventory_slots": 4, "pickup_reach": 0.5, "give_reach": 2, "drop_radius": 0.5,
+        "melee_cooldown": 0,
+        "physics_rate": 60, "physics_substeps": 2, "physics_velocity_iterations": 10, "physics_position_iterations": 10,
+        "physics_friction": 0.2, "physics_restitution": 0, "physics_linear_damping": 0.8,
+        "physics_angular_damping": 0.8, "room_thickness": 0.01, "zone_shrink": 100, "ending_limit": 0,
+    }  # fmt: skip
+    assert {key: numbers[key] for key in expected} == expected
+    # Section 6: where the code differs from the paper, the variants follow the code.
+    choices = {
+        "motors_give": "at once", "melee_blocked": True, "pickup_touch": False, "give_nearest": "any",
+        "give_passes_on": True, "drop_scatter": "rim", "cameras_cone": "kite", "cameras_items_occlude": True,
+        "rewards_posthumous": name.startswith("teams"),
+    }  # fmt: skip
+    if Boxes in variant(name):
+        choices |= {"boxes_settles": True, "boxes_corners": "rolled"}
+    assert {key: numbers[key] for key in choices} == choices
+    assert DropLast not in variant(name)
+    assert not numbers.get("boxes_dynamic", False)
+
+
+def test_aliases_are_the_originals_names() -> None:
+    assert sorted(ALIASES) == sorted(path.stem for path in (HERE / "data" / "variants").glob("*.json"))
+    assert len(ALIASES) == 8
+    assert sorted(ALIASES.values()) == sorted(VARIANTS)
+    for alias, name in ALIASES.items():
+        assert variant(alias) is variant(name) is VARIANTS[name]
+        assert variant(name).name == name
+        assert variant(name).about
+
+
+# ---- deriving
+
+
+def test_without_takes_mechanics_away() -> None:
+    """By class or by name; the original stays as it is."""
+    scenario = variant("teams_3")
+    less = scenario.without(Melee, "boxes")
+    assert (Melee in less, "boxes" in less, Melee in scenario, Boxes in scenario) == (False, False, True, True)
+    assert len(less.modules) == len(scenario.modules) - 2
+    assert scenario.without() == scenario
+    assert FreeForAll in scenario.without(Teams)  # there is always a rule for sides
+
+
+def test_with_adds_or_replaces() -> None:
+    scenario = variant("ffa_3")
+    assert scenario.with_(Melee(damage=20))[Melee] == Melee(damage=20)
+    assert len(scenario.with_(Melee(damage=20)).modules) == len(scenario.modules)
+    assert DropLast in scenario.with_(DropLast())
+    teams = scenario.with_(Teams(count=2))
+    assert (Teams in teams, FreeForAll in teams) == (True, False)
+    assert teams.with_(FreeForAll()).numbers() == scenario.numbers()
+
+
+def test_replace_changes_numbers_only() -> None:
+    scenario = variant("teams_3")
+    changed = scenario.replace(n_agents=10, melee_damage=20, zone_radii=[3, 2])
+    expected = scenario.numbers() | {"agents_count": 10, "melee_damage": 20, "zone_radii": (3.0, 2.0)}
+    assert changed.numbers() == expected
+    assert scenario.numbers()["agents_count"] == 4
+    assert scenario.replace(**scenario.numbers()) == scenario  # numbers() is what replace() takes
+    assert scenario.replace(n_heals=3, n_boxes=2).numbers()["heals_count"] == 3
+
+
+def test_scenarios_cannot_be_changed_in_place() -> None:
+    scenario = variant("ffa_1")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scenario.name = "mine"  # type: ignore[misc]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        scenario["melee"].damage = 9000  # type: ignore[attr-defined]
+
+
+# ---- leaving mechanics out of teams_3
+
+BOX_KEYS = {"boxes", "boxes_mask", "box_items", "box_items_mask", "box_slot", "box_slot_mask"}
+HEAL_KEYS = {"heals", "heals_mask", "heal_slot", "heal_slot_mask"}
+ALL = [3, 3, 3, 2, 2, 2]
+LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (keys that go with them, actions that stay)
+    ("boxes",): (BOX_KEYS, ALL),
+    ("cameras",): (set(), ALL),
+    ("drop",): (set(), ALL),
+    ("give",): (set(), [3, 3, 3, 2, 2]),
+    ("heals",): (HEAL_KEYS, ALL),
+    ("health",): (set(), ALL),
+    ("melee",): (set(), [3, 3, 3, 2, 2]),
+    ("motors",): (set(), [2, 2, 2]),
+    ("physics",): (set(), ALL),
+    ("pickup",): (set(), ALL),
+    ("record",): (set(), ALL),
+    ("sides",): (set(), ALL),
+    ("spawn",): (set(), ALL),
+    ("zone",): ({"zone"}, ALL),
+    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items is dormant
+    ("inventory", "give", "pickup", "drop"): (set(), [3, 3, 3, 2]),
+    ("room", "spawn", "zone"): ({"zone"}, ALL),
+    ("inventory", "give", "pickup", "drop", "heals", "boxes", "melee", "zone", "cameras"): (
+        BOX_KEYS | HEAL_KEYS | {"zone"}, [3, 3, 3],
+    ),
+}  # fmt: skip
+NEEDED = {  # by whom
+    ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many"),
+    ("ending",): (ScheduleError, "needs Score .*leave (record|rewards) out"),
+    ("rewards",): (ScheduleError, "record.note needs Reward .*leave record out"),
+    ("inventory",): (ScheduleError, "needs Bag .*leave (give|pickup|drop) out"),
+    ("room",): (ScheduleError, "needs Floor .*leave (spawn|zone) out"),
+}
+
+
+def derived(names: tuple[str, ...]) -> Scenario:
+    return variant("teams_3").without(*names)
+
+
+def test_every_module_is_left_out_once() -> None:
+    one = {names[0] for names in [*LEFT_OUT, *NEEDED] if len(names) == 1}
+    assert one == {module.name for module in variant("teams_3").modules}
+
+
+@pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
+def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -> None:
+    keys, sizes = LEFT_OUT[names]
+    full, rest = (Worlds(scenario.modules, 1) for scenario in (variant("teams_3"), derived(names)))
+    assert set(observation_space(full)) - set(observation_space(rest)) == keys
+    assert action_space(rest).nvec.tolist() == [sizes] * 4
+    assert observation_space(rest)["self"].shape == (4, 8 if "sides" in names else 9)
+
+
+@pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
+@nightly_compiled  # 20 s for each
+def test_what_is_left_runs(names: tuple[str, ...]) -> None:
+    env = make_vec(derived(names), 3, seed=0)
+    env.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        observations, reward, *_ = env.step(draw_actions(env, rng))
+        assert env.observation_space.contains(observations)
+        assert all(np.isfinite(values).all() for values in observations.values())
+        assert np.isfinite(reward).all()
+
+
+@pytest.mark.parametrize("names", NEEDED, ids="-".join)
+def test_modules_that_others_need_cannot_be_left_out_alone(names: tuple[str, ...]) -> None:
+    error, words = NEEDED[names]
+    with pytest.raises(error, match=words):
+        make_vec(derived(names), 1)
+
+
+def test_an_extra_module_adds_its_action() -> None:
+    assert AutoPickup in variant("teams_3")
+    worlds = Worlds(variant("teams_3").with_(DropLast()).modules, 1)
+    assert action_space(worlds).nvec.tolist() == [[3, 3, 3, 2, 2, 2, 2]] * 4
+
+
+# ---- the tick
+
+
+def test_the_schedule_is_the_golden_one() -> None:
+    """To take a new one: python -m outlast schedule teams_3 > tests/golden/schedule.txt"""
+    printed = str(Worlds(variant("teams_3").modules, 1).schedule).replace(
+        "(python)", ""
+    )  # uncompiled, Box2D is called by one
+    golden = (HERE / "golden" / "schedule.txt").read_text()
+    assert [line.rstrip() for line in printed.splitlines()] == golden.splitlines()
+
+
+# ---- mechanics of one's own: two in one file, of one name, and subclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class Swamp(Module):
+    """Slows whoever is near the middle; no systems, as only its names matter here."""
+
+    radius: float = number(4.0, above=0)
+    drag: float = number(0.1, low=0, high=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class LavaLake(Module):
+    radius: float = number(2.0, above=0)
+
+
+def test_two_mechanics_of_one_file_are_two() -> None:
+    scenario = variant("ffa_1").with_(Swamp(), LavaLake()).replace(swamp_radius=5, lava_lake_radius=1, swamp_drag=0.2)
+    assert (scenario[Swamp], scenario["lava_lake"]) == (Swamp(5, 0.2), LavaLake(1))
+    assert LavaLake in scenario.without(Swamp)
+    assert Swamp not in scenario.without("swamp")
+    assert difference(identity(scenario), identity(scenario.replace(lava_lake_radius=3))) != ""
+    with pytest.raises(NumberError, match="did you mean"):
+        scenario.replace(lava_radius=1)
+
+
+def test_two_mechanics_of_one_name_are_refused() -> None:
+    """Nothing could tell them apart, nor numbers of one full name."""
+    twin = type("Melee", (Module,), {})
+    with pytest.raises(ScenarioError, match=r"'melee' is a name of both outlast\.systems\.melee\.Melee and .*Melee"):
+        variant("ffa_1").with_(twin())
+    renamed = type("Melee", (Module,), {"name": "claws"})
+    assert variant("ffa_1").with_(renamed()).without("melee").modules[-1] == renamed()
+
+    @dataclasses.dataclass(frozen=True)
+    class Drop(Module):
+        name = "room_size"
+
+    with pytest.raises(ScenarioError, match="'room_size' is a name of both"):
+        variant("ffa_1").with_(Drop())
+
+
+@dataclasses.dataclass(frozen=True)
+class Claws(Melee):
+    """A melee that kills at once."""
+
+    damage = 100
+
+
+def test_a_subclass_of_a_mechanic_takes_its_place_and_works() -> None:
+    """Its systems are those of its base; what is said of the base's systems holds for them."""
+    scenario = variant("ffa_1").with_(Claws()).replace(n_agents=2, claws_cooldown=3)
+    assert Melee in scenario
+    assert scenario[Melee] == Claws(blocked=False, cooldown=3)
+    env = make_vec(scenario, 1, seed=0)
+    assert [s.label for s in env.worlds.schedule.systems if s.module == "claws"] == ["claws.aim", "claws.strike"]
+    env.reset()
+    body = env.worlds[Body]
+    body.x[0, :2], body.y[0, :2] = (0, 1.5), 0
+    actions = np.array([[[1, 1, 1, 1, 0, 0], [1, 1, 1, 0, 0, 0]]])
+    env.step(actions)
+    assert env.worlds[Health].points[0, :2].tolist() == [100, 0]
+
+
+# ---- what learners see has a row an agent, and a name of its own
+
+
+class Plain(Observation):
+    depth: Any = column("f4", 8)
+
+
+class Zones(Statistic):
+    deaths_zone: Any = column("i4")
+
+
+class Living(Statistic):
+    alive: Any = column("i4")
+
+
+class MyZone(Observation):
+    zone: Any = column("f4", "agents", 3)
+
+
+class Swing(Action, order=9):
+    attack: Any = column("i1", "agents", low=0, high=1)
+
+
+@pytest.mark.parametrize(
+    ("component", "words"),
+    [
+        (Plain, "Plain.depth: the observation 'depth' has the dimensions .*first one is \"agents\""),
+        (Zones, "two things that info tells are called 'deaths_zone'"),
+        (Living, "two things that info tells are called 'alive'"),
+        (MyZone, "MyZone.zone and outlast.components.zone.ZoneView.zone|ZoneView.zone and .*MyZone.zone"),
+        (Swing, "are both the action 'attack'"),
+    ],
+)
+def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, words: str) -> None:
+    brings = type("Brings", (Module,), {"singletons": lambda self: [component()]})
+    with pytest.raises(DeclarationError, match=words):
+        make_vec(variant("ffa_1").with_(brings()), 1)
+
+
+# ---- kinds are told by their components
+
+
+@dataclasses.dataclass(frozen=True)
+class Apples(Module):
+    """Another item that heals, whose rows come ahead of the boxes'."""
+
+    count: int = number(2, low=1)
+
+    def archetypes(self) -> Any:
+        return [Archetype("apple", (Body(), Shape(radius=0.25), Spawned(), Item(), Heal(amount=10)), self.count)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"heals": self.count}
+
+
+def test_a_second_kind_of_item_is_none_of_the_first() -> None:
+    """Held, a box item is no heal, though rows of heals lie on both sides of its own; an apple is one."""
+    env = make_vec(variant("ffa_3").with_(Apples()), 1, seed=0)
+    env.reset()
+    rows = {kind: env.worlds.span(kind).start for kind in ("apple", "box_item", "heal")}
+    assert rows["apple"] < rows["box_item"] < rows["heal"]
+    bag, alive = env.worlds[Bag], env.worlds[Entity].alive
+    for kind, slots in (("box_item", (0, 1)), ("apple", (1, 0)), ("heal", (1, 0))):
+        bag.items[0, 0, 0], bag.count[0, 0] = rows[kind], 1
+        alive[0, rows[kind]] = 0
+        seen, *_ = env.step(np.array([[[1, 1, 1, 0, 0, 0]] * 2]))
+        assert (int(seen["heal_slot_mask"][0, 0, 0]), int(seen["box_slot_mask"][0, 0, 0])) == slots, kind
+        assert seen["heal_slot"][0, 0, 0, 0] == {"box_item": 0, "apple": 10, "heal": 75}[kind]
+
+
+def test_more_of_a_kind_than_its_dimension_says_are_refused() -> None:
+    """Their rows in the observations would lie outside of these."""
+    extra = type("Extra", (Module,), {"archetypes": lambda self: [Archetype("agent", (), 1)]})
+    with pytest.raises(DeclarationError, match="3 entities have Side, but the dimension 'agents' is 2"):
+        make_vec(variant("ffa_1").with_(extra()), 1)
+    silent = type("Silent", (Apples,), {"dims": lambda self: {}, "count": 2})
+    with pytest.raises(DeclarationError, match="17 entities have Heal, but the dimension 'heals' is 15"):
+        make_vec(variant("ffa_1").with_(dataclasses.dataclass(frozen=True)(silent)()), 1)
+
+
+# ---- hit points do not wrap
+
+
+def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
+    """They are 32-bit integers: numbers are limited, and what hurts ends at the largest."""
+    for name in ("melee_damage", "heals_amount", "agents_health", "zone_harm", "boxes_toughness", "health_limit"):
+        with pytest.raises(NumberError, match=f"{name.replace('_', '.', 1)}.* <= 1e"):
+            variant("ffa_3").replace(**{name: 2**31 - 1})
+    with pytest.raises(
+        NumberError, match=r"heals.count = 3000 times heals.amount = 1000000 is more than the 2147483647"
+    ):
+        make_vec(variant("ffa_1").replace(n_heals=3000, heals_amount=1_000_000, spawn_cells=60), 1)
+    health = Health.Table(*(np.zeros(1, column.dtype) for column in Health.columns.values()))
+    guard = Guard.Table(np.full(1, -1), np.full(1, -1))
+    least, most = 1 - 2**31, 2**31 - 1
+    for points, amount, left in ((least + 4, 100, least), (most - 5, -100, most), (100, most, 100 - most)):
+        health.points[0] = points
+        assert hurt(health, guard, 0, amount, 0, -1, 1)
+        assert int(health.points[0]) == left

@@ -1,0 +1,211 @@
+"""State of worlds: continuing is bit-identical to never having stopped; files that are not states are refused."""
+
+import hashlib
+import io
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import StateError
+from outlast.envs.snapshots.state import HEADER, State
+from tests.conftest import COMPILED, digest, draw_actions
+
+WORLDS, STEPS = 6, 60 if COMPILED else 6
+SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}  # episodes end in between
+
+
+def make(seed: int = 1, variant: str = "teams_3", **options: Any) -> SurvivalVectorEnv:
+    env = outlast.make_vec(outlast.variant(variant).replace(**SHORT), WORLDS, seed=seed, **options)
+    env.reset()
+    return env
+
+
+def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
+    """Digests of everything there is after each of the steps first to last, with actions that depend on the step."""
+    digests = []
+    for step in range(first, last):
+        observations, reward, terminated, truncated, _ = env.step(draw_actions(env, np.random.default_rng(step)))
+        told = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
+        digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in told)).hexdigest())
+    return digests
+
+
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_going_on_is_never_having_stopped(autoreset: str) -> None:
+    env = make(autoreset=autoreset)
+    play(env, 0, STEPS // 2)
+    state = env.get_state()
+    expected = play(env, STEPS // 2, STEPS)
+    env.set_state(state)
+    assert play(env, STEPS // 2, STEPS) == expected  # in the same environment
+    other = make(seed=2, autoreset=autoreset, threads=2)
+    play(other, 0, 7 if COMPILED else 2)
+    other.set_state(state)
+    assert play(other, STEPS // 2, STEPS) == expected  # in one with a past of its own
+    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset=autoreset)
+    fresh.set_state(state)
+    assert play(fresh, STEPS // 2, STEPS) == expected  # in one that was never reset
+
+
+def test_set_state_returns_the_observations_of_the_state() -> None:
+    env = make()
+    play(env, 0, STEPS // 2)
+    state, told = env.get_state(), {key: array.copy() for key, array in env.observe().items()}
+    play(env, 0, 3)
+    for key, array in env.set_state(state).items():
+        np.testing.assert_array_equal(array, told[key])
+
+
+CHILD = """
+import sys
+sys.path.insert(0, {folder!r})
+from tests.core.test_state import STEPS, make, play
+from outlast.envs.snapshots.state import State
+env = make(seed=9)
+env.set_state(State.load({file!r}))
+print(play(env, STEPS // 2, STEPS))
+"""
+
+
+def test_another_process_goes_on_from_a_file(tmp_path: Path) -> None:
+    env, file = make(), tmp_path / "state.npz"
+    play(env, 0, STEPS // 2)
+    env.get_state().save(file)
+    expected = play(env, STEPS // 2, STEPS)
+    script = CHILD.format(folder=str(Path(__file__).parents[2]), file=str(file))
+    printed = subprocess.check_output([sys.executable, "-c", script], text=True)
+    assert printed.strip() == str(expected)
+    assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
+
+
+def test_one_world_goes_on_by_itself() -> None:
+    """Taken out of a batch, put into another at another place: it neither disturbs the others nor is disturbed."""
+    env, other = make(), make(seed=5)
+    play(env, 0, 10 if COMPILED else 2)
+    undisturbed = make(seed=5)
+    other.set_state(env.get_state([4]), [1])
+    assert digest(other.worlds, 1) == digest(env.worlds, 4)
+    kept = [0, 2, 3, 4, 5]
+    assert digest(other.worlds, kept) == digest(undisturbed.worlds, kept)
+
+
+def test_one_world_is_copied_onto_many() -> None:
+    """For search: every copy answers the same actions alike, and others differently."""
+    env = make()
+    play(env, 0, 20 if COMPILED else 2)
+    env.set_state(env.get_state()[2])
+    same = np.broadcast_to(draw_actions(env, np.random.default_rng(0))[:1], (WORLDS, env.num_agents, 6)).copy()
+    env.step(same)
+    assert len({digest(env.worlds, w) for w in range(WORLDS)}) == 1
+    same[1, 0, 0] = (same[1, 0, 0] + 1) % 3
+    env.step(same)
+    assert [digest(env.worlds, w) == digest(env.worlds, 0) for w in range(WORLDS)] == [True, False, *[True] * 4]
+
+
+def test_states_can_be_chosen_from() -> None:
+    env = make()
+    state = env.get_state()
+    assert (len(state), len(state[2]), len(state[1:4]), len(state[np.arange(WORLDS) % 2 == 0])) == (6, 1, 3, 3)
+    assert state[-1].arrays["world"].tobytes() == env.worlds.block[5].tobytes()
+    state.arrays["world"][:] = 0  # a copy: the environment does not feel it
+    assert env.worlds.block.any()
+
+
+# ---- what is refused
+
+
+def test_states_of_other_scenarios_are_refused() -> None:
+    env, state = make(), make().get_state()
+    for change, reason in (
+        ({"melee_damage": 6}, "melee_damage is 5 there and 6 here"),
+        ({"n_heals": 3}, "heals_count is 15 there and 3 here"),
+    ):
+        other = outlast.make_vec(env.scenario.replace(**change), WORLDS, seed=1)
+        other.reset()
+        before = digest(other.worlds)
+        with pytest.raises(StateError, match=reason):
+            other.set_state(state)
+        assert digest(other.worlds) == before
+    with pytest.raises(StateError, match="a state of 2 worlds for 3 worlds"):
+        env.set_state(state[:2], [0, 1, 2])
+
+
+def rewrite(file: Path, change: Any) -> None:
+    """Put the entries of a saved state together again, changed."""
+    with zipfile.ZipFile(file) as old:
+        entries = {entry.filename: old.read(entry) for entry in old.infolist()}
+    change(entries)
+    with zipfile.ZipFile(file, "w") as new:
+        for name, content in entries.items():
+            new.writestr(name, content)
+
+
+def npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def with_header(**changes: Any) -> Any:
+    def change(entries: dict[str, bytes]) -> None:
+        array = np.load(io.BytesIO(entries[f"{HEADER}.npy"]))
+        header = json.loads(array.tobytes()) | changes
+        entries[f"{HEADER}.npy"] = npy(np.frombuffer(json.dumps(header).encode(), np.uint8))
+
+    return change
+
+
+def huge(entries: dict[str, bytes]) -> None:
+    entries["world.npy"] = entries["world.npy"].replace(b"'shape': (6,", b"'shape': (9999999999,")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (with_header(version=99), "version 99 of the format"),
+        (with_header(checksum="00"), "damaged"),
+        (lambda entries: entries.update({"world.npy": npy(np.zeros((6, 64), np.uint8))}), "damaged"),
+        (lambda entries: entries.pop(f"{HEADER}.npy"), "not a saved state"),
+        (lambda entries: entries.pop("world.npy"), "damaged"),
+        (lambda entries: entries.update({"world.npy": b"junk"}), "not a saved state"),
+        (lambda entries: entries.update({"world.npy": entries["world.npy"][:400]}), "not a saved state"),
+        (huge, "not a saved state"),
+        (lambda entries: entries.update({"evil.npy": npy(np.array([{}], object))}), "not a saved state"),
+    ],
+)
+def test_broken_files_are_refused(tmp_path: Path, change: Any, reason: str) -> None:
+    file = tmp_path / "state.npz"
+    make().get_state().save(file)
+    rewrite(file, change)
+    with pytest.raises(StateError, match=reason):
+        State.load(file)
+
+
+def test_foreign_files_are_refused(tmp_path: Path) -> None:
+    for name, content in (("a", b""), ("b", b"hello"), ("c", npy(np.zeros(3)))):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(StateError, match="not a saved state"):
+            State.load(tmp_path / name)
+    np.savez_compressed(tmp_path / "d.npz", world=np.zeros((6, 64)))
+    with pytest.raises(StateError, match="is compressed"):
+        State.load(tmp_path / "d.npz")
+    with pytest.raises(FileNotFoundError):
+        State.load(tmp_path / "nowhere.npz")
+
+
+def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "state.npz"
+    make().get_state().save(file)
+    whole = file.read_bytes()
+    for size in range(0, len(whole), max(1, len(whole) // 50)):
+        file.write_bytes(whole[:size])
+        with pytest.raises(StateError):
+            State.load(file)

@@ -1,0 +1,173 @@
+"""The batched environment: spaces, the contract of reset and step. That bits are the same: test_determinism.py."""
+
+import numpy as np
+import pytest
+
+from outlast import VARIANTS, make_vec, variant
+from outlast.components import Body, Episode, Reward
+from outlast.ecs import Clock
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import FaultError
+from tests.conftest import digest, draw_actions, scaled
+from tests.digests import numbered_actions
+from tests.ways import equal, short
+
+KINDS = ("ffa_1", "ffa_3", "teams_2", "teams_3")  # the others differ from these in numbers only
+WORLDS = scaled(40, least=4)
+KEYS = {
+    "self": (), "others": (), "others_mask": (), "zone": (),
+    "heals": (15, 2), "heals_mask": (15,), "heal_slot": (1, 1), "heal_slot_mask": (1,),
+    "boxes": (8, 11), "boxes_mask": (8,), "box_items": (8, 10), "box_items_mask": (8,),
+    "box_slot": (1, 8), "box_slot_mask": (1,),
+}  # fmt: skip
+Env = SurvivalVectorEnv
+
+
+# ---- spaces
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_spaces_are_those_of_the_rules(name: str) -> None:
+    """Reference rules, section 4, with the kinds that a variant lacks left out."""
+    env = make_vec(name, 2, seed=0)
+    teams, boxes = name.startswith("teams"), name not in ("ffa_1", "ffa_2", "teams_2")
+    agents, features = (4, 9) if teams else (2, 8)
+    shapes = {key: shape for key, shape in KEYS.items() if boxes or not key.startswith("box")}
+    shapes |= {"self": (features,), "others": (agents - 1, features), "others_mask": (agents - 1,), "zone": (6,)}
+    space = env.single_observation_space
+    assert {key: space[key].shape for key in space} == {key: (agents, *shape) for key, shape in shapes.items()}
+    assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * agents
+    observations, info = env.reset()
+    assert info == {}
+    assert list(observations) == sorted(shapes)
+    for key, values in observations.items():
+        assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
+    mask = space["heals_mask"]
+    assert (mask.low.min(), mask.high.max()) == (0, 1)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_comes_out_lies_in_the_spaces(name: str) -> None:
+    env = make_vec(short(name), WORLDS, seed=0)
+    env.action_space.seed(0)
+    observations, _ = env.reset(seed=1)
+    steps, played = scaled(150, least=30), set()
+    for _ in range(steps):
+        assert env.observation_space.contains(observations)
+        actions = env.action_space.sample()
+        played.add(actions.tobytes())
+        observations, reward, terminated, truncated, _ = env.step(actions)
+        assert (reward.dtype, reward.shape) == (np.float32, (WORLDS, env.num_agents))
+        for flag in (terminated, truncated):
+            assert (flag.dtype, flag.shape) == (bool, (WORLDS,))
+        assert not (terminated & truncated).any()
+    assert len(played) == steps  # or it would be the test of one action
+
+
+@pytest.mark.parametrize("agents", [1, 3, 40])
+def test_any_number_of_agents(agents: int) -> None:
+    """Also a single one, for whom there are no others; and the same compiled tick serves them all."""
+    env = make_vec(variant("ffa_1").replace(n_agents=agents), 2, seed=0)
+    observations, _ = env.reset()
+    assert observations["others"].shape == (2, agents, agents - 1, 8)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        observations, reward, terminated, _, _ = env.step(draw_actions(env, rng))
+    assert observations["self"][:, :, 0].tolist() == [list(range(agents))] * 2
+    assert (reward == 1).all()
+    assert not terminated.any()
+
+
+# ---- reset
+
+
+def test_an_int_seeds_every_world_by_its_number() -> None:
+    env, other = make_vec("teams_3", 4, seed=0), make_vec("teams_3", 4, seed=7)
+    first = {key: values.copy() for key, values in env.reset(seed=7)[0].items()}
+    assert equal(first, other.reset()[0])
+    assert len({values.tobytes() for values in first["self"]}) == 4  # no two worlds alike
+    assert not equal(first, other.reset(seed=8)[0])
+
+
+def test_a_list_seeds_every_world_alone() -> None:
+    """Worlds of one seed are equal, and equal to a batch of one with that seed."""
+    env = make_vec("teams_3", 3, seed=0)
+    for seeds in ([5, 9, 5], np.array([5, 9, 5], np.uint32), (5, 2**64 - 1, 5)):
+        observations, _ = env.reset(seed=seeds)
+        alone, _ = make_vec("teams_3", 1, seed=5).reset()
+        for key, values in observations.items():
+            assert np.array_equal(values[0], values[2])
+            assert np.array_equal(values[0], alone[key][0])
+        assert not np.array_equal(observations["self"][0], observations["self"][1])
+
+
+def test_without_a_seed_reset_goes_on_to_the_next_episode() -> None:
+    """The one that autoreset would have started, whenever it is called."""
+    env, other = make_vec(short("teams_3"), WORLDS, seed=3), make_vec(short("teams_3"), WORLDS, seed=3)
+    first = {key: values.copy() for key, values in env.reset()[0].items()}
+    second, _ = env.reset()
+    assert not equal(first, second)
+    assert equal(first, other.reset()[0])
+    seen = np.zeros(WORLDS, bool)
+    over = seen.copy()
+    for tick in range(80):
+        observations, _, terminated, truncated, _ = other.step(numbered_actions(other, tick))
+        fresh, over = over & ~seen, terminated | truncated
+        for key, values in observations.items():
+            assert np.array_equal(values[fresh], second[key][fresh])
+        seen |= fresh
+    assert seen.all()
+
+
+def test_reset_mask_leaves_the_others_untouched() -> None:
+    env, twin = make_vec("teams_3", 5, seed=0), make_vec("teams_3", 5, seed=0)
+    mask = np.array([True, False, False, True, False])
+    for one in (env, twin):
+        one.reset()
+        for tick in range(10):
+            one.step(numbered_actions(one, tick))
+    observations, _ = env.reset(seed=11, options={"reset_mask": mask})
+    assert digest(env.worlds, ~mask) == digest(twin.worlds, ~mask)
+    fresh, _ = make_vec("teams_3", 5, seed=11).reset()
+    for key, values in observations.items():
+        assert np.array_equal(values[mask], fresh[key][mask])
+    assert env.worlds[Clock].tick[:, 0].tolist() == [0, 10, 10, 0, 10]
+    for tick in range(10):
+        env.step(numbered_actions(env, tick))
+        twin.step(numbered_actions(twin, tick))
+    assert digest(env.worlds, ~mask) == digest(twin.worlds, ~mask)
+
+
+# ---- buffers
+
+
+def test_buffers_are_reused_unless_copies_are_asked_for() -> None:
+    for copy in (False, True):
+        env = make_vec("teams_3", 2, seed=0, copy=copy)
+        first, _ = env.reset()
+        kept = {key: values.copy() for key, values in first.items()}
+        second, reward, *_ = env.step(np.full((2, 4, 6), 2) * [1, 1, 1, 0, 0, 0])
+        assert [first[key] is second[key] for key in first] == [not copy] * len(first)
+        assert equal(first, kept) == copy
+        assert not np.shares_memory(reward, env.worlds[Reward].reward)
+        assert not any(np.shares_memory(values, env.worlds[Episode].returns) for values in second.values())
+
+
+# ---- faults
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 2e6])
+def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: float) -> None:
+    """A mechanic that writes NaN is found in the tick it does so, and named by its world; the others are not harmed."""
+    env, twin = make_vec("ffa_1", 3, seed=4), make_vec("ffa_1", 3, seed=4)
+    for each in (env, twin):
+        each.reset()
+        each.step(np.ones((3, 2, 6), int))
+    env.worlds[Body].vx[1, 0] = value
+    with pytest.raises(FaultError, match=r"world 1: .*Reset"):
+        env.step(np.ones((3, 2, 6), int))
+    twin.step(np.ones((3, 2, 6), int))
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(np.ones((3, 2, 6), int))
+    twin.step(np.ones((3, 2, 6), int))
+    assert digest(env.worlds, [0, 2]) == digest(twin.worlds, [0, 2])

@@ -1,0 +1,44 @@
+"""The commands that README and pages show run, in the order in which they stand, each page in a folder of its own."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from outlast.envs.cli.main import main
+from tests.conftest import COMPILED
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+SMALL = {  # the same commands, with less to do: of an option that is given twice, the last counts
+    "frames": ["--steps", "3", "--size", "64", "--quiet"],
+    "replay": ["--quiet"],
+    "rollout": ["--worlds", "5", "--quiet"],
+}
+ELSEWHERE = {"play", "train", "plot", "evaluate"}  # a game without end, a run of an hour, what needs it: own tests
+
+
+def shown(page: Path) -> list[list[str]]:
+    """The words of each command in a page's blocks of shell, the program's name left out."""
+    blocks = re.findall(r"^```bash\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+    lines = re.findall(r"^(?:.* && )?(?:\S*/)?outlast (.*)$", "\n".join(blocks), re.MULTILINE)
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+@pytest.mark.skipif(not COMPILED, reason="the commands are the same in every mode")
+@pytest.mark.parametrize("page", [page for page in PAGES if shown(page)], ids=lambda page: page.stem)
+def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("docs").mkdir()
+    Path("docs/results").symlink_to(ROOT / "docs/results")  # policies that ship
+    for name, *options in shown(page):
+        if name in ELSEWHERE:
+            continue
+        if "--out" in options:
+            Path(options[options.index("--out") + 1]).parent.mkdir(parents=True, exist_ok=True)
+        assert main([name, *options, *SMALL.get(name, ())]) == 0
+
+
+def test_there_are_commands_to_run() -> None:
+    assert {name for page in PAGES for name, *_ in shown(page)} >= {*SMALL, *ELSEWHERE}

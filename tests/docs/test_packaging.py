@@ -1,0 +1,236 @@
+"""What is shipped is what is in the tree, under one name, and the tree keeps its own rules."""
+
+import ast
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from packaging.specifiers import SpecifierSet
+
+from outlast.systems.box2d.scene import CAPACITY
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SETUPTOOLS = PROJECT["tool"]["setuptools"]
+FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].items()}
+
+LONGEST_FILE = 300  # lines; imports of many names take a line each
+COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
+TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
+OPTIONAL = {
+    "PIL",
+    "imageio_ffmpeg",
+    "matplotlib",
+    "minari",
+    "pettingzoo",
+    "pufferlib",
+    "pyarrow",
+    "ray",
+    "stable_baselines3",
+    "tensorboard",
+    "torch",
+    "websockets",
+}  # a module may need one that is not installed
+
+# Written in two parts: this file is looked through too.
+PLACES = re.compile(r"(?<![\w.])/(?:wor" + r"k|roo" + r"t)/")
+REGISTRIES = re.compile("|".join(["pypi" + r"\.org", "python" + r"hosted\.", "npm" + r"js\.org", "deb" + r"ian\.org"]))
+
+
+def tracked() -> list[Path]:
+    """Files that git keeps, or would keep."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    files = (ROOT / name for name in listed.stdout.split("\0") if name)
+    return sorted(path for path in files if path.is_file() and not path.is_symlink())
+
+
+SHIPPED = (".css", ".csv", ".html", ".js", ".py")
+
+
+def sources() -> dict[str, Path]:
+    """Every file that belongs to the package, by its path in the wheel."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        for path in folder.rglob("*"):
+            linked = package == "outlast" and len(path.relative_to(folder).parts) > 1
+            if (path.suffix in SHIPPED or path.name == "py.typed") and not linked:
+                found[f"{package.replace('.', '/')}/{path.relative_to(folder).as_posix()}"] = path
+    return found
+
+
+def modules() -> list[str]:
+    """Every module of the package, by its dotted name; the ones that run when imported are left out."""
+    names = (name.removesuffix(".py") for name in sources() if name.endswith(".py"))
+    return sorted(name.removesuffix("/__init__").replace("/", ".") for name in names if not name.endswith("__main__"))
+
+
+def trees() -> Iterator[tuple[str, ast.Module]]:
+    """The syntax tree of every Python file that git keeps, by its path."""
+    for path in tracked():
+        if path.suffix == ".py":
+            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imported(tree: ast.Module) -> Iterator[tuple[str, str, str]]:
+    """Absolute imports as (module, name taken from it or nothing, name it gets here)."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((item.name, "", item.asname or item.name.split(".")[0]) for item in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield from ((node.module, item.name, item.asname or item.name) for item in node.names)
+
+
+def compilers(tree: ast.Module) -> set[str]:
+    """Numba's compiling decorators that a file reaches for."""
+    ours = [entry for entry in imported(tree) if entry[0].split(".")[0] == "numba"]
+    taken = {name for _, name, _ in ours}
+    local = {here for _, _, here in ours}
+    reached = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in local
+    }
+    return (taken | reached) & COMPILERS
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel, built from a copy: a build folder left in the tree would hide what is missing."""
+    place = tmp_path_factory.mktemp("wheel")
+    for path in tracked():
+        copy = place / "tree" / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+        "--quiet",
+    ]
+    built = subprocess.run([*command, "--wheel-dir", place, place / "tree"], capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout + built.stderr
+    (path,) = place.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_every_source_file_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
+    shipped = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    assert shipped == set(sources())
+
+
+def test_the_wheel_carries_its_licence_and_version(wheel: zipfile.ZipFile) -> None:
+    version = re.search(r'__version__ = "(.+)"', (FOLDERS["outlast"] / "__init__.py").read_text(encoding="utf-8"))
+    assert version
+    info = f"outlast-{version[1]}.dist-info"
+    assert f"{info}/licenses/LICENSE" in wheel.namelist()
+    assert f"\nVersion: {version[1]}\n" in wheel.read(f"{info}/METADATA").decode()
+
+
+def test_every_folder_with_sources_is_a_declared_package() -> None:
+    holding = {name.rpartition("/")[0].replace("/", ".") for name in sources()}
+    assert holding == set(SETUPTOOLS["packages"])
+
+
+def test_importing_everything_leaves_no_second_copy() -> None:
+    program = (
+        "import importlib, json, sys\n"
+        "for name in json.loads(sys.argv[1]):\n"
+        "    try:\n"
+        "        importlib.import_module(name)\n"
+        "    except ModuleNotFoundError as error:\n"
+        "        if error.name not in json.loads(sys.argv[2]): raise\n"
+        "print(json.dumps(sorted(sys.modules)))\n"
+    )
+    arguments = [json.dumps(modules()), json.dumps(sorted(OPTIONAL))]
+    done = subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not TOP_LEVEL & set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_our_folders_are_imported_as_parts_of_outlast() -> None:
+    strays = {
+        path: module for path, tree in trees() for module, _, _ in imported(tree) if module.split(".")[0] in TOP_LEVEL
+    }
+    assert not strays
+
+
+def test_numba_compiles_in_one_file() -> None:
+    users = {path: found for path, tree in trees() if (found := compilers(tree))}
+    assert set(users) <= {"ecs/jit.py"}, users
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from numba import njit",
+        "import numba\n@numba.njit\ndef f(): ...",
+        "import numba as nb\nf = nb.vectorize(g)",
+        "from numba import types\nfrom numba.experimental import jitclass as record",
+    ],
+)
+def test_a_compiling_decorator_is_found(source: str) -> None:
+    assert compilers(ast.parse(source))
+
+
+def test_other_uses_of_numba_are_not_taken_for_one() -> None:
+    assert not compilers(ast.parse("from numba import types\nfrom .jit import kernel\nfrom . import jit\njit.kernel"))
+
+
+def test_files_are_short_enough_to_read() -> None:
+    written = {name: path for name, path in sources().items() if path.suffix != ".csv"}
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in written.items()}
+    assert not {name: length for name, length in lengths.items() if length > LONGEST_FILE}
+
+
+def test_no_file_names_a_place_of_its_making() -> None:
+    strays = []
+    for path in tracked():
+        content = path.read_bytes()
+        if b"\0" not in content:
+            text = content.decode("utf-8")
+            strays += [
+                f"{path.relative_to(ROOT)}: {hit[0]}" for rule in (PLACES, REGISTRIES) for hit in rule.finditer(text)
+            ]
+    assert not strays
+
+
+def test_one_range_of_python_is_told_everywhere() -> None:
+    asked = SpecifierSet(PROJECT["project"]["requires-python"])
+    versions = [f"3.{k}" for k in range(30) if f"3.{k}.0" in asked]
+    told = [line.rsplit(" ", 1)[-1] for line in PROJECT["project"]["classifiers"] if ":: Python :: 3." in line]
+    assert told == versions
+    words = f"Python {', '.join(versions[:-1])} or {versions[-1]}"
+    for page in ("README.md", "docs/start.md"):
+        assert words in (ROOT / page).read_text(encoding="utf-8"), page
+    assert f"Python {versions[0]} to {versions[-1]}" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_extras_that_are_told_of_exist() -> None:
+    named = set()
+    for path in tracked():
+        if path.suffix in (".md", ".py"):
+            named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", path.read_text("utf-8")))
+    assert named > {"train", "video", "test"}
+    assert named <= PROJECT["project"]["optional-dependencies"].keys()
+
+
+def test_the_limit_of_bodies_is_told() -> None:
+    assert f"room for {CAPACITY} bodies" in (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")

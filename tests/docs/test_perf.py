@@ -1,0 +1,177 @@
+"""perf.step beside the original: a small package with the original's interface stands in for it."""
+
+import csv
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from perf import step
+from perf.measure import in_turn
+from perf.original import Original
+
+# Prints, and empties parts of its configuration, as the original does; notes what it is asked for. A step takes 2 ms,
+# and very little of the processor.
+STAND_IN = """
+import json, time
+from pathlib import Path
+
+class Space:
+    def seed(self, seed): self.count = 1000 * seed
+    def sample(self):
+        self.count += 1
+        return (self.count,)
+
+class MaSurvival:
+    def __init__(self, config=None):
+        self.asked = [config["agents"].pop("n_agents"), config["heals"]["reset_spawns"]["n_items"],
+                      config["boxes"]["reset_spawns"]["n_boxes"], config["ends_after"]]
+        self.action_space, self.ends, self.steps = Space(), config["ends_after"], None
+        self.log = Path(__file__).with_name("log")
+        print("Splitting agents into 2 teams.")
+    def reset(self):
+        time.sleep(0.01)
+        self.first, self.steps, self.over = float(self.np_random.random()), 0, False
+    def step(self, actions):
+        if self.over or self.steps == 100:
+            raise RuntimeError("played on after the end")
+        time.sleep(0.002)
+        self.steps += 1
+        self.over = self.steps == self.ends
+        if self.over or self.steps == 100:
+            print("done")
+            with self.log.open("a") as file:
+                print(json.dumps([*self.asked, self.steps, actions[0], self.first]), file=file)
+        return {}, (), self.over, {}
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A folder like the original's, with two experiments: of long episodes, and of episodes of 40 steps."""
+    folder = tmp_path / "check out"
+    (folder / "masurvival" / "envs").mkdir(parents=True)
+    (folder / "masurvival" / "envs" / "masurvival_env.py").write_text(STAND_IN)
+    for name, ends in (("1v1_heals_low", 1000), ("1v1_all_mid", 40)):
+        config = {"agents": {"n_agents": 2}, "heals": {"reset_spawns": {"n_items": 15}}, "ends_after": ends}
+        (folder / "experiments" / name).mkdir(parents=True)
+        (folder / "experiments" / name / "env.json").write_text(
+            json.dumps(config | {"boxes": {"reset_spawns": {"n_boxes": 8}}})
+        )
+    return folder
+
+
+def log(checkout: Path) -> list[list[float]]:
+    return [json.loads(line) for line in (checkout / "masurvival" / "envs" / "log").read_text().splitlines()]
+
+
+def printed(text: str) -> list[list[str]]:
+    """The cells of each line."""
+    return [re.split(r"\s{2,}", line.strip()) for line in text.splitlines() if line.strip()]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Calls of perf.step with one row, ffa_1."""
+    monkeypatch.setattr(step, "ROWS", [row for row in step.ROWS if row.name == "ffa_1"])
+    monkeypatch.setattr(step, "STEPS", 150)
+
+    def call(*options: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["perf.step", "--worlds", "2", "3", *options])
+        step.main()
+        return capsys.readouterr().out
+
+    return call
+
+
+def test_both_are_timed_in_one_run(run, checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
+    out = printed(run("--original", f"{sys.executable}:{checkout}", "--save", "here"))
+    heads = [k for k, line in enumerate(out) if line[0] == "row"]
+    assert [out[k] for k in heads] == [
+        ["row", "paper", "2 worlds", "3 worlds", "outlast"],
+        ["row", "original", "outlast", "times faster", "round by round"],
+    ]
+    name, original, ours, ratio, spread = out[heads[1] + 1]
+    assert name == "ffa_1"
+    assert 0 < float(original) < 1500  # microseconds of the processor; a step lasts 2000
+    assert ours == out[heads[0] + 1][-1]
+    assert float(ratio) == pytest.approx(float(original) / float(ours), rel=2e-3)
+    least, most = map(float, spread.split(" to "))
+    assert 0 < least <= most
+    assert out[heads[1] + 2] == ["geometric mean of the variants", ratio]
+    with (tmp_path / "here" / "original.csv").open() as file:
+        assert list(csv.reader(file))[1] == out[heads[1] + 1]
+    assert f"; the original: Python {sys.version.split()[0]}, numpy" in (tmp_path / "here" / "original.txt").read_text()
+    # five rounds of two whole episodes, the same ones in each
+    episodes = log(checkout)
+    assert [line[:5] for line in episodes] == [[2, 15, 8, 1000, 100]] * 10
+    assert episodes[:2] * 5 == episodes
+    assert episodes[0][-1] != episodes[1][-1]
+
+
+def test_without_the_original_nothing_is_compared(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
+    out = run("--save", "here")
+    assert [line for line in printed(out) if line[0] == "row"] == [["row", "paper", "2 worlds", "3 worlds", "outlast"]]
+    assert "original" not in out
+    assert "faster" not in out
+    assert sorted(path.name for path in (tmp_path / "here").iterdir()) == ["machine.txt", "step.csv"]
+
+
+def test_timers_take_turns() -> None:
+    order: list[int] = []
+    times = in_turn([lambda k=k: order.append(k) or float(k) for k in range(3)], rounds=2)  # type: ignore[misc]
+    assert order == [0, 1, 2, 0, 1, 2]
+    assert times.tolist() == [[0, 1, 2], [0, 1, 2]]
+
+
+def test_counts_are_changed_and_ended_episodes_are_left(checkout: Path) -> None:
+    with Original(f"{sys.executable}:{checkout}") as original:
+        ask = original.timer("1v1_all_mid", {"agents": 5, "heals": 0, "boxes": 10}, steps=90, limit=100)
+        assert ask() > 0
+    assert [line[:5] for line in log(checkout)] == [[5, 0, 10, 40, 40]] * 3
+
+
+def test_the_process_ends_with_it(checkout: Path) -> None:
+    with Original(f"{sys.executable}:{checkout}") as original:
+        process = original._process
+        assert process.poll() is None
+    assert process.poll() == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("{python}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not '{python}'"),
+        (":{checkout}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not ':{checkout}'"),
+        ("{python}:{nowhere}", "expected the original's folder behind the colon, but there is no {nowhere}/masurvival"),
+        ("{python}:{bare}", "expected the original's folder behind the colon, but there is no {bare}/experiments"),
+        ("{nowhere}:{checkout}", "expected a Python interpreter before the colon, but {nowhere} does not start (No"),
+        (
+            "/bin/true:{checkout}",
+            "expected an interpreter before the colon that plays the original, but /bin/true says: no",
+        ),
+        (
+            "/bin/echo:{checkout}",
+            "expected an interpreter before the colon that plays the original, but /bin/echo says: no",
+        ),
+        ("{python}:{broken}", "that plays the original, but {python} says: ModuleNotFoundError: No module named 'gymn"),
+    ],
+)
+def test_what_is_not_the_original_is_refused_in_a_sentence(
+    given: str, told: str, run, checkout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = {"python": sys.executable, "checkout": checkout}
+    names |= {name: tmp_path / name for name in ("nowhere", "bare", "broken")}
+    for name in ("bare", "broken"):
+        (tmp_path / name / "masurvival" / "envs").mkdir(parents=True)
+        (tmp_path / name / "masurvival" / "envs" / "masurvival_env.py").write_text("import gymn")
+    (tmp_path / "broken" / "experiments").mkdir()
+    with pytest.raises(SystemExit) as ended:
+        run("--original", given.format(**names))
+    assert ended.value.code == 2
+    assert told.format(**names) in capsys.readouterr().err.splitlines()[-1]
+    assert not (checkout / "masurvival" / "envs" / "log").exists()  # nothing was timed

@@ -1,0 +1,212 @@
+"""The site: it builds without a warning, its examples run and print what they say, its pictures are up to date."""
+
+import contextlib
+import importlib.util
+import io
+import platform
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+import pytest
+
+import outlast
+from outlast import systems
+from outlast.ecs import ScheduleError
+from outlast.envs.cli.main import main, parser
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.training.results import grouped, load
+from tests.conftest import COMPILED
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
+TOOLS = ("sphinx", "myst_parser", "furo")
+LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
+PLAYED = ("sight", "fight")  # pictures of many ticks
+
+# A line of MyST's comments ahead of a block says "% needs: MODULE" or "% not run: REASON"; a block of text that follows
+# at once is what it prints.
+BLOCK = re.compile(
+    r"(?P<marks>(?:^% [^\n]*\n\n?)?)^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<prints>.*?)^```$)?",
+    re.MULTILINE | re.DOTALL,
+)
+NEEDS = re.compile(r"^% needs: (\w+)$", re.MULTILINE)
+
+once = pytest.mark.skipif(
+    not COMPILED or bool(numba.config.BOUNDSCHECK), reason="documents are the same in every mode; done in the first"
+)
+
+
+def needed(block: re.Match[str]) -> str:
+    """The library that a block needs beside ours, or nothing."""
+    found = NEEDS.search(block["marks"])
+    return found[1] if found else ""
+
+
+def cases() -> list[tuple[str, str]]:
+    """Pages with examples, once for each library that some of them need."""
+    found = [(page, needed(block)) for page, text in PAGES.items() for block in BLOCK.finditer(text)]
+    return list(dict.fromkeys(found))
+
+
+def run(page: str, library: str) -> None:
+    """The examples of a page in order, in one namespace; errors name the page and the line."""
+    namespace: dict[str, Any] = {"__name__": page}
+    for block in BLOCK.finditer(PAGES[page]):
+        if needed(block) != library or "% not run: " in block["marks"]:
+            continue
+        line = PAGES[page].count("\n", 0, block.start("code"))
+        code = compile("\n" * line + block["code"], DOCS / f"{page}.md", "exec")
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(code, namespace)
+        if block["prints"] is not None:
+            assert printed.getvalue().splitlines() == block["prints"].splitlines(), f"{page}.md, line {line}"
+    for value in namespace.values():
+        if isinstance(value, SurvivalVectorEnv):
+            value.close()
+
+
+@once
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize(("page", "library"), cases())
+def test_examples_run(page: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if library:
+        pytest.importorskip(library)
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    monkeypatch.chdir(tmp_path)
+    run(page, library)
+
+
+def test_every_block_of_python_is_found() -> None:
+    for page, text in PAGES.items():
+        blocks = list(BLOCK.finditer(text))
+        assert len(blocks) == len(re.findall(r"^```(?:python|py|pycon)$", text, re.MULTILINE)), page
+        marked = [block for block in blocks if needed(block) or "% not run: " in block["marks"]]
+        assert len(marked) == len(re.findall(r"^% ", text, re.MULTILINE)), page
+
+
+def test_commands_are_understood() -> None:
+    inline = [command for text in PAGES.values() for command in re.findall(r"`(outlast \w+[^`]*)`", text)]
+    shell = [block for text in PAGES.values() for block in re.findall(r"^```bash\n(.*?)^```$", text, re.M | re.S)]
+    fenced = [line for block in shell for line in re.findall(r"^(?:\S*/)?(outlast .*)$", block, re.M)]
+    assert len(inline) > 2
+    assert len(fenced) > 0
+    for command in inline + fenced:
+        parser().parse_args(shlex.split(command)[1:])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built pages."""
+    for tool in TOOLS:
+        if importlib.util.find_spec(tool) is None:
+            pytest.skip(f"{tool} is not installed: pip install 'outlast[docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "-d", str(folder / "trees"), str(DOCS), str(folder / "html")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "html"
+
+
+@once
+def test_the_site_has_all_that_there_is(site: Path) -> None:
+    def told(page: str) -> set[str]:
+        words = re.sub(r"<[^>]+>", " ", (site / f"{page}.html").read_text())
+        return set(re.findall(r"\w+", words))
+
+    for scenario in outlast.VARIANTS.values():
+        assert scenario.numbers().keys() <= told("scenarios")
+        assert {module.__class__.__name__ for module in scenario.modules} <= told("scenarios")
+    assert {*outlast.VARIANTS, *outlast.ALIASES} <= told("variants")
+    assert set(systems.__all__) <= told("scenarios")
+    assert {*outlast.__all__, *outlast._LAZY} <= told("api")
+    env = outlast.make_vec("ffa_3", 1, seed=0)
+    assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= told("spaces")
+
+
+def test_the_order_that_the_page_says_is_ambiguous(tmp_path: Path) -> None:
+    source = (DOCS / "examples" / "poison.py").read_text()
+    assert source.count(', after="boxes.set_up"') == 1
+    file = tmp_path / "poison.py"
+    file.write_text(source.replace(', after="boxes.set_up"', ""))
+    spec = importlib.util.spec_from_file_location("poison", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.raises(ScheduleError) as refusal:
+        outlast.make_vec(outlast.variant("ffa_3").with_(module.Poison()), 1)
+    assert " ".join(str(refusal.value).split()) in " ".join(PAGES["mechanic"].split())
+
+
+def pictures() -> dict[str, Any]:
+    """Their makers by name, from docs/pictures.py."""
+    spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return dict(module.PICTURES)
+
+
+def test_pictures_are_small_and_shown() -> None:
+    files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
+    assert files.keys() == {f"{name}.png" for name in pictures()} | films().keys()
+    assert max(size for name, size in files.items() if name not in films()) < LARGEST_PICTURE
+    assert max(files.values()) < LARGEST_FILM
+    shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}
+    assert shown == files.keys()
+
+
+@once
+@pytest.mark.parametrize("name", pictures())
+def test_pictures_are_those_of_the_script(name: str) -> None:
+    """To renew them: python docs/pictures.py"""
+    if name in PLAYED and (sys.platform, platform.machine()) != ("linux", "x86_64"):
+        pytest.skip("what is played with the machine's own sines may end elsewhere on another one")
+    kept = cv2.imread(str(DOCS / "pictures" / f"{name}.png"))
+    made = pictures()[name]()[..., ::-1]
+    assert kept is not None
+    assert kept.shape == made.shape
+    difference = float(np.abs(kept.astype(int) - made).mean())
+    assert difference < 1  # of 255: edges may be smoothed a little differently elsewhere
+
+
+def films() -> dict[str, list[str]]:
+    """The commands of the pages that write films into docs/pictures, by the file's name."""
+    found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", "\n".join(PAGES.values()), re.MULTILINE)
+    return {name: shlex.split(command) for command, name in found}
+
+
+@once
+@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
+@pytest.mark.parametrize("name", films())
+def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
+    """To renew one: the command of the page."""
+    command = films()[name]
+    assert main([*command[:-1], str(tmp_path / "frames"), "--quiet"]) == 0
+    frames = [cv2.imread(str(file)) for file in sorted((tmp_path / "frames").iterdir())]
+    film = cv2.VideoCapture(str(DOCS / "pictures" / name))
+    for frame in frames:
+        read, kept = film.read()
+        assert read
+        assert np.abs(frame.astype(int) - kept).mean() < 3  # of 255: a GIF has 256 colours
+    assert not film.read()[0]
+
+
+def test_figures_of_training_show_the_kept_results() -> None:
+    """To renew them: outlast plot docs/results --out docs/training"""
+    image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
+    figures = pytest.importorskip("outlast.training.figures", reason="needs matplotlib: outlast[plot]")
+    groups = grouped(load([DOCS / "results"]))
+    assert groups
+    for group in groups:
+        with image.open(DOCS / "training" / f"{group.name}.png") as figure:
+            assert figure.text["Source"] == figures.digest(group)

@@ -1,0 +1,161 @@
+"""The paper's four flaws, mended by name: each does what it says, and the variants themselves stay as they are."""
+
+import math
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import FIXES, ScenarioError, make_vec, variant
+from outlast.components import Body
+from outlast.ecs import NumberError
+from outlast.envs.cli.main import main
+from outlast.envs.rollout.policies import scripted_policy
+from outlast.systems import Motors, Steering
+from tests.conftest import COMPILED
+from tests.stage import Stage
+
+UNTOUCHED = {"health_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
+
+
+@pytest.mark.parametrize("name", outlast.VARIANTS)
+def test_the_variants_have_the_flaws(name: str) -> None:
+    scenario = variant(name)
+    assert {key: scenario.numbers()[key] for key in UNTOUCHED} == UNTOUCHED
+    assert Motors in scenario
+    assert Steering not in scenario
+
+
+def test_every_flaw_of_the_paper_can_be_mended() -> None:
+    assert {fix.flaw for fix in FIXES.values()} == {1, 2, 3, 4}
+    for name in FIXES:
+        mended = variant(f"teams_4+{name}")
+        assert mended.name == f"teams_4+{name}"
+        assert mended.numbers() != variant("teams_4").numbers()
+
+
+def test_names_are_put_together_in_any_order() -> None:
+    assert variant("2v2_heals_mid+steering+health_cap").name == "teams_2+health_cap+steering"
+    assert variant("teams_2+steering+health_cap") == variant("teams_2+health_cap+steering")
+    assert variant("ffa_2+health_cap").replace(health_limit=0).numbers() == variant("ffa_2").numbers()
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("ffa_2+armour", r"there is no fix 'armour'; known: health_cap, team_share"),
+        ("ffa_2+", "there is no fix ''"),
+        ("ffa_2+bounty+bounty", "name each fix once"),
+        ("ffa_2+bounty+rivalry", "contradict each other"),
+        ("ffa_2+team_share", "ffa_2 has no Teams, so team_share would change nothing"),
+        ("fa_2+bounty", "there is no variant 'fa_2'; did you mean ffa_2"),
+    ],
+)
+def test_names_that_mean_nothing_are_refused(name: str, reason: str) -> None:
+    with pytest.raises(ScenarioError, match=reason):
+        variant(name)
+
+
+def test_the_command_line_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["variants"]) == 0
+    told = capsys.readouterr().out
+    assert all(f"+{name} " in told for name in FIXES)
+
+
+def health(name: str) -> list[float]:
+    """Of two agents that use a heal, one of them wounded."""
+    stage = Stage(name)
+    stage.wound(0, 20)
+    stage.hand(0, "heal", 0)
+    stage.hand(1, "heal", 1)
+    return stage.step({0: "use", 1: "use"}).observation["self"][0, :, -7].tolist()
+
+
+def test_a_capped_health_loses_what_is_above() -> None:
+    assert health("ffa_4") == [95, 175]
+    assert health("ffa_4+health_cap") == [95, 100]
+
+
+def test_a_cap_below_the_health_at_birth_is_refused() -> None:
+    with pytest.raises(NumberError, match="agents are born with 100"):
+        make_vec(variant("ffa_1").replace(health_limit=99), 1)
+
+
+def paid(name: str, *dead: int) -> list[float]:
+    """Rewards of the tick in which those agents die, and nobody's hand was in it."""
+    stage = Stage(name)
+    for agent in dead:
+        stage.wound(agent, 0)
+    return stage.step().rewards
+
+
+@pytest.mark.parametrize(
+    ("name", "dead", "rewards"),
+    [
+        ("teams_2", (), [1, 1, 1, 1]),
+        ("teams_2", (0,), [1, 1, 1, 1]),
+        ("teams_2+team_share", (), [1, 1, 1, 1]),
+        ("teams_2+team_share", (0,), [0, 0, 1, 1]),
+        ("teams_2+team_share", (0, 2), [0, 0, 0, 0]),
+        ("teams_2+team_share", (2, 3), [1, 1, -1, -1]),
+        ("teams_2+bounty", (), [0, 0, 0, 0]),
+        ("teams_2+bounty", (2,), [0, 0, -100, -100]),
+        ("teams_2+rivalry", (2,), [0, 0, 0, 0]),
+        ("teams_2+rivalry", (2, 3), [100, 100, 0, 0]),
+        ("teams_2+rivalry", (0, 1, 2, 3), [0, 0, 0, 0]),
+        ("ffa_4+rivalry", (0,), [0, 100]),
+    ],
+)
+def test_rewards(name: str, dead: tuple[int, ...], rewards: list[float]) -> None:
+    assert paid(name, *dead) == rewards
+
+
+def test_a_bounty_is_paid_to_the_killer() -> None:
+    stage = Stage("ffa_1+bounty")
+    stage.put("agent", 0, 0, 0)
+    stage.put("agent", 1, 1.5, 0)
+    stage.wound(1, 5)
+    assert stage.step({0: "attack"}).rewards == [100, -100]
+    assert stage.over  # the last one alive ends it
+
+
+@pytest.fixture(scope="module")
+def steered() -> outlast.envs.core.vector_env.SurvivalVectorEnv:
+    return make_vec("ffa_1+steering", 32, seed=0)
+
+
+def test_velocity_follows_the_wish_at_once(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
+    """In the agent's own frame; what is left of it after a tick is up to damping."""
+    rng = np.random.default_rng(0)
+    steered.reset()
+    body, n = steered.worlds[Body], slice(0, 2)
+    body.x[:, n], body.y[:, n] = [-3, 3], 0
+    body.angle[:, n] = rng.uniform(-3, 3, (32, 2))
+    body.cosine[:, n], body.sine[:, n] = np.cos(body.angle[:, n]), np.sin(body.angle[:, n])
+    frame = np.exp(1j * body.angle[:, n].astype(float))
+    body.vx[:, n], body.omega[:, n] = 7.0, -2.0  # forgotten
+    actions = rng.integers(0, steered.action_sizes, (32, 2, 6))
+    actions[..., 3:] = 0
+    steered.step(actions)
+    ahead, left, turn = np.moveaxis((actions[..., :3] - 3) / 3, -1, 0)
+    left_over = (1 - 0.8 / 60) ** 2
+    want = 5 * (ahead + 1j * left) * frame * left_over
+    np.testing.assert_allclose(body.vx[:, n] + 1j * body.vy[:, n], want, atol=1e-5)
+    np.testing.assert_allclose(body.omega[:, n], math.pi * turn * left_over, atol=1e-5)
+
+
+@pytest.mark.skipif(not COMPILED, reason="needs 100,000 world-steps")
+def test_scripted_agents_can_steer(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
+    """They live longer than idle ones, which are in the first zone or not, and die with it."""
+    ends = {}
+    for name, act in {
+        "scripted": scripted_policy(steered),
+        "idle": lambda _: np.full((32, 2, 6), [3, 3, 3, 0, 0, 0]),
+    }.items():
+        observations, _ = steered.reset(seed=1)
+        lengths: list[float] = []
+        for _ in range(1600):
+            observations, _, _, _, info = steered.step(act(observations))
+            lengths += info["statistics"]["length"][info["_statistics"]].tolist() if "statistics" in info else []
+        ends[name] = np.mean(lengths) if lengths else 1600
+    assert ends["scripted"] > 1.3 * ends["idle"]

@@ -1,0 +1,160 @@
+"""Bodies that touch nothing, the limits of what physics takes, and the numbers that it hands to Box2D."""
+
+import math
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import Box2D
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Body, Shape, Solid
+from outlast.ecs import RESET, NumberError
+from outlast.envs.errors import FaultError
+from outlast.systems import Contacts, physics
+from outlast.systems.box2d import portable, scene
+from tests.conftest import draw_actions, scaled, slow_compiled
+from tests.stage import Stage
+
+F4 = np.float32
+
+
+class Flying(NamedTuple):
+    """The columns of components.Body that a flight changes, of one body."""
+
+    x: np.ndarray
+    y: np.ndarray
+    angle: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+    omega: np.ndarray
+
+
+class Pushed(NamedTuple):
+    x: np.ndarray
+    y: np.ndarray
+    turn: np.ndarray
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, 60.0, 300.0])  # the last one is beyond 2 m and a quarter turn a substep
+def test_what_touches_nothing_flies_as_in_box2d(speed: float) -> None:
+    rng, settings, radius = np.random.default_rng(1), scene.Settings(), 0.5
+    mass = math.pi * radius**2
+    for _ in range(10):
+        row = np.zeros((1, scene.COLUMNS), F4)
+        row[0, : scene.RADIUS] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
+        row[0, [scene.RADIUS, scene.DYNAMIC, scene.REACH]] = radius, 1, 1e5
+        row[0, [scene.MASS, scene.INERTIA]] = mass, mass * radius**2 / 2
+        row[0, scene.JX :] = rng.normal(0, 0.3, 3)
+        body = Flying(*(np.array([value]) for value in row[0, : scene.RADIUS]))
+        shares = (np.array([settings.substeps * value], F4) for value in row[0, scene.JX :])
+        push, lightness, ease = Pushed(*shares), F4(1 / mass), F4(2 / (mass * radius**2))
+        slow, calm = (F4(1 - settings.dt * d) for d in (settings.linear_damping, settings.angular_damping))
+        for _ in range(settings.substeps):
+            physics.integrate(body, push, lightness, ease, 0, settings.dt, slow, calm, F4(settings.substeps))
+        assert portable.solve(None, settings, row, 1) == scene.SOLVED
+        assert [float(column[0]) for column in body] == pytest.approx(row[0, : scene.RADIUS].tolist(), rel=1e-5)
+
+
+@pytest.mark.parametrize("column", ["x", "y", "vx", "vy", "omega"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_a_fault(column: str, value: float) -> None:
+    """Of a body that is alone in the world, so that Box2D never gets to see it."""
+    alone = Stage("ffa_1", n_agents=1, n_heals=1, room_walls=False)
+    getattr(alone.column(Body), column)[0, 0] = value
+    with pytest.raises(FaultError, match="world 0"):
+        alone.step()
+
+
+@pytest.mark.parametrize("column", ["x", "y"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_is_a_million_metres_away_is_a_fault(column: str, sign: int) -> None:
+    alone = Stage("ffa_1", n_agents=1, n_heals=1, room_walls=False)
+    alone.put("agent", 0, 0, 0)
+    getattr(alone.column(Body), column)[0, 0] = sign * 0.999e6
+    alone.step()
+    getattr(alone.column(Body), column)[0, 0] = sign * 1e6
+    with pytest.raises(FaultError, match="world 0"):
+        alone.step()
+
+
+def test_physics_takes_as_many_bodies_as_a_scene_holds() -> None:
+    """Agents and four walls."""
+    most = scene.CAPACITY - 4
+    crowd = outlast.variant("ffa_1").replace(n_heals=1, spawn_cells=23)
+    outlast.make_vec(crowd.replace(n_agents=most), 1).close()
+    with pytest.raises(NumberError, match=f"{scene.CAPACITY + 1} bodies"):
+        outlast.make_vec(crowd.replace(n_agents=most + 1), 1)
+
+
+def test_a_scene_is_stepped_by_the_numbers_of_contacts() -> None:
+    """If nobody says otherwise; Box2D's own limits are those of its header."""
+    numbers: dict[str, Any] = asdict(Contacts())
+    expected = {"dt": F4(1 / numbers.pop("rate")), "continuous": int(numbers.pop("continuous"))}
+    del numbers["bridge"]
+    expected |= {name: F4(value) if isinstance(value, float) else value for name, value in numbers.items()}
+    assert scene.Settings()._asdict() == expected
+    assert float(physics.MOST) == pytest.approx(math.pi / 2)
+    assert scene.LONGEST == 2
+
+
+# ---- a body has one mass
+
+
+@pytest.mark.parametrize("density", [1.0, 4.0])
+def test_mass_and_inertia_are_those_that_box2d_finds(density: float) -> None:
+    """Through its public interface; of agents, and of boxes of random sizes."""
+    numbers = {"agents_density": density, "boxes_density": density / 2, "agents_radius": 0.4, "boxes_dynamic": True}
+    worlds = outlast.make_vec(outlast.variant("ffa_3").replace(**numbers), 1, seed=0).worlds
+    worlds.run(np.full(1, RESET, np.int8))
+    solid, shape, world = worlds[Solid], worlds[Shape], Box2D.b2World()
+    for kind, own in (("agent", density), ("box", density / 2)):
+        for e in range(*worlds.span(kind).indices(worlds.dims["rows"])):
+            half = float(shape.half_width[0, e]), float(shape.half_height[0, e])
+            outline = Box2D.b2CircleShape(radius=0.4) if kind == "agent" else Box2D.b2PolygonShape(box=half)
+            body = world.CreateDynamicBody(fixtures=Box2D.b2FixtureDef(shape=outline, density=own))
+            assert (float(solid.mass[0, e]), float(solid.inertia[0, e])) == (body.mass, body.inertia)
+
+
+@pytest.mark.parametrize("give", ["evenly", "at once"])
+def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) -> None:
+    """Where Box2D moves the agent, and where it flies by the engine's own formula."""
+    speeds = []
+    for x in (0.0, 11.85):
+        stage = Stage("ffa_1", agents_density=4.0, motors_give=give)
+        stage.put("agent", 0, x, 0, math.pi / 2)
+        stage.step({0: "ahead"})
+        speeds.append(stage.state(0)[4])
+    assert speeds[0] > 0.07
+    assert speeds[1] == pytest.approx(speeds[0], rel=1e-5)
+
+
+# ---- nobody leaves the room
+
+
+@pytest.mark.parametrize(("at", "kept"), [((12.51, 3.0), (11.875, 3.0)), ((-40.0, 13.0), (-11.875, 11.875))])
+def test_who_is_pushed_through_a_wall_is_put_back_to_its_inner_side(
+    at: tuple[float, float], kept: tuple[float, float]
+) -> None:
+    stage = Stage("ffa_1")
+    stage.put("agent", 0, *at)
+    stage.column(Body).vx[0, 0], stage.column(Body).vy[0, 0] = 3 * np.sign(at[0]), 1
+    stage.step()
+    assert stage.state(0)[:2] == pytest.approx(kept, abs=0.05)
+    assert stage.state(0)[3] == 0
+    stage.step(times=20)
+    assert max(map(abs, stage.state(0)[:2])) < 11.9
+
+
+@slow_compiled
+@pytest.mark.parametrize("size", [6.0, 8.0])
+def test_boxes_larger_than_their_cells_push_nobody_out_of_a_small_room(size: float) -> None:
+    radii = tuple(share * size / 2 for share in (1, 0.8, 0.6, 0.4, 0.2))
+    scenario = outlast.variant("teams_3").replace(room_size=size, zone_radii=radii)
+    env = outlast.make_vec(scenario, scaled(64, 4), seed=0)
+    agents, body, rng = env.worlds.span("agent"), env.worlds[Body], np.random.default_rng(0)
+    env.reset()
+    for _ in range(scaled(300, 20)):
+        env.step(draw_actions(env, rng))
+        assert max(np.abs(body.x[:, agents]).max(), np.abs(body.y[:, agents]).max()) <= size / 2

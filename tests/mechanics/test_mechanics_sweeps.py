@@ -1,0 +1,229 @@
+"""The sweeps that rule most bodies out, and the broad phase: nobody is ruled out who is hit, seen or touched."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from outlast.ecs import kernel
+from outlast.ecs.lanes import LANES
+from outlast.systems.inner import broad, geometry, sweep
+from tests import naive
+from tests.conftest import COMPILED
+
+GROUPS = 3
+ROWS = GROUPS * LANES - 5  # the last group is not full
+F4 = np.float32
+SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
+SOME = settings(max_examples=150 if COMPILED else 15, deadline=None, derandomize=True)
+
+
+class Body(NamedTuple):
+    """The columns of components.Body that sweeps look at; a column is followed by room for a whole group."""
+
+    x: np.ndarray
+    y: np.ndarray
+    angle: np.ndarray
+    cosine: np.ndarray
+    sine: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+
+
+class Shape(NamedTuple):
+    radius: np.ndarray
+    half_width: np.ndarray
+    half_height: np.ndarray
+    bound: np.ndarray
+
+
+class Entity(NamedTuple):
+    alive: np.ndarray
+
+
+class Solid(NamedTuple):
+    near: np.ndarray
+    reach: np.ndarray
+
+
+class Weighed(NamedTuple):
+    mass: np.ndarray
+
+
+class Push(NamedTuple):
+    x: np.ndarray
+    y: np.ndarray
+
+
+@kernel
+def _sweep(extent: Any, groups: Any, body: Any, shape: Any, entities: Any, members: Any, ray: Any, found: Any) -> int:
+    """found: int32 (3, groups): who may be crossed by `ray`, who may be within its last number, who is populated."""
+    crowd, count = sweep.enclose(extent, body, shape), sweep.populated(groups, entities, members)
+    for k in range(count):
+        g = groups[sweep.GROUP, k]
+        found[0, g] = groups[sweep.SET, k] & sweep.across(crowd, g, ray[0], ray[1], ray[2], ray[3])
+        found[1, g] = groups[sweep.SET, k] & sweep.within(crowd, g, ray[0], ray[1], ray[4])
+        found[2, g] = groups[sweep.SET, k]
+    return count
+
+
+@kernel
+def _gaps(extent: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any) -> None:
+    """out: f4 (1 + rows, rows): clearances of all, then gaps of each from each."""
+    crowd = sweep.enclose(extent, body, shape)
+    for e in range(out.shape[1]):
+        out[0, e] = broad.clearance(crowd, body, shape, solid, entities, members, most, e)
+        for o in range(out.shape[1]):
+            out[1 + e, o] = broad.gap(body, shape, e, o)
+
+
+def _column(values: Any) -> np.ndarray:
+    column = np.full(ROWS + LANES, np.nan, F4)  # what is behind the end means nothing
+    column[:ROWS] = values
+    return column[:ROWS]
+
+
+def crowd(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
+    """Discs, rectangles, slivers and walls; on a grid many stand at the same place and touch to the bit."""
+    rng = np.random.default_rng(seed)
+    place = rng.integers(-6, 7, (2, ROWS)) / 2 if grid else rng.uniform(-12, 12, (2, ROWS))
+    angle = rng.choice([0, 0.5, 1, 1.5], ROWS) * math.pi if grid else rng.uniform(-4, 4, ROWS)
+    round_ = rng.random(ROWS) < 0.5
+    half = np.where(
+        round_, 0, rng.choice([0.0015, 0.05, 0.5, 1.5, 12.5] if grid else rng.uniform(0.002, 4, 9), (2, ROWS))
+    )
+    radius = np.where(round_, rng.choice([0.001, 0.25, 0.5, 3.0], ROWS), 0)
+    speed = rng.normal(0, 3, (2, ROWS))
+    body = Body(*map(_column, (*place, angle, np.cos(angle), np.sin(angle), *speed)))
+    bound = np.maximum(radius, np.hypot(*half)).astype(F4) * F4(1 + 1e-6)
+    alive = np.zeros(ROWS + LANES, np.uint8)
+    alive[:ROWS] = rng.random(ROWS) < 0.7
+    return body, Shape(*map(_column, (radius, *half, bound))), Entity(alive[:ROWS])
+
+
+def bits(rows: list[int]) -> np.ndarray:
+    words = np.zeros(GROUPS, np.int32)
+    for e in rows:
+        words[e // LANES] |= 1 << e % LANES
+    return words
+
+
+def listed(words: np.ndarray) -> list[int]:
+    """The rows of sets, by the kernels that take them apart."""
+    found = []
+    for g, word in enumerate(words.tolist()):
+        while word:
+            found.append(int(sweep.row(g, word)))
+            word = int(sweep.without(word, g, found[-1]))
+    return found
+
+
+def entry(body: Body, shape: Shape, e: int, ray: Any) -> float:
+    """Where the ray enters row `e`, in float64, by another formula."""
+    x, y, dx, dy, _ = map(float, ray)
+    if shape.radius[e] > 0:
+        return naive.ray_circle((x, y), (dx, dy), (float(body.x[e]), float(body.y[e])), float(shape.radius[e]))
+    place, angle = (float(body.x[e]), float(body.y[e])), math.atan2(float(body.sine[e]), float(body.cosine[e]))
+    return naive.ray_box((x, y), (dx, dy), place, angle, float(shape.half_width[e]), float(shape.half_height[e]))
+
+
+def surface(body: Body, shape: Shape, e: int, x: float, y: float) -> float:
+    """How far the point is from the surface of row `e`; negative inside."""
+    place = float(body.x[e]), float(body.y[e])
+    if shape.radius[e] > 0:
+        return math.dist(place, (x, y)) - float(shape.radius[e])
+    angle, half = math.atan2(float(body.sine[e]), float(body.cosine[e])), (shape.half_width[e], shape.half_height[e])
+    return naive.gap_circle_box((x, y), 0.0, place, angle, *map(float, half))
+
+
+def apart(body: Body, shape: Shape, e: int, ray: Any) -> tuple[bool, bool]:
+    """Of the upright rectangle around row `e`, a little enlarged: whether a line along x, y or the ray parts them.
+
+    And whether it is further than `ray`'s last number from its beginning, along x or y.
+    """
+    x, y, dx, dy, reach = map(float, ray)
+    x, y = float(body.x[e]) - x, float(body.y[e]) - y
+    cosine, sine = abs(float(body.cosine[e])), abs(float(body.sine[e]))
+    half = shape.half_width[e], shape.half_height[e]
+    extra = float(shape.radius[e]) + 2e-3
+    wide, tall = cosine * half[0] + sine * half[1] + extra, sine * half[0] + cosine * half[1] + extra
+    beyond = x - wide > max(dx, 0) or x + wide < min(dx, 0) or y - tall > max(dy, 0) or y + tall < min(dy, 0)
+    beside = abs(x * dy - y * dx) > wide * abs(dy) + tall * abs(dx) + 1e-5
+    return beyond or beside, abs(x) > wide + reach or abs(y) > tall + reach
+
+
+seeds, grids = st.integers(0, 2**32), st.booleans()
+rays = st.tuples(
+    *[st.integers(-6, 6).map(lambda k: k / 2) | st.floats(-6, 6, width=32)] * 4, st.sampled_from([0, 0.5, 2])
+)
+
+
+@SOME
+@given(seeds, grids, rays)
+def test_a_sweep_rules_out_nobody_who_is_hit_or_near(seed: int, grid: bool, ray: tuple[float, ...]) -> None:
+    body, shape, entities = crowd(seed, grid)
+    members = [e for e in range(ROWS) if e % 7]
+    extent, groups = sweep.make_extent({"groups": GROUPS}), sweep.make_groups({"groups": GROUPS})
+    found = np.zeros((3, GROUPS), np.int32)
+    given_ray = np.array(ray, F4)
+    count = _sweep(extent, groups, body, shape, entities, bits(members), given_ray, found)
+    living = [e for e in members if entities.alive[e]]
+    assert listed(found[2]) == living
+    assert count == len({e // LANES for e in living})
+    crossed, near = set(listed(found[0])), set(listed(found[1]))
+    assert crossed | near <= set(living)
+    for e in living:
+        assert e in crossed or entry(body, shape, e, given_ray) == naive.MISS
+        assert e in near or surface(body, shape, e, float(given_ray[0]), float(given_ray[1])) > float(given_ray[4])
+    for e in crossed | near:  # and few others
+        parted, far = apart(body, shape, e, given_ray)
+        assert e not in crossed or not parted
+        assert e not in near or not far
+
+
+@SOME
+@given(seeds, grids)
+def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool) -> None:
+    """From the circle around one body to the surface of another, and so at most the way between them."""
+    body, shape, entities = crowd(seed, grid)
+    solid = Solid((np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1))
+    near = np.zeros(ROWS + LANES, np.uint8)
+    near[:ROWS] = solid.near
+    out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
+    extent = sweep.make_extent({"groups": GROUPS})
+    _gaps(extent, body, shape, solid._replace(near=near[:ROWS]), entities, bits([*range(ROWS)]), most, out)
+    for e in range(0, ROWS, 5):
+        centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]
+        for o in others:
+            exact = surface(body, shape, o, *centre) - float(shape.bound[e])
+            gap = float(out[1 + e, o])
+            assert gap <= exact + SLACK
+            assert gap >= exact - SLACK or surface(body, shape, o, *centre) > 0  # a corner's distance is exact, too
+        free = [float(out[1 + e, o]) - float(solid.reach[o]) for o in others if not solid.near[o]]
+        assert float(out[0, e]) == pytest.approx(max(0.0, min([float(most), *free])), abs=SLACK)
+
+
+@SOME
+@given(st.tuples(*[st.floats(-30, 30, width=32)] * 4), st.sampled_from([0.0, 0.785, 1e3, 0.0033]), st.floats(0.01, 0.1))
+def test_travel_is_never_less_than_the_way_of_a_push(motion: tuple[float, ...], mass: float, time: float) -> None:
+    """A bound on speed, whichever way the push goes."""
+    vx, vy, jx, jy = motion
+    body = Body(*(np.array([value], F4) for value in (0, 0, 0, 1, 0, vx, vy)))
+    push, inverse_mass = Push(*(np.array([value], F4) for value in (jx, jy))), 1 / mass if mass else 0.0
+    bound = float(broad.travel(body, push, Weighed(np.array([mass], F4)), 0, F4(time)))
+    exact = [
+        math.hypot(vx + sign * inverse_mass * jx, vy + other * inverse_mass * jy)
+        for sign in (1, -1)
+        for other in (1, -1)
+    ]
+    assert bound >= max(exact) * float(F4(time)) * (1 - 1e-5) - 1e-18  # squares of less vanish in float32
+    assert bound == pytest.approx(max(exact) * time, rel=1e-4, abs=1e-6)
+
+
+def test_the_span_of_a_set_holds_its_groups() -> None:
+    for rows, expected in (([], (GROUPS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, 3))):
+        assert tuple(sweep.span(bits(rows))) == expected
+    assert geometry.MISS > 1

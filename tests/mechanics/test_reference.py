@@ -1,0 +1,99 @@
+"""Whole episodes against the slow reference, which plays them by itself from what the reset made."""
+
+from typing import Any
+
+import pytest
+
+from outlast import variant
+from outlast.envs.rollout.policies import POLICIES
+from tests import reference
+from tests.conftest import COMPILED, scaled
+from tests.reference import Episode, compare, held, record
+from tests.twin_world import TOLERANCE
+
+POLICY = {"held": held, **POLICIES}
+# Fights, deaths and everything else within a hundred ticks.
+QUICK: dict[str, Any] = {
+    "agents_health": 30, "room_size": 14.0, "zone_radii": (6.0, 3.0), "zone_stand": 20, "zone_shrink": 20,
+    "heals_amount": 20, "motors_ahead": 0.5,
+}  # fmt: skip
+
+
+def events(episodes: list[Episode]) -> dict[str, int]:
+    """How often what happened, all in all."""
+    ends = [episode.ticks[-1].world.statistics for episode in episodes]
+    ticks = [tick.world for episode in episodes for tick in episode.ticks]
+    return {
+        "kills": sum(sum(end["kills"]) for end in ends),
+        "deaths": sum(sum(end["deaths"]) for end in ends),
+        "heals used": sum(end["heals_used"] for end in ends),
+        "boxes placed": sum(end["boxes_placed"] for end in ends),
+        "boxes broken": sum(box.broken for world in ticks for box in world.of("box")),
+    }
+
+
+@pytest.mark.parametrize("policy", ["held", "scripted"])
+@pytest.mark.parametrize("name", ["ffa_4", "teams_4"])
+def test_short_episodes_are_those_of_the_reference(name: str, policy: str) -> None:
+    numbers = QUICK | ({} if COMPILED else {"n_heals": 4, "n_boxes": 3})
+    episodes = record(variant(name).replace(**numbers), scaled(3, least=1), 1, POLICY[policy])
+    results = [compare(episode) for episode in episodes]
+    assert all(result.parted == 0 for result in results), results
+    assert sum(result.compared for result in results) > 0.8 * sum(result.ticks for result in results), results
+    assert not COMPILED or events(episodes)["deaths"] >= 3
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="whole episodes")
+@pytest.mark.parametrize("policy", ["held", "random", "scripted"])
+@pytest.mark.parametrize("name", ["ffa_4", "teams_4"])
+def test_whole_episodes_are_those_of_the_reference(name: str, policy: str) -> None:
+    """With the paper's numbers, until they are over: each tick's whole numbers, rewards, ends and statistics.
+
+    A float's last bit, see the test below, grows with every collision: in the end some episodes go their own ways.
+    """
+    episodes = record(variant(name), 4, 5, POLICY[policy])
+    results = [compare(episode) for episode in episodes]
+    assert sum(result.parted == 0 for result in results) >= 2, results
+    assert sum(result.compared for result in results) > 0.2 * sum(result.ticks for result in results)
+    assert min(len(episode.ticks) for episode in episodes) > 100
+    happened = events(episodes)
+    assert min(happened["deaths"], happened["heals used"]) > 0, happened
+    assert happened["boxes broken"] > 0 or policy != "held", happened
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILED, reason="numpy has sines of its own")
+def test_motion_is_the_references_to_the_bit() -> None:
+    """What flies free moves by Box2D's own arithmetic, in float32: as if Box2D had all bodies."""
+    for name in ("ffa_4", "teams_4"):
+        for episode in record(variant(name), 2, 5, POLICIES["random"]):
+            assert compare(episode).drift == 0
+
+
+def test_the_reference_feels_what_the_engine_does_otherwise() -> None:
+    """Guards the tests above: one item, one hit point, one tick of the zone, or a push, and they fail."""
+    (episode,) = record(variant("teams_4").replace(**QUICK), 1, 1, held)
+    episode.ticks = episode.ticks[: scaled(60, least=3)]
+    episode.actions = episode.actions[: len(episode.ticks)]
+    assert compare(episode).parted == 0
+    for change in ("health", "bag", "zone", "motor"):
+        start = episode.start.copy()
+        if change == "health":
+            start.of("agent")[2].health -= 1
+        elif change == "bag":
+            heal = start.of("heal")[0]
+            heal.here, heal.holder, start.of("agent")[0].bag = False, 0, [heal.row]
+        elif change == "zone":
+            start.tick += 1
+        else:
+            start.of("agent")[1].vx += 1e-3
+        with pytest.raises(AssertionError):
+            assert compare(Episode(start, episode.actions, episode.ticks)).drift < TOLERANCE
+
+
+@pytest.mark.skipif(not COMPILED, reason="a whole episode")
+def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its smallest size; whoever has an hour asks for more."""
+    assert reference.main(["ffa_1", "--episodes", "1", "--seed", "3"]) == 0
+    assert "ffa_1 Comparison(ticks=" in capsys.readouterr().out

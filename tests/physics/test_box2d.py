@@ -1,0 +1,345 @@
+"""The two Box2D bridges: equal bit for bit, free of history, close to a world that is never taken apart."""
+
+import gc
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import Box2D
+import numpy as np
+import pytest
+
+from outlast.ecs.jit import compiled
+from outlast.systems.box2d import arena as box2d_arena
+from outlast.systems.box2d import layout as box2d_layout
+from outlast.systems.box2d import native as box2d_native
+from outlast.systems.box2d import portable as box2d_portable
+from outlast.systems.box2d import verify as box2d_verify
+
+from outlast.systems.box2d.scene import (  # isort: skip
+    ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INERTIA, INVALID, JTURN, JX, MASS, OMEGA, RADIUS,
+    REACH, SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
+)  # fmt: skip
+
+SETTINGS = Settings()
+needs_native = pytest.mark.skipif(not box2d_native.available(), reason="the native bridge does not run here")
+bridges = pytest.mark.parametrize("bridge", [box2d_portable, pytest.param(box2d_native, marks=needs_native)])
+f4 = np.float32
+
+
+def random_scene(rng: np.random.Generator) -> Scene:
+    """Two to nine bodies in a space of 2 to 6 metres: overlaps, high speeds, impulses, sometimes short REACH."""
+    count = rng.integers(2, 10)
+    scene = np.zeros((count, COLUMNS), np.float32)
+    span = rng.choice([1.0, 2.0, 3.0])
+    scene[:, X : Y + 1] = rng.uniform(-span, span, (count, 2))
+    scene[:, VX : VY + 1] = rng.normal(0, rng.choice([0.1, 3, 15, 150]), (count, 2))
+    scene[:, OMEGA] = rng.normal(0, rng.choice([2, 50]), count)
+    scene[:, RADIUS] = np.where(rng.random(count) < 0.6, rng.uniform(0.2, 0.7, count), 0)
+    scene[:, HALF_WIDTH : HALF_HEIGHT + 1] = rng.uniform(0.05, 1.5, (count, 2))
+    scene[:, DYNAMIC] = rng.random(count) < 0.7
+    scene[:, ANGLE] = np.where(rng.random(count) < 0.5, 0, rng.uniform(-3, 3, count))
+    scene[:, VX : OMEGA + 1] *= scene[:, DYNAMIC : DYNAMIC + 1]
+    scene[:, MASS : INERTIA + 1] = rng.uniform(0.1, 3, (count, 2))
+    scene[:, REACH] = rng.choice([100, 0.5])
+    scene[:, JX:] = rng.normal(0, 0.2, (count, 3)) * (rng.random((count, 1)) < 0.5)
+    return scene
+
+
+def random_scenes(number: int, seed: int = 0) -> list[Scene]:
+    rng = np.random.default_rng(seed)
+    return [random_scene(rng) for _ in range(number)]
+
+
+def solved(bridge: Any, arena: Any, scene: Scene, settings: Settings = SETTINGS) -> tuple[int, Scene]:
+    scene = scene.copy()
+    return bridge.solve(arena, settings, scene, len(scene)), scene
+
+
+@needs_native
+@pytest.mark.parametrize("settings", [
+    SETTINGS,
+    Settings(substeps=4, velocity_iterations=3, position_iterations=2, friction=f4(0.9), restitution=f4(0.6)),
+    Settings(dt=f4(1 / 30), linear_damping=f4(0), angular_damping=f4(40), continuous=0),
+])  # fmt: skip
+def test_bridges_agree(settings: Settings) -> None:
+    arena, results = box2d_native.make_arena(), set()
+    for scene in random_scenes(1500, seed=settings.substeps):
+        native, portable = solved(box2d_native, arena, scene, settings), solved(box2d_portable, None, scene, settings)
+        assert native[0] == portable[0]
+        assert native[1].tobytes() == portable[1].tobytes()
+        assert native[0] == SOLVED or native[1].tobytes() == scene.tobytes()
+        results.add(native[0])
+    assert results == {SOLVED, ABANDONED}
+
+
+@bridges
+def test_reach_exceeded_leaves_the_scene_untouched(bridge: Any) -> None:
+    scene = circles((0, 0), (0.9, 0))
+    scene[0, VX] = 6
+    scene[:, REACH] = 10
+    assert solved(bridge, bridge.make_arena(), scene)[0] == SOLVED
+    scene[1, REACH] = 0.01
+    result, after = solved(bridge, bridge.make_arena(), scene)
+    assert result == ABANDONED
+    assert after.tobytes() == scene.tobytes()
+
+
+@bridges
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [(X, np.nan), (VY, np.inf), (X, 2e6), (RADIUS, -1), (JTURN, np.nan), (MASS, 0), (INERTIA, -1)],
+)
+def test_what_box2d_would_reject_is_invalid(bridge: Any, column: int, value: float) -> None:
+    scene = circles((0, 0), (0.9, 0))
+    scene[1, column] = value
+    assert solved(bridge, bridge.make_arena(), scene)[0] == INVALID
+
+
+@bridges
+def test_flat_boxes_and_too_many_bodies_are_invalid(bridge: Any) -> None:
+    scene = circles((0, 0), (0.9, 0))
+    scene[1, RADIUS] = 0
+    assert solved(bridge, bridge.make_arena(), scene)[0] == INVALID
+    crowd = circles(*((2.0 * k, 0) for k in range(box2d_native.CAPACITY + 1)))
+    assert solved(bridge, bridge.make_arena(), crowd)[0] == INVALID
+
+
+@needs_native
+def test_the_world_of_an_arena_ends_with_its_last_view_and_before_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended, destroy = [], box2d_arena._destroy
+
+    def watched(base: int, memory: np.ndarray[Any, Any]) -> None:
+        destroy(base, memory)
+        ended.append(0 <= base - memory.ctypes.data < 64)
+
+    monkeypatch.setattr(box2d_arena, "_destroy", watched)
+    view = box2d_native.make_arena()[64:]
+    gc.collect()
+    assert not ended
+    del view
+    assert ended == [True]
+
+
+@needs_native
+def test_a_full_arena_agrees_and_is_as_good_as_new_afterwards() -> None:
+    rng, arena = np.random.default_rng(5), box2d_native.make_arena()
+    crowd = circles(*rng.uniform(-6, 6, (box2d_native.CAPACITY, 2)))
+    assert solved(box2d_native, arena, crowd)[1].tobytes() == solved(box2d_portable, None, crowd)[1].tobytes()
+    fresh = box2d_native.make_arena()
+    for scene in random_scenes(50):
+        assert solved(box2d_native, arena, scene)[1].tobytes() == solved(box2d_native, fresh, scene)[1].tobytes()
+
+
+@needs_native
+def test_history_and_threads_leave_no_trace() -> None:
+    scenes = random_scenes(400, seed=3)
+    expected = [solved(box2d_native, box2d_native.make_arena(), scene)[1].tobytes() for scene in scenes]
+    found: dict[int, list[bytes]] = {}
+
+    def work(seed: int) -> None:
+        arena, order = box2d_native.make_arena(), np.random.default_rng(seed).permutation(len(scenes))
+        results = {k: solved(box2d_native, arena, scenes[k])[1].tobytes() for k in (*order, *order[::-1])}
+        found[seed] = [results[k] for k in range(len(scenes))]
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {1: expected, 2: expected}
+
+
+@bridges
+def test_free_flight_is_the_formula(bridge: Any) -> None:
+    rng, arena = np.random.default_rng(1), bridge.make_arena()
+    for speed in (0.0, 1.0, 30.0, 300.0):  # the last one is beyond 2 m and a quarter turn a substep
+        for _ in range(20):
+            scene = circles((0, 0))
+            scene[0, X : OMEGA + 1] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
+            scene[0, RADIUS] = rng.uniform(0.1, 2)
+            scene[0, JX:] = rng.normal(0, 0.3, 3)
+            result, after = solved(bridge, arena, scene)
+            assert result == SOLVED
+            assert after[0, X : OMEGA + 1].tobytes() == flown(scene[0]).tobytes()
+
+
+def flown(row: Scene) -> Scene:
+    """Two substeps of a circle that touches nothing, in float32."""
+    dt, damping = SETTINGS.dt, SETTINGS.linear_damping
+    place, motion, push = row[X : ANGLE + 1].copy(), row[VX : OMEGA + 1].copy(), row[JX:]
+    inverse_mass, inverse_inertia = f4(1) / row[MASS], f4(1) / row[INERTIA]
+    for _ in range(SETTINGS.substeps):
+        motion += np.array([inverse_mass, inverse_mass, inverse_inertia]) * push
+        motion *= np.clip(f4(1) - dt * damping, f4(0), f4(1))
+        step = dt * motion
+        length = step[0] * step[0] + step[1] * step[1]
+        if length > 4:
+            motion[:2] *= f4(2) / np.sqrt(length)
+        if step[2] * step[2] > f4(0.5 * np.pi) * f4(0.5 * np.pi):
+            motion[2] *= f4(0.5 * np.pi) / abs(step[2])
+        place += dt * motion
+    return np.concatenate([place, motion])
+
+
+# Nothing persists between calls, also not the impulses with which a lasting contact would start its next tick. How
+# far does that lead from one world that is kept? A circle against anything that stands still: nowhere (the last bit
+# of a float). Bodies that push each other: 0.1 mm; 1 cm after 10 seconds where a circle is balanced on the round
+# or turning thing that it pushes, a situation in which every deviation grows.
+
+DRIVES: dict[str, tuple[float, float, float]] = {
+    "straight": (0.125, 0, 0), "sliding": (0.125, 0.04, 0), "spinning": (0.125, 0, 0.00625),
+}  # fmt: skip
+
+
+def circles(*places: Any) -> Scene:
+    scene = np.zeros((len(places), COLUMNS), np.float32)
+    scene[:, X : Y + 1] = places
+    scene[:, RADIUS], scene[:, DYNAMIC], scene[:, REACH] = 0.5, 1, 1e5
+    scene[:, MASS], scene[:, INERTIA] = np.pi / 4, np.pi / 32
+    return scene
+
+
+def room(*rows: Scene) -> Scene:
+    """The rows between four walls, 6 metres apart."""
+    walls = boxes((3, 0, 0.125, 3), (-3, 0, 0.125, 3), (0, 3, 3, 0.125), (0, -3, 3, 0.125))
+    return np.concatenate([*rows, walls])
+
+
+def boxes(*sizes: tuple[float, float, float, float], dynamic: int = 0) -> Scene:
+    scene = np.zeros((len(sizes), COLUMNS), np.float32)
+    scene[:, [X, Y, HALF_WIDTH, HALF_HEIGHT]] = sizes
+    scene[:, DYNAMIC], scene[:, REACH] = dynamic, 1e5
+    width, height = scene[:, HALF_WIDTH], scene[:, HALF_HEIGHT]
+    scene[:, MASS], scene[:, INERTIA] = 4 * width * height, 4 * width * height * (width**2 + height**2) / 3
+    return scene
+
+
+def deviation(scene: Scene, drive: Callable[[Scene, int], None]) -> float:
+    """Metres between 300 ticks of solved scenes and of one pybox2d world that is kept; the largest of all."""
+    bridge = box2d_native if box2d_native.available() else box2d_portable
+    world, arena, largest = Box2D.b2World(gravity=(0, 0)), bridge.make_arena(), 0.0
+    bodies = [box2d_portable._build(world, SETTINGS, row) for row in scene]
+    for tick in range(300):
+        drive(scene, tick)
+        for _ in range(SETTINGS.substeps):
+            for body, row in zip(bodies, scene, strict=True):
+                box2d_portable._push(body, row)
+            world.Step(float(SETTINGS.dt), SETTINGS.velocity_iterations, SETTINGS.position_iterations)
+        assert bridge.solve(arena, SETTINGS, scene, len(scene)) == SOLVED
+        places = np.array([tuple(body.position) for body in bodies])
+        largest = max(largest, float(np.linalg.norm(places - scene[:, X : Y + 1], axis=1).max()))
+    return largest
+
+
+def constant(name: str) -> Callable[[Scene, int], None]:
+    def drive(scene: Scene, tick: int) -> None:
+        scene[0, JX : JTURN + 1] = DRIVES[name]
+
+    return drive
+
+
+def wandering(seed: int, bodies: int) -> Callable[[Scene, int], None]:
+    rng = np.random.default_rng(seed)
+
+    def drive(scene: Scene, tick: int) -> None:
+        if tick % 15 == 0:
+            scene[:bodies, JX : JTURN + 1] = rng.uniform(-1, 1, (bodies, 3)) * [0.125, 0.125, 0.00625]
+
+    return drive
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_no_warm_start_against_things_that_stand(name: str) -> None:
+    assert deviation(room(circles((1, 0))), constant(name)) < 1e-6
+    assert deviation(room(circles((-1, 0.1)), boxes((0.5, 0, 0.5, 0.7))), constant(name)) < 1e-6
+
+
+def test_no_warm_start_of_bodies_that_push_each_other() -> None:
+    assert deviation(room(circles((-1, 0), (0.5, 0))), constant("straight")) < 1e-3
+    assert deviation(room(circles((-1, 0.1), (0.5, 0))), constant("straight")) < 0.05
+    assert deviation(room(circles((-1, 0.1)), boxes((0.5, 0, 0.5, 0.7), dynamic=1)), constant("straight")) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_warm_start_of_two_that_wander(seed: int) -> None:
+    assert deviation(room(circles((-1, 0.1), (0.5, 0)), boxes((0, 2, 0.4, 0.3))), wandering(seed, 2)) < 1e-3
+
+
+@needs_native
+def test_this_box2d_is_the_known_one() -> None:
+    box2d_native.verify()
+    assert not box2d_layout.missing_symbols()
+
+
+@needs_native
+@pytest.mark.parametrize("offset", [
+    "BODY_ANGLE", "BODY_COS", "BODY_EDGES", "BODY_NEXT", "CIRCLE_RADIUS", "CONSTRAINT_SIZE", "CONTACT_FLAGS",
+    "CONTACT_NEXT", "DEF_ANGLE", "FIXTURE_PROXIES", "FIXTURE_SHAPE", "IMPULSES_1", "MANAGER_CONTACTS",
+    "MOVE_COUNT", "NODE_NEXT", "POLYGON_VERTICES", "SHAPE_TYPE", "TREE_FREE", "WORLD_BODIES", "WORLD_MANAGER",
+])  # fmt: skip
+def test_verify_finds_a_wrong_offset(offset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(box2d_layout, offset, getattr(box2d_layout, offset) + 8)
+    monkeypatch.setattr(box2d_verify, "_report", box2d_verify._report.__wrapped__)
+    with pytest.raises(IncompatibleBox2D, match=f"{offset} holds .*portable"):
+        box2d_native.verify()
+    assert not box2d_native.available()
+
+
+def test_verify_finds_a_missing_symbol(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(box2d_layout.SIGNATURES, "_ZN7b2World4LeapEv", ("void",))
+    monkeypatch.setattr(box2d_verify, "_report", box2d_verify._report.__wrapped__)
+    with pytest.raises(IncompatibleBox2D, match="_ZN7b2World4LeapEv"):
+        box2d_native.verify()
+
+
+OUTER = """
+import sys
+
+import numpy as np
+
+from outlast.ecs.jit import entry
+from outlast.systems.box2d import native as box2d_native
+from outlast.systems.box2d.scene import Settings
+
+
+def twice(arena, settings, scene, count):
+    first = box2d_native.solve(arena, settings, scene, count)
+    return first + box2d_native.solve(arena, settings, scene, count)
+
+
+def main(file):
+    outer, scene = entry(twice), np.load(file)
+    outer.enable_caching()
+    assert outer(box2d_native.make_arena(), Settings(), scene, len(scene)) == 0
+    print(sum(outer.stats.cache_hits.values()), scene.tobytes().hex())
+"""
+
+
+@needs_native
+def test_a_cached_kernel_runs_in_another_process(tmp_path: Path) -> None:
+    (tmp_path / "outer.py").write_text(OUTER)
+    scene = room(circles((0, 0), (0.9, 0.1)))
+    np.save(tmp_path / "scene.npy", scene)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", f"import outer; outer.main({str(tmp_path / 'scene.npy')!r})"]
+    first, second = (subprocess.check_output(command, env=environment, text=True).split() for _ in range(2))
+    expected = solved(box2d_portable, None, solved(box2d_portable, None, scene)[1])[1].tobytes().hex()
+    assert first == ["0", expected]
+    assert second == ["1", expected]
+
+
+def test_uncompiled_runs_use_the_portable_bridge() -> None:
+    assert compiled() or not box2d_native.available()
+
+
+@pytest.mark.parametrize("strict", ["error", "error::DeprecationWarning"])
+def test_outlast_can_be_imported_where_warnings_are_errors(strict: str) -> None:
+    """Box2D alone cannot: the warning about its types ends the process. The filters are then as they were."""
+    code = "import outlast, warnings; warnings.warn('late', DeprecationWarning)"
+    found = subprocess.run([sys.executable, "-W", strict, "-c", code], capture_output=True, text=True)
+    assert (found.returncode, found.stderr.splitlines()[-1:]) == (1, ["DeprecationWarning: late"])

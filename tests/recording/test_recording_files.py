@@ -1,0 +1,235 @@
+"""Recordings that were cut, damaged, forged or left by a killed process: whole as far as they go, or refused."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import zlib
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.envs.errors import RecordingError
+from outlast.envs.recording import Recording, recorder
+from outlast.envs.recording.container import AHEAD, DONE, HEAD, MAGIC, RUNS, frame
+from tests.conftest import COMPILED
+from tests.recording.test_recording import CHILD, make, ran, recorded
+
+# ---- kill -9, and a full disk
+
+
+def killed(path: Path, after: float) -> tuple[int, int]:
+    """Kill a process that records, some time after its first step; runs that are whole, and bytes left over."""
+    child = CHILD.format(tests=str(Path(__file__).parents[2]), path=str(path), steps=10**9)
+    with subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(after)
+        process.send_signal(signal.SIGKILL)
+    found = Recording.open(path)
+    assert found.cut.startswith(f"{path} was cut off: {len(found)} runs of the tick are whole, ")
+    if len(found):
+        assert ran(found) == len(found)
+    return len(found), path.stat().st_size
+
+
+@pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
+def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
+    """Of 2000 bytes of runs here: what is missing is no more than that."""
+    rng = np.random.default_rng(0)
+    runs = [killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.2))[0] for k in range(3)]
+    assert max(runs) > 100
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
+def test_a_killed_process_leaves_whole_chunks_fifty_times(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    for k in range(50):
+        killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.3))
+
+
+FULL = """
+import resource, sys
+sys.path.insert(0, {tests!r})
+from tests.recording.test_recording import make, play
+from outlast.envs.errors import RecordingError
+from outlast.envs.recording import recorder
+recorder.LARGEST = 2000
+env = make()
+resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+env.record({path!r})
+env.reset()
+try:
+    play(env, 1000)
+except RecordingError as error:
+    print(error)
+play(env, 3)
+env.close()
+"""
+
+
+def test_a_full_disk_is_told_and_leaves_whole_chunks(tmp_path: Path) -> None:
+    """And the environment goes on without the recording."""
+    path = tmp_path / "a.rec"
+    child = FULL.format(tests=str(Path(__file__).parents[2]), path=str(path))
+    told = subprocess.check_output([sys.executable, "-c", child], text=True)
+    found = Recording.open(path)
+    assert f"{path}: File too large; the recording ends here, and the {len(found)} runs that are in the file" in told
+    assert ran(found) == len(found) > 10
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monkeypatch: Any) -> None:
+    def full(*arguments: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    env = make()
+    monkeypatch.setattr(recorder.os, "write", full)
+    with pytest.raises(RecordingError, match="No space left on device; no recording can be written there"):
+        env.record(tmp_path / "a.rec")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- files that are not what was written
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: Any) -> bytes:
+    """A recording in several chunks."""
+    folder = tmp_path_factory.mktemp("small")
+    largest, recorder.LARGEST = recorder.LARGEST, 300
+    try:
+        return recorded(folder / "a.rec", 12, worlds=1).read_bytes()
+    finally:
+        recorder.LARGEST = largest
+
+
+def opened(path: Path) -> Recording | str:
+    """The recording, or why it is none."""
+    try:
+        return Recording.open(path)
+    except RecordingError as error:
+        return str(error)
+
+
+def test_cut_at_every_byte_it_opens_with_fewer_runs_or_says_why(tmp_path: Path, small: bytes) -> None:
+    path, lengths, refused = tmp_path / "a.rec", list[int](), set[int]()
+    path.write_bytes(small)
+    for size in reversed(range(len(small))):
+        os.truncate(path, size)
+        found = opened(path)
+        if isinstance(found, str):
+            refused.add(size)
+            continue
+        assert found.cut
+        assert len(list(found.runs())) == len(found)
+        lengths.append(len(found))
+    assert refused == set(range(small.index(RUNS)))  # where not even the header is whole
+    assert lengths == sorted(lengths, reverse=True)
+    assert len(set(lengths)) >= 4  # chunks
+    assert lengths[0] == 13
+    path.write_bytes(small)
+    assert not Recording.open(path).cut
+
+
+def test_a_flipped_bit_anywhere_is_refused(tmp_path: Path, small: bytes) -> None:
+    path = tmp_path / "a.rec"
+    path.write_bytes(small)
+    with path.open("r+b", buffering=0) as file:
+        for position, byte in enumerate(small):
+            for now in (byte ^ 1 << position % 8, byte):
+                file.seek(position)
+                file.write(bytes([now]))
+                told = opened(path)
+                assert isinstance(told, Recording) == (now == byte)
+                assert now == byte or re.search(r"is damaged at byte \d+|is not a recording|version", str(told))
+
+
+def test_damage_in_the_middle_is_named_by_its_place_and_the_rest_can_be_saved(tmp_path: Path, small: bytes) -> None:
+    """A copy that ends at that byte can be replayed."""
+    path = tmp_path / "a.rec"
+    third = [k for k in range(len(small)) if small[k : k + 4] == RUNS][2]
+    path.write_bytes(small[: third + AHEAD + 3] + b"!" + small[third + AHEAD + 4 :])
+    with pytest.raises(RecordingError, match=f"is damaged at byte {third}: a checksum does not fit"):
+        Recording.open(path)
+    path.write_bytes(small[:third])
+    assert ran(Recording.open(path)) > 3
+
+
+def test_frames_that_are_missing_or_doubled_are_found(tmp_path: Path, small: bytes) -> None:
+    starts = [k for k in range(len(small)) if small[k : k + 4] in (HEAD, RUNS, DONE)] + [len(small)]
+    head, *runs, done = (small[a:b] for a, b in pairwise(starts))
+    orders = ([head, *runs[1:]], [head, runs[0], runs[0]], [head, runs[0], *runs[2:]], [head, *runs[:2], done], [*runs])
+    for parts in (*orders, [head, head, *runs], [head, *runs, done, b"more"]):
+        (tmp_path / "a.rec").write_bytes(MAGIC + b"".join(parts))
+        with pytest.raises(RecordingError, match=r"not follow the one before it|bytes follow its end|is not a rec"):
+            Recording.open(tmp_path / "a.rec")
+
+
+def test_foreign_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.rec"
+    for content in (b"", b"PK\x03\x04", b"outlast recording", os.urandom(1000), MAGIC, MAGIC + b"\0" * 100):
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match=r"is not a recording|is damaged at byte 20"):
+            Recording.open(path)
+    path.write_bytes(b"outlast recording 2\n" + b"\0" * 100)
+    with pytest.raises(RecordingError, match="has version 2 of the format: this outlast reads version 1"):
+        Recording.open(path)
+    with pytest.raises(FileNotFoundError):
+        Recording.open(tmp_path / "nowhere.rec")
+
+
+def header(small: bytes, **changes: Any) -> bytes:
+    """The recording with another header, its checksums right."""
+    end = small.index(RUNS)
+    found = json.loads(zlib.decompress(small[len(MAGIC) + AHEAD : end]))
+    return MAGIC + frame(HEAD, json.dumps(found | changes).encode(), 0, 0) + small[end:]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"worlds": 0}, "does not say what was recorded"),
+        ({"worlds": "3"}, "does not say what was recorded"),
+        ({"worlds": 2**40}, "does not say what was recorded"),
+        ({"worlds": 1000}, "is damaged"),
+        ({"worlds": 10**6}, "its worlds would take 4854000000 bytes: .* are given to a file so small"),
+        ({"agents": 3}, "is damaged|agents are 3 there and 2 here"),
+        ({"actions": [["ahead", -1, 3]]}, "is damaged|actions are"),
+        ({"actions": 5}, "does not say what was recorded"),
+        ({"digests": None}, "does not say what was recorded"),
+        ({"digests": {"components": ["Clock"], "worlds": 64, "repeat": 1}}, "is damaged|components are"),
+        ({"modules": ["os.path"]}, r"the mechanic os\.path is not one of outlast's own.*scenario=\.\.\."),
+        ({"modules": ["outlast.systems.melee.Melee"]}, "there is no number .*another version of outlast"),
+        ({"scenario": {"name": "x", "numbers": {}}}, "is missing; was it made by another version"),
+        ({"scenario": []}, "a.rec"),
+    ],
+)
+def test_headers_that_cannot_be_are_refused(tmp_path: Path, small: bytes, changes: Any, reason: str) -> None:
+    """Even if all checksums fit; nothing large is allocated for them."""
+    path = tmp_path / "a.rec"
+    path.write_bytes(header(small, **changes))
+    with pytest.raises(RecordingError, match=reason):
+        ran(Recording.open(path))
+
+
+def test_a_frame_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -> None:
+    """A hundred million zeros in a few bytes."""
+    path = tmp_path / "a.rec"
+    path.write_bytes(small[: small.index(RUNS)] + frame(RUNS, b"\0" * 10**8, 5, 0))
+    with pytest.raises(RecordingError, match="says that it holds 100000000 bytes"):
+        list(Recording.open(path).runs())
+
+
+def test_scenarios_with_other_numbers_are_refused(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rec", 5)
+    same = make().scenario
+    assert ran(Recording.open(path, scenario=same)) == 6
+    with pytest.raises(RecordingError, match=r"another scenario \('ffa_1'\): melee_damage is 5 there and 6 here"):
+        Recording.open(path, scenario=same.replace(melee_damage=6))

@@ -1,0 +1,121 @@
+"""outlast frames: pictures and films from the command line."""
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.envs.cli import main as cli
+from outlast.envs.rendering.layers import select
+from outlast.envs.rendering.video.footage import footage
+from outlast.envs.rollout.local import ticks
+from outlast.envs.rollout.policies import POLICIES, scripted_policy
+from tests.conftest import interrupted_after
+
+SMALL = ("--size", "64", "--steps", "4", "--quiet")
+
+
+def run(capsys, *arguments: object) -> tuple[int, str, str]:
+    status = cli.main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def pictures(folder: Path) -> np.ndarray:
+    return np.array([cv2.imread(str(file))[..., ::-1] for file in sorted(folder.glob("frame_*.png"))])
+
+
+def test_a_folder_of_pictures_shows_what_was_played(capsys, tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    arguments = ("--worlds", 3, "--seed", 7, "--every", 2, "--views", "+vision,-ids", "--set", "n_heals=3")
+    status, out, err = run(capsys, "frames", "teams_3", "--out", folder, *SMALL, *arguments)
+    assert (status, err) == (0, "")
+    assert out.startswith(f"{folder}: 3 frames, ")
+    env = make_vec(variant("teams_3").replace(n_heals=3), 3, seed=7)
+    steps = ticks(env, scripted_policy(env), 4)
+    expected = footage(env.worlds, steps, range(3), size=64, views=select("+vision,-ids"), every=2)
+    assert np.array_equal(pictures(folder), np.array(list(expected)))
+
+
+def test_the_same_seed_gives_the_same_pictures(capsys, tmp_path: Path) -> None:
+    films = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        run(capsys, "frames", "ffa_3", "--out", tmp_path / name, *SMALL, "--seed", seed, "--policy", "random")
+        films.append(pictures(tmp_path / name))
+    assert films[0].shape == (5, 64, 64, 3)
+    assert np.array_equal(films[0], films[1])
+    assert not np.array_equal(films[0], films[2])
+
+
+@pytest.mark.parametrize("suffix", [".webm", ".mp4", ".gif", ".apng"])
+def test_films_are_written(capsys, tmp_path: Path, suffix: str) -> None:
+    if suffix in (".mp4", ".gif"):
+        pytest.importorskip("imageio_ffmpeg", reason=f"{suffix} needs imageio-ffmpeg")
+    status, out, _ = run(capsys, "frames", "ffa_3", "--out", tmp_path / f"film{suffix}", *SMALL, "--fps", 10)
+    assert status == 0
+    assert "5 frames" in out
+    video = cv2.VideoCapture(str(tmp_path / f"film{suffix}"))
+    count = 0
+    while video.read()[0]:
+        count += 1
+    assert count == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [
+        ((), (64, 64)),
+        (("--worlds", 3), (129, 129)),
+        (("--mosaic", "1x3"), (64, 194)),
+        (("--mosaic", "2x1", "--worlds", 5), (129, 64)),
+        (("--mosaic", "1x2", "--worlds", 1), (64, 129)),
+    ],
+)
+def test_mosaics(capsys, tmp_path: Path, options: tuple[object, ...], shape: tuple[int, int]) -> None:
+    """Without one it is nearly a square; of more worlds than it has room for, it shows the first."""
+    run(capsys, "frames", "ffa_3", "--out", tmp_path / "frames", *SMALL, *options)
+    assert pictures(tmp_path / "frames").shape == (5, *shape, 3)
+
+
+def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
+    _, _, err = run(capsys, "frames", "ffa_3", "--out", tmp_path / "film.apng", "--size", 64, "--steps", 9)
+    assert "10/10" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("ffa_3", "--out", "film.avi"), ("film.avi", ".mp4, .webm, .gif, .apng")),
+        (("ffa_3", "--out", "nowhere/film.webm"), ("there is no folder nowhere",)),
+        (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no view 'vison'", "did you mean 'vision'")),
+        (("ffa_3", "--out", "f.webm", "--size", "32"), ("size = 32", "64 to 4096")),
+        (("ffa_3", "--out", "f.webm", "--fps", "5000"), ("fps = 5000",)),
+        (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),
+    ],
+)
+def test_mistakes_are_told_in_one_line(capsys, tmp_path: Path, monkeypatch, arguments, words) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(capsys, "frames", *arguments, "--quiet")
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    for word in words:
+        assert word in err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("text", ["4", "x", "0x3", "2x-1", "axb"])
+def test_mosaics_that_cannot_be(capsys, text: str) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(("frames", "ffa_3", "--out", "film.webm", "--mosaic", text))
+    assert f"{text}: rows x columns are needed, as in 4x4" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_nothing(capsys, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(3))
+    status, _, err = run(capsys, "frames", "ffa_3", "--out", tmp_path / "film.webm", "--policy", "random", "--quiet")
+    assert status == 130
+    assert "film.webm was not written" in err
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,185 @@
+"""Films that cannot be: what is refused, a full disk, Ctrl-C and worse leave what was there before."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from outlast.envs.errors import FilmError
+from outlast.envs.rendering.video import codecs, write, writer
+from tests.rendering.test_film import SUFFIXES, Image, frame, frames, needs
+
+# ---- mistakes
+
+MISTAKES: dict[str, tuple[Any, Any, str]] = {
+    "no frames": ([], 30, "at least one"),
+    "sizes that change": ([frame(0), frame(1), frame(2, 96, 100)], 30, "frame 2 has 100 x 96 pixels.*128 x 96"),
+    "grey": ([frame(0)[..., 0]], 30, r"frame 0 is uint8 \(96, 128\): uint8 \(height, width, 3\)"),
+    "fractions": ([frame(0) / 255], 30, "frame 0 is float64"),
+    "no picture": ([frame(0), None], 30, "frame 1 is NoneType"),
+    "no speed": ([frame(0)], 0, "fps = 0: an integer from 1"),
+    "half a frame a second": ([frame(0)], 0.5, "fps = 0.5"),
+}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_leave_what_was_there(tmp_path: Path, suffix: str, mistake: str) -> None:
+    needs(suffix)
+    given, fps, message = MISTAKES[mistake]
+    with pytest.raises(FilmError, match=message):
+        write(tmp_path / f"film{suffix}", given, fps)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("film.avi", "ends in .mp4, .webm, .gif, .apng"), ("nowhere/film.mp4", "there is no folder"), ("taken", "file")],
+)
+def test_paths_that_cannot_be(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "taken").write_text("mine")
+
+    def never() -> Iterator[Image]:
+        raise AssertionError("a frame was drawn for a path that cannot be")
+        yield
+
+    with pytest.raises(FilmError, match=message):
+        write(tmp_path / name, never())
+    assert os.listdir(tmp_path) == ["taken"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="other systems have no such names")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_names_that_are_not_utf_8(tmp_path: Path, suffix: str) -> None:
+    """Of the folder and of the film: OpenCV would end the process, so it is one of its own."""
+    needs(suffix)
+    folder = tmp_path / os.fsdecode(b"d\xff")
+    folder.mkdir()
+    code = """
+        import os, sys
+        from outlast.envs.rendering.video import write
+        from tests.rendering.test_film import frames
+        there = set(os.listdir("/proc/self/fd"))
+        for name in "film", os.fsdecode(b"n\\xff"):
+            assert write(name + sys.argv[1], frames()) == len(list(frames()))
+        assert set(os.listdir("/proc/self/fd")) == there
+    """
+    root = Path(__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), *filter(None, sys.path)])}
+    command = [sys.executable, "-c", textwrap.dedent(code), suffix]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(os.listdir(os.fsencode(folder))) == [b"film" + suffix.encode(), b"n\xff" + suffix.encode()]
+
+
+def test_gifs_have_a_highest_speed(tmp_path: Path) -> None:
+    with pytest.raises(FilmError, match=r"fps = 60: an integer from 1 to 50 is needed for \.gif"):
+        write(tmp_path / "film.gif", frames(), 60)
+
+
+def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    for suffix in (".mp4", ".gif"):
+        with pytest.raises(FilmError, match=r"pip install 'outlast\[video\]'.*\.webm"):
+            write(tmp_path / f"film{suffix}", frames())
+    for suffix in (".webm", ".apng", ""):
+        assert write(tmp_path / f"film{suffix}", frames(3)) == 3
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_error_while_drawing_is_passed_on_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+    needs(suffix)
+    (path := tmp_path / "film.mp4").write_text("an earlier film")
+
+    def broken() -> Iterator[Image]:
+        yield from frames(3)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write(tmp_path / f"film{suffix}", broken())
+    assert os.listdir(tmp_path) == ["film.mp4"]
+    assert path.read_text() == "an earlier film"
+
+
+# ---- a full disk, Ctrl-C, and worse
+
+SCRIPT = """
+import resource, sys, time
+import numpy as np
+from outlast.envs.errors import FilmError
+from outlast.envs.rendering.video import write
+
+def frames(count, pause):
+    generator = np.random.default_rng(0)
+    for k in range(count):
+        print(k, flush=True)
+        time.sleep(pause)
+        yield generator.integers(0, 256, (96, 128, 3), np.uint8)
+
+{action}
+"""
+FULL = """
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+try:
+    write(sys.argv[1], frames(60, 0), 30)
+except FilmError as error:
+    print("FilmError", error)
+"""
+
+
+def start(path: Path, action: str) -> "subprocess.Popen[str]":
+    script = textwrap.dedent(SCRIPT.format(action=action))
+    command = [sys.executable, "-c", script, str(path)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no resource limits")
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".apng"])
+def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+    """No file may grow beyond 50 kB: noise needs far more."""
+    needs(suffix)
+    out, err = start(tmp_path / f"film{suffix}", FULL).communicate(timeout=60)
+    assert "FilmError" in out, err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_who_is_stopped_leaves_no_partial_film(tmp_path: Path, suffix: str, how: signal.Signals) -> None:
+    """After Ctrl-C nothing is left; after kill -9 something may be, but not under the film's name."""
+    needs(suffix)
+    path = tmp_path / f"film{suffix}"
+    process = start(path, "write(sys.argv[1], frames(10_000, 0.01), 30)")
+    assert process.stdout is not None
+    for line in process.stdout:
+        if int(line) == 10:
+            break
+    process.send_signal(how)
+    process.communicate(timeout=60)
+    assert process.returncode == -how
+    assert not path.exists()
+    left = os.listdir(tmp_path)
+    assert left == [] if how == signal.SIGINT else all(name.endswith(".tmp") for name in left)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".apng"])
+def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A writer that loses the end of the file is found out."""
+    needs(suffix)
+    codec = codecs.CODECS[suffix]
+
+    def careless(path: Path, given: Iterator[Image], fps: int) -> None:
+        codec.write(path, given, fps)
+        path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
+
+    monkeypatch.setitem(writer.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
+    with pytest.raises(FilmError, match="the film was not written whole"):
+        write(tmp_path / f"film{suffix}", frames())
+    assert os.listdir(tmp_path) == []

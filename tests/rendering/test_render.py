@@ -1,0 +1,237 @@
+"""Pictures and maps: looking changes nothing, the same state looks the same, and every scenario can be looked at."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import Scenario, make_vec, systems, variant
+from outlast.components import Bag, Body, Death, Heal, Health, Weapon, Zone
+from outlast.ecs import Clock, Entity, Module, Worlds
+from outlast.envs.rendering.canvas import Canvas
+from outlast.envs.rendering.layers import VIEWS, Cameras, Layer, Scene, View
+from outlast.envs.rendering.rgb import draw, text
+from tests.conftest import digest, scaled
+from tests.stage import Stage
+
+EVERYTHING = (*VIEWS, Cameras())
+CARRYING = (systems.Inventory, systems.AutoPickup, systems.GiveLast, systems.DeathDrop)
+
+
+def played(name: str, ticks: int, worlds: int = 2, first_world: int = 0) -> Worlds:
+    """Worlds in which agents did something or other for some ticks; the same in any batch of them."""
+    env = make_vec(name, worlds, seed=3, first_world=first_world)
+    env.reset()
+    for tick in range(ticks):
+        sizes = env.single_action_space.nvec
+        actions = np.random.default_rng(tick).integers(0, sizes, (2, *sizes.shape))
+        env.step(actions[first_world : first_world + worlds])
+    return env.worlds
+
+
+def scattered(scenario: Scenario) -> Worlds:
+    """One world whose things lie anywhere: no tick is run, so nothing is compiled."""
+    worlds = Worlds(scenario.modules, 1)
+    for kind in ("agent", "box", "heal"):
+        rows = worlds.span(kind)
+        places = np.random.default_rng(0).uniform(-10, 10, (2, rows.stop - rows.start))
+        worlds[Body].x[0, rows], worlds[Body].y[0, rows] = places
+    return worlds
+
+
+# ---- purity
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
+def test_looking_changes_nothing_and_shows_the_same_again(name: str) -> None:
+    ticks = scaled(60, least=3)
+    worlds = played(name, ticks)
+    before = digest(worlds)
+    images = [draw(worlds, w, 128, EVERYTHING) for w in (0, 1, 0)]
+    maps = [text(worlds, w) for w in (0, 1, 0)]
+    assert digest(worlds) == before
+    assert np.array_equal(images[0], images[2])
+    assert not np.array_equal(images[0], images[1])
+    assert maps[0] == maps[2] != maps[1]
+    assert (images[0].dtype, images[0].shape) == (np.uint8, (128, 128, 3))
+    assert not np.shares_memory(images[0], images[2])
+    alone = played(name, ticks, worlds=1, first_world=1)  # the same state in another batch
+    assert np.array_equal(draw(alone, 0, 128, EVERYTHING), images[1])
+    assert text(alone, 0) == maps[1]
+
+
+def test_views_read_copies() -> None:
+    worlds = played("ffa_1", 1)
+    before = digest(worlds)
+    Scene(worlds, 0)[Body].x[0] = 7.0
+    assert digest(worlds) == before
+
+
+def test_the_order_of_views_makes_no_difference() -> None:
+    worlds, rng = played("teams_3", scaled(30, least=3)), np.random.default_rng(0)
+    expected = draw(worlds, 0, 256, EVERYTHING)
+    for _ in range(3):
+        assert np.array_equal(draw(worlds, 0, 256, [EVERYTHING[k] for k in rng.permutation(len(EVERYTHING))]), expected)
+
+
+def test_what_is_no_number_or_far_away_is_left_out() -> None:
+    stage = Stage()
+    stage.put("heal", 0, 2, 2)
+    everybody = draw(stage.env.worlds, 0, 256)
+    rows = [stage.row("agent", 0), stage.row("box", 0)]
+    stage.put("box", 0, 0, 0)
+    stage.column(Entity).alive[0, rows] = 0
+    expected = draw(stage.env.worlds, 0, 256, EVERYTHING), text(stage.env.worlds, 0).splitlines()[:22]
+    assert not np.array_equal(expected[0], everybody)
+    stage.column(Entity).alive[0, rows] = 1
+    for value in (np.nan, np.inf, -np.inf, 1e30, 1e6):
+        stage.column(Body).x[0, rows] = value
+        assert np.array_equal(draw(stage.env.worlds, 0, 256, EVERYTHING), expected[0])
+        assert text(stage.env.worlds, 0).splitlines()[:22] == expected[1]
+
+
+# ---- arguments
+
+
+@pytest.mark.parametrize("size", [63, 4097, 0, -64, 256.0, "256", True, None])
+def test_sizes_that_cannot_be(size: Any) -> None:
+    with pytest.raises(ValueError, match=r"size = .*: an integer from 64 to 4096 is needed \(pixels\)"):
+        draw(played("ffa_1", 0), 0, size)
+
+
+@pytest.mark.parametrize("w", [-1, 2, 0.0, "0", None])
+def test_worlds_that_are_not_there(w: Any) -> None:
+    for look in (draw, text):
+        with pytest.raises(ValueError, match=r"w = .*: an integer from 0 to 1 is needed"):
+            look(played("ffa_1", 0), w)
+
+
+def test_views_that_are_none() -> None:
+    with pytest.raises(TypeError, match=r"Cameras.* is not a view: pass instances"):
+        draw(played("ffa_1", 0), 0, 64, [Cameras])  # type: ignore[list-item]
+
+
+def test_pictures_of_all_sizes_show_the_same() -> None:
+    """In the mean over what is a pixel of the smallest; there, lines take more room, as they are a pixel wide."""
+    worlds = played("teams_3", 3)
+    reduced = {}
+    for size in (64, 512, 4096):
+        k = size // 64
+        reduced[size] = draw(worlds, 0, np.int64(size)).reshape(64, k, 64, k, 3).mean((1, 3))
+    assert np.abs(reduced[4096] - reduced[512]).mean() < 4
+    assert np.abs(reduced[512] - reduced[64]).mean() < 20
+
+
+# ---- views come and go
+
+
+@pytest.mark.parametrize("left_out", [type(view).__name__ for view in EVERYTHING])
+def test_a_view_that_is_left_out_is_not_seen(left_out: str) -> None:
+    worlds = played("teams_3", 1, worlds=1)
+    worlds[Weapon].target[0, :2] = 3
+    worlds[Zone].radius[0], worlds[Clock].tick[0] = 5, 7
+    items = worlds.span("box_item")
+    worlds[Entity].alive[0, items] = 1
+    worlds[Body].x[0, items], worlds[Body].y[0, items] = np.arange(8) - 4, -9
+    worlds[Bag].items[0, 0, 0], worlds[Bag].count[0, 0] = worlds.span("heal").start, 1
+    worlds[Entity].alive[0, 2], worlds[Death].cause[0, 2], worlds[Health].doomed[0, 2] = 0, 0, 7
+    hidden = "SafeZone" if left_out == "Room" else ""  # which paints the floor anew
+    every = [view for view in EVERYTHING if type(view).__name__ != hidden]
+    views = [view for view in every if type(view).__name__ != left_out]
+    assert len(views) == len(every) - 1
+    assert not np.array_equal(draw(worlds, 0, 256, views), draw(worlds, 0, 256, every))
+
+
+WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {
+    "heals": ((systems.Heals,), {"Heals"}),
+    "boxes": ((systems.Boxes,), {"Boxes", "BoxItems"}),
+    "zone": ((systems.SafeZone,), {"SafeZone"}),
+    "melee": ((systems.Melee,), {"Melee", "Hits"}),
+    "cameras": ((systems.Cameras,), {"Cameras"}),
+    "bags": (CARRYING, {"Inventory"}),
+    "items": ((*CARRYING, systems.Heals, systems.Boxes), {"Inventory", "Heals", "Boxes", "BoxItems"}),
+    "room": ((systems.Room, systems.SpawnGrid, systems.SafeZone), {"Room", "SafeZone"}),
+    "mortality": ((systems.Mortality,), set()),
+    "motors": ((systems.Motors,), set()),
+    "contacts": ((systems.Contacts,), set()),
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT)
+def test_scenarios_without_a_mechanic(name: str) -> None:
+    """Its views stay out by themselves, and everything else is there."""
+    kinds, absent = WITHOUT[name]
+    worlds = scattered(variant("teams_3").without(*kinds))
+    scene = Scene(worlds, 0)
+    assert {type(view).__name__ for view in EVERYTHING if not view.fits(scene)} == absent
+    image = draw(worlds, 0, 128, EVERYTHING)
+    rest = [view for view in EVERYTHING if type(view).__name__ not in absent]
+    assert np.array_equal(image, draw(worlds, 0, 128, rest))
+    assert not np.array_equal(image, draw(worlds, 0, 128, []))
+    assert len(text(worlds, 0).splitlines()) == 22 + 4
+
+
+def test_agents_may_be_all_there_is() -> None:
+    """No walls, nobody but one agent, of any size of room."""
+    bare = variant("ffa_1").without(systems.Heals, systems.SafeZone).replace(n_agents=1, room_walls=False)
+    for size in (2.0, 400.0):
+        worlds = Worlds(bare.replace(room_size=size, spawn_cells=1).modules, 1)
+        assert not np.array_equal(draw(worlds, 0, 64), draw(worlds, 0, 64, []))
+        assert "0" in text(worlds, 0).splitlines()[11]
+
+
+@dataclass(frozen=True)
+class Tide(Module):
+    """A mechanic of somebody else."""
+
+    height: float = 4.0
+
+
+@dataclass(frozen=True)
+class TideView(View):
+    """And what it looks like."""
+
+    layer = Layer.ZONE + 1
+    needs = (Tide, Heal)
+    color: tuple[int, int, int] = (1, 2, 3)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        canvas.rectangle(-5, 0, 5, scene.mechanic(Tide).height, self.color)
+
+
+def test_new_views_need_no_change_elsewhere() -> None:
+    tidal = variant("ffa_3").with_(Tide())
+    for scenario, fits in ((variant("ffa_3"), False), (tidal, True), (tidal.without(systems.Heals), False)):
+        image = draw(Worlds(scenario.modules, 1), 0, 128, [*VIEWS, TideView()])
+        assert ((image == TideView().color).all(-1).sum() > 500) == fits
+
+
+# ---- maps
+
+
+def test_a_map_shows_everything_where_it_is() -> None:
+    stage = Stage(n_agents=2)
+    zone, alive = stage.column(Zone), stage.column(Entity).alive
+    zone.x[0], zone.y[0], zone.radius[0] = 0, 0, 12.5
+    stage.put("heal", 0, 0.1, 0.1)
+    stage.put("box", 0, 5, -5, size=(3, 3))
+    stage.put("box_item", 1, -12.4, 12.4)
+    lines = text(stage.env.worlds, 0).splitlines()
+    assert {len(line) for line in lines[:22]} == {42}
+    grid = [line[1:-1] for line in lines[1:21]]
+    assert grid[9][20] == "+"
+    assert grid[0][0] == "="
+    assert grid[15][8] == "0"  # at (-7, -7): a character is 0.625 m wide and 1.25 m high
+    assert grid[4][8] == "1"
+    assert [line[25:31] for line in grid[12:16]] == ["######"] * 4  # from 3.5 to 6.5, and as far below
+    assert "".join(grid).count("#") == 24
+    assert (grid[0][39], grid[10][1]) == (":", " ")
+    assert lines[22:] == ["0 side 0 health 100", "1 side 1 health 100"]
+    stage.hand(0, "heal", 1)
+    stage.hand(0, "box_item", 1)
+    stage.wound(0, 7)
+    alive[0, stage.row("agent", 1)] = 0
+    lines = text(stage.env.worlds, 0).splitlines()
+    assert lines[22:] == ["0 side 0 health 7 heal box_item", "1 side 1 dead"]
+    assert "1" not in "".join(lines[:22])

@@ -1,0 +1,236 @@
+"""Views: everything is where it is, in its colour."""
+
+import itertools
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from outlast import make_vec
+from outlast.components import Guard, Zone
+from outlast.ecs import Entity
+from outlast.envs.rendering.canvas import Canvas
+from outlast.envs.rendering.layers import VIEWS, Agents, Cameras, Hits, Ids, Inventory, Melee, SafeZone, View
+from outlast.envs.rendering.layers import palette as colors
+from outlast.envs.rendering.rgb import draw
+from tests.conftest import scaled
+from tests.stage import Stage, duel
+
+SIZE = 512
+HALF = 1.1 * 12.5  # metres from the middle of the picture to its edge
+DARK = 320  # the sum of red, green and blue is below that of anything but ink
+Picture = np.ndarray[Any, Any]
+
+
+def spot(image: Picture, x: float, y: float) -> tuple[int, ...]:
+    """The colour at a point of the world."""
+    column, row = (int(SIZE * (0.5 + length / (2 * HALF))) for length in (x, -y))
+    return tuple(image[row, column].tolist())
+
+
+def without(*kinds: type[View]) -> list[View]:
+    return [view for view in VIEWS if not isinstance(view, kinds)]
+
+
+def picture(stage: Stage, *left_out: type[View]) -> Picture:
+    """All of it but the zone, which is somewhere else in every episode."""
+    return draw(stage.env.worlds, 0, SIZE, without(SafeZone, *left_out))
+
+
+# ---- one view after the other
+
+
+def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
+    stage = Stage("teams_3")
+    for agent, (x, y, angle) in enumerate([(3, -4, 0.0), (-5, 2, 0.5), (0, 6, 2.0), (6, 5, -2.5)]):
+        before = picture(stage)
+        stage.put("agent", agent, x, y, angle)
+        ahead = (math.cos(angle), math.sin(angle))
+        after = draw(stage.env.worlds, 0, SIZE, without(SafeZone, Ids))
+        behind = (x - 0.34 * ahead[0], y - 0.34 * ahead[1])
+        assert spot(before, *behind) == colors.FLOOR
+        assert spot(after, *behind) == (colors.BLUE if agent < 2 else colors.VERMILLION)
+        assert sum(spot(after, x + 0.6 * ahead[0], y + 0.6 * ahead[1])) < DARK
+        assert spot(after, x - 0.6 * ahead[0], y - 0.6 * ahead[1]) == colors.FLOOR
+        stage.column(Entity).alive[0, agent] = 0
+        assert spot(picture(stage), *behind) == colors.FLOOR  # the dead are not shown
+
+
+def test_heals_boxes_and_broken_boxes() -> None:
+    stage = Stage()
+    empty = picture(stage)
+    stage.put("heal", 0, 2, 3)
+    stage.put("box", 0, -3, 1, math.pi / 4, size=(4, 1))
+    stage.put("box_item", 1, 4, -4)
+    image = picture(stage)
+    assert spot(image, 2, 3) == colors.HEAL
+    assert spot(image, -1.9, 2.1) == colors.BOX  # along the slope
+    assert spot(image, -1.9, -0.1) == spot(empty, -1.9, -0.1) == colors.FLOOR  # across it
+    assert spot(image, 4, -4) == colors.BOX
+    for side in (0, 1):
+        stage.column(Guard).heeds[0, stage.env.worlds.span("box")] = side
+        image = picture(stage)
+        assert spot(image, -3, 1) == spot(image, 4, -4) == colors.of_box(side)
+
+
+def test_the_zone_is_clear_the_rest_dark_and_the_next_one_dashed() -> None:
+    stage = Stage()
+    zone = stage.column(Zone)
+    zone.x[0], zone.y[0], zone.radius[0] = 2, 1, 6
+    zone.next_x[0], zone.next_y[0], zone.next_radius[0] = 3, 0, 3
+    for agent in (0, 1):
+        stage.put("agent", agent, -11 + 2 * agent, -11)
+    image, angles = draw(stage.env.worlds, 0, SIZE), np.linspace(0, 2 * math.pi, 400)
+    for factor, color in ((0.95, colors.FLOOR), (1.05, colors.UNSAFE)):
+        assert {spot(image, 2 + 6 * factor * math.cos(a), 1 + 6 * factor * math.sin(a)) for a in angles} == {color}
+    dashes = [spot(image, 3 + 3 * math.cos(a), 3 * math.sin(a)) != colors.FLOOR for a in angles]
+    assert 0.4 < np.mean(dashes) < 0.75
+    assert np.diff(dashes).sum() >= 20
+    zone.next_radius[0] = 0  # it is about to vanish
+    assert spot(draw(stage.env.worlds, 0, SIZE), 3, 0) == colors.RIM
+    zone.radius[0] = 0
+    assert spot(draw(stage.env.worlds, 0, SIZE), 2, 1) == colors.UNSAFE
+
+
+def test_strikes_are_shown_in_their_tick() -> None:
+    stage = duel(Stage())
+    assert spot(picture(stage), 1, 0) == colors.FLOOR
+    stage.step({0: "attack"})
+    assert spot(picture(stage), 1, 0) == colors.STRIKE
+    stage.step()
+    assert spot(picture(stage), 1, 0) == colors.FLOOR
+    stage.put("agent", 1, 7, 7)
+    stage.step({0: "attack"})
+    assert sum(spot(picture(stage), 1, 0)) < DARK  # it met nothing
+    assert spot(picture(stage), 2.2, 0) == colors.FLOOR  # it reaches two metres
+    stage.env.reset()  # what was done in the episode before is over
+    assert np.array_equal(picture(stage), picture(stage, Melee, Hits))
+
+
+@pytest.mark.parametrize(
+    ("points", "color", "rest", "share"),
+    [
+        (100, colors.GREEN, colors.GREEN, 1),
+        (60, colors.GREEN, colors.INK, 0.6),
+        (40, colors.ORANGE, colors.INK, 0.4),
+        (10, colors.VERMILLION, colors.INK, 0.1),
+        (150, colors.SKY, colors.GREEN, 0.5),
+    ],
+)
+def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, share: float) -> None:
+    stage = duel(Stage(), far=5)
+    stage.wound(0, points)
+    image = picture(stage)
+    bar = [spot(image, x, 0.88) for x in np.linspace(-0.55, 0.55, 110)]
+    assert np.mean([found == color for found in bar]) == pytest.approx(share, abs=0.07)
+    assert set(bar) == {color, rest}
+
+
+def test_carried_items_lie_below_their_carrier() -> None:
+    stage = duel(Stage(), far=5)
+    bare = picture(stage)
+    stage.hand(0, "heal", 0)
+    stage.hand(0, "box_item", 1)
+    image = picture(stage)
+    assert spot(image, -0.2, -0.83) == colors.HEAL
+    assert spot(image, 0.2, -0.83) == colors.BOX
+    rows, columns = (where / SIZE * 2 * HALF - HALF for where in np.nonzero((image != bare).any(-1)))
+    assert 0.5 < rows.min() < rows.max() < 1.2
+    assert np.abs(columns).max() < 0.6
+    assert np.array_equal(picture(stage, Inventory), bare)
+
+
+@pytest.mark.parametrize(("cone", "area"), [("kite", math.sin(0.2 * math.pi)), ("sector", 0.2 * math.pi)])
+def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
+    """Area of a kite: depth^2 sin(fov / 2); of a sector: depth^2 fov / 2."""
+    stage = Stage(cameras_cone=cone, cameras_depth=9.0)
+    stage.put("agent", 0, -5, -4, 0.3)
+    shades = draw(stage.env.worlds, 0, SIZE, [Cameras(agents=[0], lines=False)])[..., 2].astype(int)
+    covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
+    assert covered * (2 * HALF / SIZE) ** 2 == pytest.approx(81 * area, rel=0.03)
+
+
+def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
+    """What observations tell of them, and what lines are drawn, agree for every agent of every world."""
+    env = make_vec("teams_3", scaled(40, least=5), seed=5)
+    observations, _ = env.reset()
+    masks = [key for key in observations if key.endswith("_mask") and "slot" not in key]
+    assert len(masks) == 4
+    found = set()
+    for w, i in itertools.product(range(env.num_worlds), range(4)):
+        seen = any(observations[key][w, i].any() for key in masks)
+        lines = draw(env.worlds, w, 64, [Cameras(agents=[i], cones=False)])
+        assert np.array_equal(lines, draw(env.worlds, w, 64, [])) != seen
+        found.add(seen)
+    assert found == {False, True}
+
+
+def test_a_line_of_sight_ends_at_what_is_seen() -> None:
+    stage = duel(Stage(), far=8)
+    stage.step()
+    image = draw(stage.env.worlds, 0, SIZE, [Cameras(agents=[0], cones=False, width=0.2)])
+    assert spot(image, 4, 0) == spot(image, 7.8, 0) == colors.BLUE
+    assert spot(image, 8.3, 0) == spot(image, -0.3, 0) == colors.WALL
+
+
+def test_numbers_are_written_within_their_disc() -> None:
+    stage = duel(Stage(), far=5)
+    plain = draw(stage.env.worlds, 0, SIZE, [Agents()])
+    rows, columns = (
+        where / SIZE * 2 * HALF - HALF
+        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [Agents(), Ids()]) != plain).any(-1))
+    )
+    near = np.minimum(np.hypot(columns, rows), np.hypot(columns - 5, rows))
+    assert near.max() < 0.5
+    assert len(near) > 40
+    assert abs(columns[columns < 2].mean()) < 0.06
+    assert abs(rows.mean()) < 0.06
+
+
+# ---- colours and shapes
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        np.eye(3),
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    ],
+    ids=["normal", "protan", "deutan", "tritan"],
+)
+def test_colours_can_be_told_apart_without_some_cones(seen: Any) -> None:
+    """Distances in CIE Lab after the matrices of Machado, Oliveira and Fernandes (2009); 2.3 is just noticeable."""
+    discs = [*colors.SIDES, colors.HEAL, colors.STRIKE, colors.FLOOR, colors.UNSAFE]
+    boxes = [colors.of_box(owner) for owner in (-1, 0, 1, 2, 3)] + [colors.FLOOR, colors.UNSAFE]
+    for group in (discs, boxes):
+        shades = (np.array(group) / 255) ** 2.2 @ np.transpose(seen)
+        lab = cv2.cvtColor((shades.clip(0, 1) ** (1 / 2.2)).astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0]
+        assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(lab, 2)) > 9
+
+
+@pytest.mark.parametrize("radius", [2.0, 5.5, 33.3])
+def test_shapes_cover_their_area(radius: float) -> None:
+    """A disc of that radius, wherever it lies between the pixels; a pixel is a metre."""
+    for x, y in np.random.default_rng(0).uniform(-1, 1, (10, 2)).tolist():
+        canvas = Canvas(128, 64.0)
+        canvas.clear((0, 0, 0))
+        canvas.circle(x, y, radius, (255, 255, 255))
+        grey = canvas.image[..., 0] / 255
+        assert grey.sum() == pytest.approx(math.pi * radius**2, rel=0.12)
+        centre = ((np.arange(128) - 63.5) * grey.sum(0)).sum(), ((63.5 - np.arange(128)) * grey.sum(1)).sum()
+        assert np.divide(centre, grey.sum()) == pytest.approx([x, y], abs=0.08)
+
+
+def test_outlines_lie_on_the_rim() -> None:
+    canvas = Canvas(128, 64.0)
+    canvas.clear((0, 0, 0))
+    canvas.circle(0, 0, 40, (255, 0, 0), width=2)
+    canvas.polygon([(-20, -20), (20, -20), (20, 20), (-20, 20)], (0, 255, 0), width=2)
+    ys, xs = np.nonzero(canvas.image[..., 0])
+    assert np.abs(np.hypot(xs - 63.5, ys - 63.5) - 40).max() < 3
+    ys, xs = np.nonzero(canvas.image[..., 1])
+    assert np.abs(np.maximum(abs(xs - 63.5), abs(ys - 63.5)) - 20).max() < 3

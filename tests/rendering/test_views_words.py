@@ -1,0 +1,174 @@
+"""What is written beside the room, where blows land, and the names of views."""
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.components import Death
+from outlast.ecs import Clock, Entity
+from outlast.envs.errors import FilmError
+from outlast.envs.rendering.canvas import Canvas
+from outlast.envs.rendering.layers import NAMES, VIEWS, Cameras, Hits, Ids, KillFeed, Scene, StepCounter, View, select
+from outlast.envs.rendering.layers import palette as colors
+from outlast.envs.rendering.rgb import draw
+from tests.rendering.test_views import HALF, SIZE, spot
+from tests.stage import Stage, duel
+
+Picture = np.ndarray[Any, Any]
+ROOM = 12.5  # metres
+
+
+class Notes(Canvas):
+    """A canvas that remembers what was written on it."""
+
+    def text(self, x: float, y: float, words: str, height: float, color: Any, anchor: float = 0.5) -> None:
+        self.written = [*getattr(self, "written", []), words]
+        super().text(x, y, words, height, color, anchor)
+
+
+def words(stage: Stage, view: View, size: int = SIZE) -> list[str]:
+    """What the view writes."""
+    scene = Scene(stage.env.worlds, 0)
+    canvas = Notes(size, scene.half)
+    canvas.clear(colors.WALL)
+    view.draw(canvas, scene)
+    return getattr(canvas, "written", [])
+
+
+def places(image: Picture, other: Picture) -> tuple[Picture, Picture]:
+    """x and y in metres of the pixels that differ."""
+    rows, columns = np.nonzero((image != other).any(-1))
+    size = len(image)
+    return columns / size * 2 * HALF - HALF, HALF - rows / size * 2 * HALF
+
+
+def killed(stage: Stage, agent: int, by: int) -> Stage:
+    """`agent` dies by the hand of `by`, which stands before it."""
+    stage.put("agent", by, 0, 0)
+    stage.put("agent", agent, 1.5, 0, math.pi)
+    stage.wound(agent, 1)
+    return stage.step({by: "attack"})
+
+
+# ---- step counter and kill feed
+
+
+@pytest.mark.parametrize("size", [64, 128, 256, 512, 1024])
+@pytest.mark.parametrize("view", [StepCounter(), KillFeed()])
+def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: int, view: View) -> None:
+    stage = killed(Stage("teams_3"), 2, 0)
+    rest = [other for other in VIEWS if other != view]
+    xs, ys = places(draw(stage.env.worlds, 0, size), draw(stage.env.worlds, 0, size, rest))
+    assert bool(len(xs)) == (size >= 256)
+    assert (np.abs(ys) > ROOM).all()
+    assert (np.sign(ys) == (1 if isinstance(view, StepCounter) else -1)).all()
+
+
+def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
+    stage = Stage("teams_3")
+    for step in range(3):
+        assert words(stage, StepCounter()) == [f"step {step}"]
+        stage.step()
+    stage.env.reset()
+    assert words(stage, StepCounter()) == ["step 0"]
+
+
+def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
+    stage = Stage("teams_3", zone_harm=50)
+    assert words(stage, KillFeed()) == []
+    killed(stage, 2, 0)
+    assert words(stage, KillFeed()) == ["2 killed by side 0"]
+    image = draw(stage.env.worlds, 0, SIZE)
+    assert spot(image, -ROOM + 0.3, -HALF + 0.4) == colors.VERMILLION
+    stage.column(Clock).tick[0] += 3
+    stage.wound(1, 1)
+    stage.put("agent", 1, 12, 12)  # out of the zone
+    stage.step(times=2)
+    assert words(stage, KillFeed()) == ["1 died of zone", "2 killed by side 0"]
+    assert spot(draw(stage.env.worlds, 0, SIZE), -ROOM + 0.3, -HALF + 0.4) == colors.BLUE
+    assert [stage.death(1), stage.death(2)] == [("zone", -1), ("melee", 0)]
+
+
+def test_the_feed_has_no_more_than_fits_and_fades() -> None:
+    stage = killed(Stage("teams_3"), 2, 0)
+    feed, brightness = KillFeed(fresh=5, fading=10), []
+    for _ in range(16):
+        image = draw(stage.env.worlds, 0, SIZE, [feed])
+        brightness.append(int(image.max()))
+        stage.column(Clock).tick[0] += 1
+    assert brightness[:6] == [brightness[0]] * 6
+    assert brightness[5:] == sorted(brightness[5:], reverse=True)
+    assert brightness[-1] == int(draw(stage.env.worlds, 0, SIZE, []).max()) < brightness[-2]
+    crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
+    crowd.reset()
+    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].cause[0, :20] = 0, 0
+    xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeed()]), draw(crowd.worlds, 0, SIZE, []))
+    assert (3 if cv2.__version__ < "5" else 5) < xs.max() < ROOM + 0.2  # letters of OpenCV 4 are narrower
+
+
+def test_the_feed_is_read_from_the_state_alone() -> None:
+    stage = killed(Stage("teams_3"), 2, 0)
+    other = make_vec(stage.env.scenario, 2, seed=9)
+    other.reset()
+    other.set_state(stage.env.get_state(), [1])
+    assert np.array_equal(draw(other.worlds, 1, SIZE), draw(stage.env.worlds, 0, SIZE))
+
+
+def test_in_free_for_all_agents_kill_not_sides() -> None:
+    assert words(killed(Stage("ffa_4"), 1, 0), KillFeed()) == ["1 killed by 0"]
+
+
+# ---- hits
+
+
+@pytest.mark.parametrize("far", [1.2, 1.6, 2.3])
+def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
+    stage = duel(Stage(), far).step({0: "attack"})
+    worlds = stage.env.worlds
+    xs, ys = places(draw(worlds, 0, SIZE), draw(worlds, 0, SIZE, [v for v in VIEWS if not isinstance(v, Hits)]))
+    assert (xs.min() + xs.max()) / 2 == pytest.approx(stage.place("agent", 1)[0] - 0.5, abs=0.1)
+    assert (ys.min() + ys.max()) / 2 == pytest.approx(0, abs=0.1)
+    assert spot(draw(worlds, 0, SIZE), far - 0.5, 0) == colors.WHITE
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, math.pi / 4, 2.0])
+def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
+    """The nearest point of the box on the line y = 0, found by walking along it."""
+    stage = duel(Stage("ffa_3"), far=9)
+    stage.put("box", 0, 1.6, 0.1, angle, size=(1.5, 0.6))
+    stage.step({0: "attack"})
+    walk = np.linspace(0, 3, 3001)
+    a, b = walk - 1.6, np.full_like(walk, -0.1)
+    inside = (abs(a * math.cos(angle) + b * math.sin(angle)) < 0.75) & (
+        abs(b * math.cos(angle) - a * math.sin(angle)) < 0.3
+    )
+    xs, _ = places(draw(stage.env.worlds, 0, SIZE, [Hits()]), draw(stage.env.worlds, 0, SIZE, []))
+    assert (xs.min() + xs.max()) / 2 == pytest.approx(walk[inside][0], abs=0.1)
+
+
+# ---- names
+
+
+def test_the_usual_views_are_all_but_what_cameras_see() -> None:
+    assert select("") == VIEWS
+    assert set(NAMES.values()) - set(VIEWS) == {Cameras(lines=False), Cameras(cones=False)}
+    assert len(set(NAMES.values())) == len(NAMES)
+
+
+def test_views_are_added_and_removed_by_name() -> None:
+    assert set(select("+vision,-ids")) == {*VIEWS, Cameras(lines=False)} - {Ids()}
+    assert select("lines , -lines") == VIEWS
+    assert select(",".join(f"-{name}" for name in NAMES)) == ()
+    for name, view in NAMES.items():
+        assert (view in select(f"+{name}"), view in select(f"-{name}")) == (True, False)
+
+
+@pytest.mark.parametrize(("asked", "hint"), [("+vison", "did you mean 'vision'"), ("--ids", "'ids'"), ("x", "feed")])
+def test_unknown_names_are_refused_with_those_that_there_are(asked: str, hint: str) -> None:
+    with pytest.raises(FilmError, match=r"there is no view '.*There are: room, zone") as refused:
+        select(asked)
+    assert hint in str(refused.value)

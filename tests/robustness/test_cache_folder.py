@@ -1,0 +1,130 @@
+"""The folder of machine code: shared by processes at once, damaged, full, or not to be written."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from outlast.ecs.cache import cache_folder
+from tests.conftest import COMPILED
+from tests.engine.test_ecs_compile import ROOT, SCRIPT, in_process
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="there is no machine code")
+DIGEST = 3  # the last word of what a process says
+Warm = tuple[dict[Path, tuple[bytes, int]], str]
+
+
+@pytest.mark.nightly
+def test_processes_fill_a_cold_cache_at_once(tmp_path: Path) -> None:
+    """Three that begin together agree, and leave code that a fourth one takes."""
+    told: list[list[str]] = []
+    threads = [threading.Thread(target=lambda: told.append(in_process(tmp_path))) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    later = in_process(tmp_path)
+    assert len(told) == 3
+    assert {one[DIGEST] for one in told} == {later[DIGEST]}
+    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # at the latest now, as the fourth may have compiled again
+    assert not [path for path in tmp_path.rglob("*") if path.suffix == ".tmp" or ".tmp." in path.name]
+
+
+def halved(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+DAMAGE: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
+    "half of the source": ("*.py", halved),
+    "no source": ("*.py", lambda content: b""),
+    "half of the index": ("*.nbi", halved),
+    "no index": ("*.nbi", lambda content: b""),
+    "half of the code": ("*.nbc", halved),
+    "no code": ("*.nbc", lambda content: b""),
+    "zeros for code": ("*.nbc", lambda content: bytes(len(content))),
+    "one bit of the code": ("*.nbc", lambda content: content[:-999] + bytes([content[-999] ^ 1]) + content[-998:]),
+    "half of the checksums": ("*.json", halved),
+    "no checksums": ("*.json", lambda content: b""),
+}
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Warm:
+    """The files of a filled cache with their age, and the digest of the run that filled it."""
+    folder = tmp_path_factory.mktemp("cache")
+    digest = in_process(folder)[DIGEST]
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}, digest
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) -> None:
+    """As a full disk or a power cut leave them."""
+    files, digest = warm
+    pattern, change = DAMAGE[damage]
+    for path, (content, age) in files.items():
+        target = tmp_path / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(change(content) if path.match(pattern) else content)
+        os.utime(target, ns=(age, age))
+    assert in_process(tmp_path)[DIGEST] == digest
+    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # taken from the folder now
+
+
+def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
+    """A process that does `before` it makes its worlds."""
+    script = before + SCRIPT.format(game=str(ROOT), root=str(ROOT), module="tests.toy")
+    environment = os.environ | {"OUTLAST_CACHE_DIR": str(cache)}
+    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = failing(tmp_path / "file")
+    assert done.returncode == 1
+    assert str(tmp_path / "file") in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
+def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
+    """The largest file that may be written is smaller than the code, so that it fails in the middle of it."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
+    done = failing(tmp_path, limit)
+    assert done.returncode == 0, done.stderr
+    assert "compiled code is not kept" in done.stderr
+
+
+@pytest.fixture
+def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user without a folder for caches; the folder of temporary files."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.delenv("OUTLAST_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    return tmp_path
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other variables say where caches are")
+def test_without_a_home_the_cache_is_among_temporary_files(homeless: Path) -> None:
+    folder = cache_folder()
+    assert folder.parent == homeless
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert cache_folder() == folder
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other variables say where caches are")
+@pytest.mark.parametrize("planted", ["writable", "link"])
+def test_what_others_may_write_to_is_not_run(homeless: Path, planted: str) -> None:
+    folder = cache_folder()
+    folder.chmod(0o777)
+    if planted == "link":
+        folder.rename(homeless / "elsewhere")
+        folder.symlink_to(homeless / "elsewhere")
+    with pytest.raises(PermissionError, match="OUTLAST_CACHE_DIR"):
+        cache_folder()

@@ -1,0 +1,62 @@
+"""Hostile logs, kept results and what runs say of themselves: `outlast plot` draws them, or says why it does not."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from outlast import variant
+from outlast.envs.errors import TrainingError
+from outlast.envs.scenarios.fingerprint import identity
+from outlast.training import results
+from outlast.training.presets import preset
+
+LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
+
+
+def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.Result]:
+    """What is read of a run of that name and log."""
+    given = {"preset": "paper", "seed": 0} | plan
+    scenario = identity(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
+    (folder / "log.csv").write_text(text)
+    (folder / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
+    return results.load([folder])
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"name": "ffa_2+../../../evil"}, "no fix|is no run of the paper's"),
+        ({"seed": "../evil"}, "its plan is none"),
+        ({"seed": 1.5}, "its plan is none"),
+        ({"dead": "$\\frac"}, "its plan cannot be"),
+        ({"dead": "\x1b[31m"}, "its plan cannot be"),
+        ({"settings": {"gamma": {}}}, "its plan cannot be"),
+        ({"text": LINES + f"rollout/steps,{10**30},1\n"}, "is not a tag, a step, a value"),
+        ({"text": LINES + "rollout/steps,-1,1\n"}, "is not a tag, a step, a value"),
+        ({"text": LINES + "rollout/steps,30,1e300\n"}, "is broken: rollout/steps at step 30 is not a finite number"),
+    ],
+)
+def test_runs_that_could_be_written_elsewhere_or_not_be_drawn_are_refused(
+    tmp_path: Path, changes: dict[str, Any], reason: str
+) -> None:
+    assert run(tmp_path)[0].name == "ffa_2-paper-0.csv"
+    with pytest.raises(TrainingError, match=reason):
+        run(tmp_path, **changes)
+
+
+def test_kept_results_are_of_the_papers_quantities(tmp_path: Path) -> None:
+    (found,) = run(tmp_path)
+    path = tmp_path / "kept.csv"
+    path.write_text(found.text())
+    assert results.load([path])[0].about == found.about
+    for old, new in (
+        ("rollout/steps", "train/loss"),
+        ("rollout/reward0", "rollout/reward\u0663"),
+        ('"changed": {', '"changed": {"x": "$", '),
+    ):
+        assert old in found.text()
+        path.write_text(found.text().replace(old, new, 1).replace(", }", "}"))
+        with pytest.raises(TrainingError, match=r"kept.csv does not hold the curves of a run"):
+            results.load([path])

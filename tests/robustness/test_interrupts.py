@@ -1,0 +1,165 @@
+"""Ctrl-C at any moment: a call has not begun, or is whole, or the environment asks for a reset; nothing hangs.
+
+And a step that a fault cuts short: it is whole for all other worlds.
+"""
+
+import contextlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.components import Body
+from outlast.envs.errors import FaultError, NotResetError
+from outlast.envs.snapshots.state import State
+from tests.conftest import COMPILED, scaled
+from tests.histories import digest_of_episode
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
+
+SCRIPT = """
+import collections, os, signal, threading, time
+import numpy as np
+import outlast
+from outlast.envs.errors import NotResetError
+from tests.histories import digest_of_episode
+
+times, worlds, threads, autoreset = {times}, {worlds}, {threads}, {autoreset!r}
+rng = np.random.default_rng(1)
+scenario = outlast.variant("ffa_3").replace(agents_health=20, ending_limit=5)
+env = outlast.make_vec(scenario, worlds, seed=0, threads=threads, autoreset=autoreset)
+actions = [rng.integers(0, env.action_sizes, (worlds, 2, 6)) for _ in range(12)]
+
+
+def calls(t):  # each with what it leads to: the number of steps since the reset
+    yield lambda: env.step(actions[t]), t + 1
+    yield lambda: (env.send(actions[t]), env.recv()), t + 1
+    yield lambda: env.reset(seed=0), 0
+    yield lambda: env.set_state(middle), 6
+
+
+env.reset(seed=0)
+expected, seconds = [digest_of_episode(env.worlds)], []
+for t in range(12):
+    middle = env.get_state() if t == 6 else None if t < 6 else middle
+    start = time.perf_counter()
+    env.step(actions[t])
+    seconds.append(time.perf_counter() - start)
+    expected.append(digest_of_episode(env.worlds))
+
+env.reset(seed=0)
+longest, t, seen = 1.3 * float(np.median(seconds)), 0, collections.Counter()
+while sum(seen.values()) < times:
+    call, then = list(calls(t))[0 if rng.random() < 0.6 and t < 12 else rng.integers(2 * (t == 12), 4)]
+    timer = threading.Timer(rng.uniform(0, longest), os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        timer.start()
+        call()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        pass
+    timer.join()
+    if env._background.busy:
+        env.recv()
+    found = digest_of_episode(env.worlds)
+    if env.get_state().arrays["started"].all():
+        assert found in (expected[t], expected[then]), (t, then, seen, found in expected)
+        seen["whole" if found == expected[then] else "not begun"] += 1
+        t = then if found == expected[then] else t
+        continue
+    try:
+        env.step(actions[0])
+        raise AssertionError("it can be stepped")
+    except NotResetError as error:
+        assert "interrupted" in str(error)
+    seen["cut short"] += 1
+    env.reset(seed=0)
+    t = 0
+    assert digest_of_episode(env.worlds) == expected[0], seen
+env.close()
+assert seen["cut short"] and seen["whole"], seen
+"""
+
+
+@pytest.mark.parametrize(("threads", "autoreset"), [(1, "NextStep"), (3, "SameStep")])
+def test_interrupted_calls(threads: int, autoreset: str) -> None:
+    interrupt(threads, autoreset, times=30 if COMPILED else 5, worlds=1024 if COMPILED else 20)
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="hundreds of steps")
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_many_interrupted_calls(threads: int, autoreset: str) -> None:
+    interrupt(threads, autoreset, times=200, worlds=4096)
+
+
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_a_fault_in_one_world_keeps_no_other_from_ending(autoreset: str) -> None:
+    envs = [make_vec(variant("ffa_1").replace(ending_limit=2), 3, seed=0, autoreset=autoreset) for _ in range(2)]
+    idle = np.ones((3, 2, 6), int)
+    for env in envs:
+        env.reset()
+        env.step(idle)
+    envs[0].worlds[Body].vx[1, 0] = np.nan
+    for k, env in enumerate(envs):
+        with pytest.raises(FaultError, match="world 1") if k == 0 else contextlib.nullcontext():
+            env.step(idle)
+        env.reset(seed=5, options={"reset_mask": np.array([False, True, False])})
+    for _ in range(3):
+        told = [env.step(idle)[0] for env in envs]
+        assert all(np.array_equal(told[0][key], told[1][key]) for key in told[0])
+    assert digest_of_episode(envs[0].worlds) == digest_of_episode(envs[1].worlds)
+
+
+class Interrupting(dict[str, Any]):
+    """Arrays at whose reading so many times Ctrl-C is pressed."""
+
+    def __init__(self, arrays: dict[str, Any], left: int) -> None:
+        super().__init__(arrays)
+        self.left = left
+
+    def __getitem__(self, name: str) -> Any:
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+        return super().__getitem__(name)
+
+
+def test_half_of_a_state_leaves_no_trace() -> None:
+    """Wherever set_state is interrupted: the worlds are as they were, or are refused and start afresh."""
+    envs = [make_vec("teams_3", 4, seed=k) for k in range(3)]
+    for env in envs:
+        env.reset()
+        for _ in range(scaled(60, least=3)):
+            env.step(np.ones((4, 4, 6), int))
+    env, other, clean = envs
+    state, before, left, refused = other.get_state([0, 1]), digest_of_episode(env.worlds), 1, 0
+    clean.reset(seed=9)
+    while left:
+        kept, broken = env.get_state(), State(state.scenario, Interrupting(state.arrays, left))
+        with contextlib.suppress(KeyboardInterrupt):
+            env.set_state(broken, [1, 2])
+            break
+        left += 1
+        if env.get_state().arrays["started"].all():
+            assert digest_of_episode(env.worlds) == before
+            continue
+        refused += 1
+        with pytest.raises(NotResetError, match="interrupted"):
+            env.step(np.ones((4, 4, 6), int))
+        env.reset(seed=9)
+        assert digest_of_episode(env.worlds) == digest_of_episode(clean.worlds)
+        env.set_state(kept)
+    assert refused > 5
+
+
+def interrupt(threads: int, autoreset: str, times: int, worlds: int) -> None:
+    script = SCRIPT.format(times=times, worlds=worlds, threads=threads, autoreset=autoreset)
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=250)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,157 @@
+"""The command line does what the README says, and says what is wrong in one line."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from outlast import FIXES, variant
+from outlast.ecs import NumberError
+from outlast.envs.cli import main as cli
+from outlast.envs.cli.options import scenario
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.scenarios.scenario import Scenario
+from tests.conftest import interrupted_after
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    status = cli.main(arguments)
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_variants_lists_all_eight_with_their_original_names(capsys):
+    status, out, _ = run(capsys, "variants")
+    assert status == 0
+    variants, fixes = out.split("\n\n")
+    assert len(variants.splitlines()) == 8
+    assert len(fixes.splitlines()) == 1 + len(FIXES)
+    assert "teams_4   2v2_all_high" in out
+
+
+def test_schedule_prints_the_tick(capsys):
+    status, out, _ = run(capsys, "schedule", "1v1_heals_low")
+    assert status == 0
+    assert out.index("motors.drive") < out.index("physics.collide") < out.index("zone.burn")
+    assert "boxes." not in out
+
+
+def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
+    arguments = ("rollout", "ffa_2", "--worlds", "3", "--steps", "150", "--policy", "noop", "--set", "zone_harm=50")
+    status, out, err = run(capsys, *arguments)
+    assert status == 0
+    assert "world-step" in err  # the progress bar
+    assert "450 world-steps in" in out
+    assert "agent-steps/s" in out
+    assert "std. error" in out
+    assert "deaths_zone" in out
+    assert out.split("length")[1].split()[0].replace(".", "").isdigit()
+
+
+def test_rollout_plays_whole_episodes_unless_it_is_told_for_how_long(capsys):
+    arguments = ("rollout", "ffa_2", "--worlds", "3", "--policy", "noop", "--set", "zone_harm=100")
+    status, out, err = run(capsys, *arguments)
+    assert status == 0
+    assert "3 worlds x 1 episode\n" in out
+    assert "3 whole episodes, the first of every world" in out
+    assert "3/3" in err  # the progress bar
+    out = run(capsys, *arguments, "--episodes", "4", "--quiet")[1]
+    assert "3 worlds x 4 episodes\n" in out
+    assert "12 whole episodes, the first 4 of every world" in out
+    out = run(capsys, *arguments, "--steps", "150", "--quiet")[1]
+    assert "3 worlds x 150 steps\n" in out
+    assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out
+    with pytest.raises(SystemExit):
+        cli.main((*arguments, "--steps", "150", "--episodes", "4"))
+    assert "not allowed with argument" in capsys.readouterr().err
+
+
+def test_the_same_seed_gives_the_same_table(capsys):
+    arguments = ("rollout", "ffa_2", "--worlds", "2", "--steps", "120", "--set", "zone_harm=100", "--quiet")
+    tables = [run(capsys, *arguments, "--seed", seed)[1].split("ended")[1] for seed in ("5", "5", "6")]
+    assert tables[0] == tables[1] != tables[2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("rollout", "ffa_9"), ("ffa_9", "did you mean", "ffa_1")),
+        (("rollout", "ffa_1", "--set", "n_agents=100"), ("115 bodies", "64 cells")),
+        (("rollout", "ffa_1", "--set", "mele_damage=3"), ("mele_damage", "melee_damage")),
+        (("rollout", "ffa_1", "--set", "n_heals=0"), ("heals.count = 0: must be >= 1", "Scenario.without('heals')")),
+        (("rollout", "ffa_3", "--set", "n_boxes=0"), ("boxes.count = 0: must be >= 1", "Scenario.without('boxes')")),
+        (("rollout", "ffa_1", "--set", "zone_radii=5,x"), ("zone.radii[1] = 'x'", "finite number")),
+        (("rollout", "ffa_1", "--set", "zone_radii="), ("zone.radii[0] = ''", "finite number")),
+        (("rollout", "ffa_1", "--set", "zone_radii=13,4"), ("zone.radii: 13 does not fit into a room of side 25",)),
+        (("rollout", "ffa_1", "--set", "melee_damage=1,2"), ("melee.damage = '1,2': an integer",)),
+        (("schedule", "nothing"), ("nothing", "known")),
+    ],
+)
+def test_mistakes_are_told_in_one_line(capsys, arguments, words):
+    status, _, err = run(capsys, *arguments)
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    for word in words:
+        assert word in err
+
+
+def others(name: str) -> Iterator[tuple[Any, Scenario]]:
+    """Values like that of a number of teams_4, which has all mechanics, and the scenario with each that it takes."""
+    asked = variant("teams_4")
+    value = asked.numbers()[name]
+    if isinstance(value, str):
+        (field,) = (f for m in asked.modules for f in fields(m) if f"{m.name}_{f.name}" == name)
+        values = field.metadata["choices"]
+    elif isinstance(value, bool):
+        values = (not value,)
+    elif isinstance(value, tuple):
+        values = (value[:2], value[:1], tuple(x / 2 for x in value))
+    else:
+        values = (value + 1, value / 2)
+    for each in values:
+        with contextlib.suppress(NumberError):
+            yield each, asked.replace(**{name: each})
+
+
+@pytest.mark.parametrize("name", variant("teams_4").numbers())
+def test_set_changes_any_number(name: str) -> None:
+    changed = [(value, expected) for value, expected in others(name) if expected != variant("teams_4")]
+    assert changed
+    for value, expected in changed:
+        text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        for form in (text, f"({text})") if isinstance(value, tuple) else (text,):
+            options = cli.parser().parse_args(["rollout", "teams_4", "--set", f"{name}={form}"])
+            assert scenario(options) == expected
+
+
+def test_a_smaller_room_gets_a_smaller_zone(capsys):
+    numbers = ("--set", "room_size=20", "--set", "zone_radii=8,4", "--set", "zone_stand=5", "--set", "zone_shrink=5")
+    status, out, _ = run(capsys, "rollout", "ffa_2", *numbers, "--set", "zone_harm=100", "--worlds", "2", "--quiet")
+    assert status == 0
+    assert float(out.split("length")[1].split()[0]) <= 21  # when the last circle is gone
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "least"), [("--worlds", "0", 1), ("--steps", "many", 1), ("--seed", "-1", 0)]
+)
+def test_numbers_that_cannot_be_are_refused(capsys, option, value, least):
+    with pytest.raises(SystemExit):
+        cli.main(("rollout", "ffa_1", option, value))
+    assert f"{value}: an integer of at least {least} is needed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(110))
+    arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100", *quiet)
+    status, out, _ = run(capsys, *arguments)
+    assert status == 130
+    assert "220 world-steps" in out
+
+
+def test_deaths_are_logged_on_request(capsys, caplog):
+    with caplog.at_level("INFO", "outlast.deaths"):
+        run(capsys, "rollout", "ffa_1", "--worlds", "4", "--steps", "103", "--policy", "noop", "--set", "zone_harm=100")
+    assert "died of zone" in caplog.text

@@ -1,0 +1,190 @@
+"""Ray: a cluster computes what one machine does, also when it loses workers."""
+
+import dataclasses
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.envs.cli import main as cli
+from outlast.envs.errors import ClusterError, EndlessError
+from outlast.envs.rollout import local
+from outlast.envs.rollout.local import Task, play
+from outlast.envs.rollout.policies import POLICIES
+from tests.conftest import scaled
+
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
+
+from outlast.envs.rollout import ray as cluster  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
+
+WORLDS, STEPS, SEED = 10, scaled(150, least=30), 3
+SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """A cluster on this machine, small whatever it has."""
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="error")
+    yield
+    ray.shutdown()
+
+
+def task(policy=POLICIES["random"], variant="teams_3"):
+    return Task(outlast.variant(variant).replace(**SHORT), policy, STEPS, SEED)
+
+
+def same(one, other):
+    tables = ((one.sums, other.sums), (one.squares, other.squares))
+    return one.rows() == other.rows() and all(np.array_equal(a[key], b[key]) for a, b in tables for key in a | b)
+
+
+# ---- before there is a cluster
+
+
+def test_importing_outlast_leaves_ray_alone():
+    program = "import outlast, outlast.envs.cli.main, outlast.envs.rollout.local, sys; sys.exit('ray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program]).returncode == 0
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere.invalid:6379", "ray://127.0.0.1:1", "gibberish"])
+def test_no_cluster_is_said_at_once(capsys, address):
+    assert not ray.is_initialized()
+    assert cli.main(("rollout", "ffa_1", "--ray", address)) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"outlast: no Ray cluster at {address}: ")
+
+
+# ---- rollouts
+
+
+@pytest.mark.parametrize("size", [1, 4, 256])
+def test_a_cluster_computes_what_one_machine_does(workers, monkeypatch, size):
+    monkeypatch.setattr(local, "BLOCK", size)
+    seen = []
+    spread = cluster.rollout(task(), WORLDS, seen.append)
+    alone = play(task(), 0, WORLDS)
+    assert spread.episodes == alone.episodes >= WORLDS
+    assert same(spread, alone)
+    assert spread.world_steps == alone.world_steps == WORLDS * STEPS
+    done = [(summary.world_steps, summary.episodes) for summary in seen]
+    assert done == sorted(done)
+    assert done[-1] == (alone.world_steps, alone.episodes)
+
+
+def test_a_cluster_plays_as_many_whole_episodes_of_every_world(workers, monkeypatch):
+    monkeypatch.setattr(local, "BLOCK", 4)
+    work = dataclasses.replace(task(), steps=0, episodes=2)
+    spread = cluster.rollout(work, WORLDS)
+    assert spread.episodes == 2 * WORLDS
+    assert str(spread) == str(play(work, 0, WORLDS))
+    assert "the first 2 of every world" in str(spread)
+
+
+def test_an_episode_without_an_end_is_told_as_on_one_machine(workers):
+    def impatient(env, seed):
+        local.LONGEST = 30  # in the worker, which has this module, too
+        return POLICIES["noop"](env, seed)
+
+    never = Task(outlast.variant("ffa_1").replace(zone_harm=0), impatient, 0, SEED)
+    with pytest.raises(EndlessError, match="world 0 has been in one episode for 30 steps"):
+        cluster.rollout(never, 1)
+
+
+@pytest.mark.parametrize("how", ["exit", "kill"])
+def test_a_lost_worker_loses_no_episode_and_repeats_none(workers, monkeypatch, tmp_path, how):
+    """The worker of the second block is lost in mid-rollout, the first time; every start leaves a file."""
+
+    def fragile(env, seed):
+        first, steps, act = env.first_world, itertools.count(), POLICIES["random"](env, seed)
+        starts = len(list(tmp_path.glob(f"{first}-*")))
+        (tmp_path / f"{first}-{starts}").touch()
+
+        def policy(observations):
+            if first == 3 and starts == 0 and next(steps) == STEPS - 5:
+                os._exit(1) if how == "exit" else os.kill(os.getpid(), signal.SIGKILL)
+            return act(observations)
+
+        return policy
+
+    monkeypatch.setattr(local, "BLOCK", 3)
+    spread = cluster.rollout(task(fragile), WORLDS)
+    assert {path.name for path in tmp_path.iterdir()} >= {"0-0", "3-0", "3-1", "6-0", "9-0"}
+    alone = play(task(), 0, WORLDS)
+    assert spread.episodes == alone.episodes
+    assert same(spread, alone)
+
+
+def test_a_worker_that_is_always_lost_is_an_error_that_names_its_worlds(workers, monkeypatch):
+    def deadly(env, seed):
+        if env.first_world:
+            os._exit(1)
+        return POLICIES["random"](env, seed)
+
+    monkeypatch.setattr(local, "BLOCK", 5)
+    monkeypatch.setattr(cluster, "RETRIES", 1)
+    with pytest.raises(ClusterError, match=r"worlds 5 to 9 lost their worker 2 times .*memory"):
+        cluster.rollout(task(deadly), WORLDS)
+
+
+def test_what_a_policy_raises_comes_back(workers):
+    def broken(env, seed):
+        raise ZeroDivisionError("in the policy")
+
+    with pytest.raises(ZeroDivisionError, match="in the policy"):
+        cluster.rollout(task(broken), WORLDS)
+
+
+def test_workers_with_another_version_are_refused(workers, monkeypatch):
+    monkeypatch.setattr(outlast, "__version__", "0.0.7")
+    with pytest.raises(ClusterError, match=r"this machine 0\.0\.7: install the same"):
+        cluster.rollout(task(), WORLDS)
+
+
+def test_ctrl_c_leaves_the_summary_of_the_finished_blocks(workers, monkeypatch, tmp_path):
+    """The last block never ends by itself."""
+
+    def endless(env, seed):
+        act = POLICIES["random"](env, seed)
+
+        def policy(observations):
+            while env.first_world == 8:
+                time.sleep(0.01)
+            return act(observations)
+
+        return policy
+
+    def progress(summary):
+        if summary.world_steps == 8 * STEPS:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(local, "BLOCK", 4)
+    with pytest.raises(KeyboardInterrupt) as stop:
+        cluster.rollout(task(endless), WORLDS, progress)
+    assert same(stop.value.args[0], play(task(), 0, 8))
+    assert cluster.rollout(task(), WORLDS).episodes  # its worker is free again
+
+
+def test_the_command_prints_the_same_table(workers, capsys):
+    arguments = ["rollout", "ffa_2", "--worlds", "5", "--steps", "150", "--set", "zone_harm=100", "--quiet"]
+    tables = []
+    for more in ([], ["--ray"]):
+        assert cli.main([*arguments, *more]) == 0
+        out = capsys.readouterr().out
+        assert "750 world-steps in" in out
+        tables.append(out.split("agent-steps/s")[1])
+    assert tables[0] == tables[1]
+    assert "deaths_zone" in tables[0]
+
+
+@pytest.mark.parametrize("more", [("--threads", "2"), ("--log-deaths",)])
+def test_options_for_one_machine_are_refused(capsys, more):
+    assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
+    assert "leave them out with --ray" in capsys.readouterr().err

@@ -1,0 +1,200 @@
+"""outlast evaluate, and saved policies in rollout, frames and play."""
+
+import argparse
+import csv
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from outlast import load_policy, make_vec, variant
+from outlast.components import Body
+from outlast.envs.cli import main as cli
+from outlast.envs.cli import options
+from outlast.envs.errors import FilmError, TrainingError
+from outlast.envs.rendering import video as film
+from outlast.envs.rollout.local import rollout
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.web.play.game import Game
+from tests.conftest import interrupted_after
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
+
+from outlast.training import evaluate_command  # noqa: E402
+from tests.training.test_training_player import saved  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+QUICK = [word for number in ("zone_harm=50", "zone_stand=10", "zone_shrink=5") for word in ("--set", number)]
+
+
+def evaluate(*arguments: object) -> int:
+    """`outlast evaluate`, also where its entry point has not been installed."""
+    parser = argparse.ArgumentParser()
+    evaluate_command.add(parser.add_subparsers())
+    parsed = parser.parse_args(["evaluate", *map(str, arguments)])
+    return int(parsed.run(parsed))
+
+
+def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip", "paper")
+    out = tmp_path / "out" / "deep"
+    small = ("--episodes", 8, "--worlds", 4, *QUICK, "--out", out)
+    assert evaluate("teams_3", tmp_path / "a.zip", "noop", "scripted", *small) == 0
+    printed = capsys.readouterr()
+    assert "48/48" in printed.err  # the progress bar
+    assert "6 pairings of 8 episodes, 2 in each of 4 worlds" in printed.out
+    assert "wins of, against" in printed.out
+    told = json.loads((out / "evaluation.json").read_text())
+    assert (told["complete"], told["episodes"], told["scenario"]["name"]) == (True, 8, "teams_3")
+    assert [entry["label"] for entry in told["policies"]] == ["a", "noop", "scripted"]
+    with (out / "ratings.csv").open() as file:
+        ratings = list(csv.DictReader(file))
+    assert np.mean([float(row["elo"]) for row in ratings]) == pytest.approx(1000)
+    assert f"{float(ratings[2]['elo']):.0f}" in printed.out.split("wins of")[0]
+    with (out / "figures.csv").open() as file:
+        rows = {(row["policy"], row["against"], row["figure"]): row for row in csv.DictReader(file)}
+    assert sum(float(rows[(*pair, "wins")]["mean"]) for pair in (("a", "noop"), ("noop", "a"))) == pytest.approx(1)
+    figures = {"length", "return", "kills", "deaths_zone", "attack_far", "zone_distance", "heals_held", "heals_used"}
+    assert figures <= {figure for _, _, figure in rows}
+    assert not [path for path in out.iterdir() if path.suffix not in (".json", ".csv")]
+
+
+def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) -> None:
+    small = ("--episodes", 6, "--worlds", 2, *QUICK, "--quiet")
+    assert evaluate("ffa_1", "scripted", "noop", *small, "--out", tmp_path / "plain") == 0
+    assert evaluate("ffa_1", "scripted", "noop", *small, "--out", tmp_path / "film", "--film") == 0
+    numbers = [(tmp_path / name / "figures.csv").read_text() for name in ("plain", "film")]
+    assert numbers[0] == numbers[1]  # recording changes nothing
+    names = ["scripted-scripted", "scripted-noop", "noop-noop"]
+    endings = {path.name for path in (tmp_path / "film").iterdir() if path.suffix in (".webm", ".html")}
+    assert endings == {name + ending for name in names for ending in (".webm", ".html")}
+    lengths = {
+        (row["policy"], row["against"]): row
+        for row in csv.DictReader(numbers[0].splitlines())
+        if row["figure"] == "length"
+    }
+    video = cv2.VideoCapture(str(tmp_path / "film" / "scripted-noop.webm"))
+    frames = 0
+    while video.read()[0]:
+        frames += 1
+    mean = float(lengths["scripted", "noop"]["mean"])
+    assert 0.5 * mean < frames - 1 < 2 * mean
+    page = (tmp_path / "film" / "scripted-noop.html").read_text()
+    assert re.search(r"ffa_1: scripted \(side (0\) against noop \(side 1|1\) against noop \(side 0)\)", page)
+    assert "scripted-noop.webm" in capsys.readouterr().out
+
+
+def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path: Path) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise FilmError("the disk is full")
+
+    monkeypatch.setattr(film, "write", full)
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    with pytest.raises(FilmError):
+        evaluate("ffa_1", "noop", "scripted", *small, "--film")
+    assert "3 pairings of 2 episodes" in capsys.readouterr().out
+    assert json.loads((tmp_path / "evaluation.json").read_text())["complete"]
+
+
+def test_tables_of_what_is_complete_are_always_there(monkeypatch, tmp_path: Path) -> None:
+    """As after kill -9: nothing is left to the end."""
+    monkeypatch.setattr(evaluate_command, "_report", lambda *_: None)
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
+    told = json.loads((tmp_path / "evaluation.json").read_text())
+    assert (told["complete"], len(told["pairings"])) == (False, 3)
+
+
+def test_a_disk_that_takes_no_tables_is_told(monkeypatch, capsys, tmp_path: Path) -> None:
+    (tmp_path / "figures.csv").mkdir()
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
+    with pytest.raises(TrainingError, match=f"{tmp_path} cannot be written: Is a directory"):
+        evaluate("ffa_1", "noop", "scripted", *small)
+    assert "1 pairings of 2 episodes" in capsys.readouterr().out
+
+
+def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path / "out")
+    assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
+    printed = capsys.readouterr()
+    assert printed.err == "stopped; complete are 3 of 6 pairings\n"
+    assert "3 pairings of 2 episodes" in printed.out
+    told = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert (told["complete"], len(told["pairings"]), told["ratings"]) == (False, 3, [])
+    assert evaluate("ffa_1", "random", *small[:-2]) == 130
+    assert "no pairing is complete" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("noop", "noop"), "named twice"),
+        (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
+        (("noop", "--film"), "--film needs --out"),
+        (("noop", "--out", __file__), "cannot be a folder: File exists"),
+    ],
+)
+def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
+    with pytest.raises(cli.MISTAKES, match=words):
+        evaluate("ffa_1", *arguments)
+
+
+def test_a_saved_policy_rolls_out_with_what_it_was_trained_to_be_told(capsys, tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip", "original")
+    scenario = variant("teams_3").replace(zone_harm=50, cameras_mode="revealed")
+    env = make_vec(scenario, 3, seed=2)
+    expected = rollout(env, load_policy(tmp_path / "a.zip", 2), 150)
+    arguments = ("rollout", "teams_3", "--policy", str(tmp_path / "a.zip"), "--worlds", "3", "--steps", "150")
+    assert cli.main((*arguments, "--seed", "2", "--set", "zone_harm=50", "--quiet")) == 0
+    assert str(expected) in capsys.readouterr().out
+    film = ("--out", str(tmp_path / "film"), "--steps", "3", "--size", "64", "--quiet")
+    assert cli.main(("frames", "teams_3", "--policy", str(tmp_path / "a.zip"), *film)) == 0
+    assert len(list((tmp_path / "film").iterdir())) == 4
+
+
+def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip", "original")
+    scenario, player = options.saved(str(tmp_path / "a.zip"), variant("teams_3"), 0)
+    game = Game(scenario, others=player)
+    game.hold({"ahead": 1}, {})
+    before = game.worlds[Body].x[0, game.worlds.span("agent")].copy()
+    assert all(game.tick() for _ in range(30))
+    moved = game.worlds[Body].x[0, game.worlds.span("agent")] != before
+    game.close()
+    assert moved.all()
+
+
+def test_saved_policies_that_cannot_play_are_told_in_one_line(capsys, tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip")
+    policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
+    for arguments, words in (
+        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3; here are"),
+        (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
+        (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "there is no checkpoint"),
+        (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3; here are"),
+    ):
+        assert cli.main(arguments) == 2
+        err = capsys.readouterr().err.strip()
+        assert words in err
+        assert len(err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
+    with pytest.raises(SystemExit):
+        cli.main(("rollout", "ffa_1", "--policy", "best"))
+    assert "best: random, noop, scripted or a saved policy, FILE.zip, is needed" in capsys.readouterr().err
+
+
+def test_without_torch_the_cure_is_told() -> None:
+    code = "import sys; sys.modules['torch'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 2
+    assert result.stderr == "outlast: a.zip needs torch: pip install 'outlast[train]'\n"

@@ -1,0 +1,216 @@
+"""Curves of runs: the paper's are those that were published, logs and kept files are read exactly or refused."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import VARIANTS, variant
+from outlast.envs.errors import TrainingError
+from outlast.envs.scenarios.fingerprint import identity
+from outlast.training import curves, paper, results
+from outlast.training.curves import BOXES, Curves
+from outlast.training.endings import average, ending, smooth
+from outlast.training.presets import preset
+
+# Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
+PUBLISHED = [
+    ("ffa_1", "rollout/reward0", 938.516, 118.621, 998.497, 9.96),
+    ("ffa_1", "rollout/kills1", 0.322, 0.157, 0.429, 9.31),
+    ("ffa_2", "rollout/steps", 1049.219, 74.331, 1106.069, 9.99),
+    ("ffa_2", "rollout/kills0", 0.002, 0.011, 0.038, 3.80),
+    ("ffa_3", "rollout/boxes_placed", 0.425, 0.165, 0.593, 3.18),
+    ("ffa_4", "rollout/heals_used", 1.163, 0.263, 1.435, 4.82),
+    ("teams_1", "rollout/reward1", 596.305, 34.828, 685.885, 3.21),
+    ("teams_2", "rollout/reward0", 402.807, 22.754, 531.305, 3.60),
+    ("teams_3", "rollout/kills1", 0.034, 0.021, 0.088, 1.90),
+    ("teams_4", "rollout/steps", 593.747, 32.220, 621.950, 5.83),
+]
+LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
+
+
+@pytest.mark.parametrize(("name", "tag", "mean", "deviation", "peak", "place"), PUBLISHED)
+def test_the_papers_curves_are_those_published(
+    name: str, tag: str, mean: float, deviation: float, peak: float, place: float
+) -> None:
+    published = paper.curves(name)
+    found = ending(published.values[tag])
+    steps, height = average([published], tag).peak
+    assert [found.mean, found.deviation, height] == pytest.approx([mean, deviation, peak], abs=6e-4)
+    assert steps / 1e6 == pytest.approx(place, abs=6e-3)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_has_the_papers_curves(name: str) -> None:
+    published = paper.curves(name)
+    agents = 4 if name.startswith("teams") else 2
+    assert published.steps.tolist() == [16384 * agents * k for k in range(1, 612 // agents + 1)]
+    assert bool(published.tags(BOXES)) == ("boxes" in variant(name))
+    assert all(np.isfinite(values).all() for values in published.values.values())
+
+
+# ---- logs
+
+
+def log(folder: Path, text: str) -> Path:
+    path = folder / "log.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) -> None:
+    path = log(tmp_path, LINES + "rollout/heals_used,20,0.25\nrollout/reward0,30,9\ntrain/loss,30,nan\nrollout/steps,3")
+    read = curves.of_log(path)
+    assert read.steps.tolist() == [10, 20, 30]
+    assert set(read.values) == {"rollout/reward0", "rollout/steps", "rollout/heals_used"}
+    np.testing.assert_array_equal(read.values["rollout/reward0"], [1.5, 3, 9])
+    np.testing.assert_array_equal(read.values["rollout/steps"], [2.5, 4, np.nan])
+    np.testing.assert_array_equal(read.values["rollout/heals_used"], [np.nan, 0.25, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is not the log of a run: its first line is not tag,step,value"),
+        ("step,tag,value\n", "is not the log of a run"),
+        ("tag,step,value\n", "has no rollout/steps: no episode has ended in it yet"),
+        ("tag,step,value\nrollout/steps,1,2\n", "has no rollout/reward0"),
+        (LINES + "rollout/steps,30\n", "line 6: 'rollout/steps,30' is not a tag, a step, a value"),
+        (LINES + "rollout/steps,many,1\n", "line 6: 'rollout/steps,many,1' is not"),
+        (
+            LINES + "rollout/steps,15,1\n",
+            "line 6: rollout/steps at step 15 comes after that at step 20",
+        ),
+        (LINES + "rollout/steps,30,nan\n", "is broken: rollout/steps at step 30 is not a finite number"),
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = log(tmp_path, text)
+    with pytest.raises(TrainingError, match=message) as caught:
+        curves.of_log(path)
+    assert str(path) in str(caught.value)
+
+
+def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="No such file"):
+        curves.read(tmp_path / "log.csv")
+    (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(TrainingError, match="it is no text"):
+        curves.read(tmp_path / "log.csv")
+
+
+# ---- kept files
+
+
+def test_kept_curves_are_the_same(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    values = (rng.normal(size=50) * 10.0 ** rng.integers(-12, 12, 50)).astype(np.float32)
+    values[[0, 7]] = np.nan
+    whole = Curves(np.arange(1, 51) * 7, {"rollout/steps": values, "rollout/kills0": np.zeros(50, np.float32)})
+    (tmp_path / "a.csv").write_text(curves.kept({"variant": "ffa_1", "n": [1]}, whole))
+    about, again = curves.read_kept(tmp_path / "a.csv")
+    assert about == {"variant": "ffa_1", "n": [1]}
+    assert again.steps.tolist() == whole.steps.tolist()
+    assert {tag: array.tobytes() for tag, array in again.values.items()} == {
+        tag: array.tobytes() for tag, array in whole.values.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LINES, "its first line does not say what it holds"),
+        ("# no json\nstep,a\n1,2\n", "Expecting value"),
+        ("# {}\nstep,a\n1,2,3\n", "its columns are not step and tags"),
+        ("# {}\nstep,a\n1,2\n2\n", "shorter"),
+        ("# {}\nstep,a\n", "it has no rows"),
+        ("# {}\nstep,a\n2,2\n1,2\n", "its steps do not ascend"),
+        ("# {}\nstep,a\n1,inf\n", "inf is not a finite number"),
+        ("# {}\nstep,a\n1,x\n", "could not convert"),
+        ("# {}\n", "not enough values"),
+        ("# {}\nstep,a\n1,2\n", "does not hold the curves of a run: 'variant'"),
+        ('# {"variant": "ffa_9", "plan": {}, "changed": {}}\nstep,a\n1,2\n', "there is no variant 'ffa_9'"),
+        ("# []\nstep,a\n1,2\n", "does not hold the curves of a run"),
+    ],
+)
+def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(TrainingError, match=message):
+        results.load([tmp_path])
+
+
+# ---- averages
+
+
+def test_the_moving_average_is_that_of_the_points_around() -> None:
+    values = np.random.default_rng(2).normal(size=130).astype(np.float32)
+    values[[3, 4, 60]] = np.nan
+    expected = [np.nanmean(values[max(0, k - 3) : k + 4], dtype=np.float64) for k in range(130)]  # 5 % of 130: 6, or 7
+    np.testing.assert_allclose(smooth(values), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_an_average_over_seeds_goes_on_with_those_that_do() -> None:
+    runs = [Curves(np.array([1, 2, 3])[:n], {"a": np.array([k, k, k])[:n]}) for k, n in ((1.0, 3), (5.0, 2), (3.0, 3))]
+    found = average([*runs, Curves(np.array([9]), {"b": np.ones(1)})], "a")
+    assert [found.steps.tolist(), found.mean.tolist()] == [[1, 2, 3], [3, 3, 2]]
+    assert [found.low.tolist(), found.high.tolist()] == [[1, 1, 1], [5, 5, 3]]
+
+
+# ---- folders of runs
+
+
+def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> Path:
+    """What a run leaves behind, without the weights."""
+    place.mkdir()
+    given = {"preset": "original", "seed": 0, "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}} | plan
+    scenario = preset(given["preset"]).scenario(variant("ffa_2").replace(**changes or {}))
+    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": identity(scenario)}))
+    log(place, LINES)
+    return place
+
+
+def test_a_run_is_what_it_says(tmp_path: Path) -> None:
+    changed = folder(tmp_path / "x", {"zone_harm": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5})
+    (run,) = results.load([changed])
+    assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
+    assert run.unlike == {"worlds": 64, "gamma": 0.9, "zone_harm": 2}
+    (plain,) = results.load([folder(tmp_path / "y", worlds=1)])
+    assert plain.unlike == {}
+
+
+def test_folders_of_folders_are_searched_and_seeds_sorted(tmp_path: Path) -> None:
+    for seed in (10, 2):
+        folder(tmp_path / f"run{seed}", seed=seed, threads=seed)
+    folder(tmp_path / "other", preset="paper")
+    groups = results.grouped(results.load([tmp_path]))
+    assert [(group.name, [run.seed for run in group.runs]) for group in groups] == [
+        ("ffa_2-original", [2, 10]),
+        ("ffa_2-paper", [0]),
+    ]
+
+
+def refused(places: Sequence[Path], message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        results.grouped(results.load(places))
+
+
+def test_runs_that_differ_in_more_than_seeds_are_not_mixed(tmp_path: Path) -> None:
+    one = folder(tmp_path / "one")
+    refused([one, folder(tmp_path / "a", seed=1, dead="drop")], "dead is keep in .*one and drop in .*a: plot them one")
+    refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
+    refused([one, folder(tmp_path / "c", {"zone_harm": 2}, seed=1)], "zone_harm is as usual in .*one and 2 in .*c")
+    refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
+    refused([one, one], "are the same run")
+
+
+def test_folders_without_runs_are_refused(tmp_path: Path) -> None:
+    refused([tmp_path], "there are no runs in")
+    refused([tmp_path / "none"], "there is no .*none")
+    log(tmp_path, LINES)
+    refused([tmp_path], r"has no run.json, which would say what is trained in it")
+    for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
+        (tmp_path / "run.json").write_bytes(content)
+        refused([tmp_path], r"run.json does not say what the run is")

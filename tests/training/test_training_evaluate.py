@@ -1,0 +1,186 @@
+"""Cross-play, counted again in plain Python."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import make_vec, variant
+from outlast.envs.errors import TrainingError
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.scenarios.scenario import Scenario
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
+
+from outlast.training.contenders import contenders  # noqa: E402
+from outlast.training.evaluate import Evaluation  # noqa: E402
+from outlast.training.matches import Match  # noqa: E402
+from outlast.training.player import Player  # noqa: E402
+from outlast.training.presets import PRESETS  # noqa: E402
+from tests.training.test_training_player import saved  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+QUICK = {"zone_harm": 20, "zone_stand": 20, "zone_shrink": 10, "melee_damage": 20}  # episodes of a hundred steps
+
+
+def quick(name: str) -> Scenario:
+    return variant(name).replace(**QUICK)
+
+
+def evaluated(name: str, *texts: object, **options: Any) -> Evaluation:
+    evaluation = Evaluation(quick(name), contenders([str(text) for text in texts]), **options)
+    evaluation.play()
+    evaluation.close()
+    return evaluation
+
+
+def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, seed: int) -> dict[str, Any]:
+    """Figures of a match of named policies, (worlds, each, roles), by one agent of one world after the other."""
+    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    policies = [POLICIES[name](env, seed) for name in names]
+    observations, _ = env.reset(seed=seed)
+    agents, size = range(env.num_agents), max(1, env.num_agents // 2)  # of a team; or each on its own
+    figures = {name: np.zeros((worlds, each, 2)) for name in ("wins", "length", "life", "return", "kills", "dead")}
+    attacks, chances = np.zeros((worlds, each, 2)), np.zeros((worlds, each, 2))
+    done, ticks = [0] * worlds, [0] * worlds
+    last = np.zeros((worlds, 2), int)
+    while min(done) < each:
+        told = {key: value.copy() for key, value in observations.items()}
+        choices = [policy(observations) for policy in policies]
+        actions = np.zeros_like(choices[0])
+        for w in range(worlds):
+            for i in agents:
+                role = (i // size + w + done[w]) % 2
+                actions[w, i] = choices[role][w, i]
+                me = told["self"][w, i, -7:]
+                if done[w] < each and me.any():
+                    enemies = [told["self"][w, j, -7:] for j in agents if j // size != i // size]
+                    near = any(row.any() and np.hypot(*(row[1:3] - me[1:3])) <= 2.5 for row in enemies)
+                    chances[w, done[w], role] += near
+                    attacks[w, done[w], role] += near and actions[w, i, 3]
+        observations, rewards, over, _, info = env.step(actions)
+        for w in range(worlds):
+            ticks[w] += 1
+            for i in agents:
+                role = (i // size + w + done[w]) % 2
+                if observations["self"][w, i, -7:].any():
+                    last[w, i // size] = ticks[w]
+                if done[w] < each:
+                    figures["return"][w, done[w], role] += rewards[w, i] / size
+            if over[w] and done[w] < each:
+                lives = [last[w, (role + w + done[w]) % 2] for role in (0, 1)]
+                here = (w, done[w])
+                figures["life"][here], figures["length"][here] = lives, ticks[w]
+                figures["wins"][here] = [0.5 + 0.5 * np.sign(lives[k] - lives[1 - k]) for k in (0, 1)]
+                figures["kills"][here] = [info["statistics"]["kills"][w, (k + w + done[w]) % 2] for k in (0, 1)]
+                alive = [
+                    [observations["self"][w, i, -7:].any() for i in agents if (i // size + w + done[w]) % 2 == k]
+                    for k in (0, 1)
+                ]
+                figures["dead"][here] = [len(living) - sum(living) for living in alive]
+            if over[w]:
+                done[w], ticks[w], last[w] = done[w] + 1, 0, 0
+        if over.any():
+            observations, _ = env.reset(options={"reset_mask": over})
+    env.close()
+    return figures | {"attacks": attacks, "chances": chances}
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "teams_3"])
+def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
+    names, worlds, each, seed = ("scripted", "random"), 3, 2, 5
+    scenario = quick(name).replace(zone_stand=100, zone_shrink=100, motors_ahead=1.0)  # in which agents meet
+    expected = counted(scenario, names, worlds, each, seed)
+    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    acts = [contender.act(env, seed) for contender in contenders(names)]
+    match = Match(env, acts, each, seed)
+    ended: list[int] = []
+    figures = match.play(ended.append).figures
+    assert sum(ended) == worlds * each
+    values = {key: figure[..., 0] / figure[..., 1].clip(1) for key, figure in figures.items()}
+    for key in ("wins", "length", "life", "return", "kills"):
+        assert values[key] == pytest.approx(expected[key]), key
+    assert sum(values[key] for key in values if key.startswith("deaths_")) == pytest.approx(expected["dead"])
+    assert figures["attack_near"][..., 0] == pytest.approx(expected["attacks"])
+    assert figures["attack_near"][..., 1] == pytest.approx(expected["chances"])
+    assert expected["chances"].sum() > 0
+    assert set(expected["wins"].ravel()) >= {0, 1}
+    first, last = match.games.spans[0, 0]
+    assert (first, last >= values["length"][0, 0, 0]) == (0, True)
+
+
+@pytest.mark.parametrize("chosen", [preset.name for preset in PRESETS.values() if preset.cameras == "masked"])
+def test_cameras_mode_is_nothing_to_a_player_trained_on_masked_rows(tmp_path: Path, chosen: str) -> None:
+    saved(tmp_path / "a.zip", chosen)
+    envs = [make_vec(quick("teams_3").replace(cameras_mode=mode), 8, seed=3) for mode in ("masked", "revealed")]
+    players = [Player(tmp_path / "a.zip", seed=4) for _ in envs]
+    seen = [env.reset()[0] for env in envs]
+    differ = 0
+    for _ in range(150):
+        actions = [player(observations) for player, observations in zip(players, seen, strict=True)]
+        assert np.array_equal(*actions)
+        assert np.array_equal(*(observations["self"] for observations in seen))
+        differ += (seen[0]["others"] != seen[1]["others"]).any()
+        seen = [env.step(choice)[0] for env, choice in zip(envs, actions, strict=True)]
+    assert differ > 100
+
+
+@pytest.mark.parametrize("name", ["scripted", "random"])
+def test_cameras_mode_is_nothing_to_policies_by_name(name: str) -> None:
+    envs = [make_vec(quick("teams_3").replace(cameras_mode=mode), 8, seed=3) for mode in ("masked", "revealed")]
+    policies = [POLICIES[name](env, 0) for env in envs]
+    seen = [env.reset()[0] for env in envs]
+    for _ in range(150):
+        actions = [policy(observations) for policy, observations in zip(policies, seen, strict=True)]
+        assert np.array_equal(*actions)
+        seen = [env.step(choice)[0] for env, choice in zip(envs, actions, strict=True)]
+
+
+def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip", "original")
+    saved(tmp_path / "b.zip", "paper")
+    texts = (tmp_path / "a.zip", tmp_path / "b.zip", "random")
+    runs = [evaluated("teams_3", *texts, episodes=6, worlds=4, seed=s, threads=t) for s, t in ((1, 1), (1, 2), (2, 1))]
+    tables = [[meeting.figures(0) | meeting.figures(1) for meeting in run.meetings] for run in runs]
+    np.testing.assert_equal(tables[0], tables[1])
+    assert tables[0] != tables[2]
+    np.testing.assert_equal(runs[0].ratings(), runs[1].ratings())
+    assert runs[0].scenario.numbers()["cameras_mode"] == "revealed"
+    assert runs[0].pairs == [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+    assert runs[0].episodes == 8  # as many in every world
+    alone = evaluated("teams_3", *texts[:2], episodes=6, worlds=4, seed=1)  # whoever else comes
+    np.testing.assert_equal([alone.meetings[1].figures(0)], [runs[0].meetings[1].figures(0)])
+
+
+def test_who_meets_itself_wins_half() -> None:
+    evaluation = evaluated("ffa_1", "scripted", episodes=400, worlds=100)
+    mean, error = evaluation.meetings[0].figures(0)["wins"]
+    assert 0.015 < error < 0.026
+    assert abs(mean - 0.5) < 4 * error
+    assert evaluation.ratings() is None
+    won, drawn, lost = evaluation.meetings[0].results()
+    assert (won + drawn + lost, (won + drawn / 2) / 400) == (400, mean)
+
+
+def test_seats_are_even_also_where_worlds_are_odd() -> None:
+    evaluation = Evaluation(quick("ffa_1"), contenders(["noop", "random"]), episodes=3, worlds=3)
+    assert (evaluation.each, evaluation.episodes) == (2, 6)
+    evaluation.close()
+
+
+def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip")
+    chosen = contenders([str(tmp_path / "a.zip"), "random"])
+    with pytest.raises(TrainingError, match="trained on teams_3; here are"):
+        Evaluation(variant("ffa_1"), chosen, worlds=2)
+    with pytest.raises(TrainingError, match="cameras_mode is omniscient"):
+        Evaluation(variant("teams_3").replace(cameras_mode="omniscient"), chosen, worlds=2)
+    assert chosen[0].player is not None
+    chosen[0].player.about["actions"] = [3, 3]
+    with pytest.raises(TrainingError, match=r"chooses among \[3, 3\] actions; here are \[3, 3, 3, 2, 2, 2\]"):
+        Evaluation(variant("teams_3"), chosen, worlds=2)
+    with pytest.raises(TrainingError, match="one side"):
+        Evaluation(variant("teams_3").replace(sides_count=1), chosen[1:], worlds=2)

@@ -1,0 +1,100 @@
+"""Trained policies as functions, and as opponents."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from outlast import load_policy, make_vec, variant
+from outlast.envs.errors import TrainingError
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
+
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.player import Player  # noqa: E402
+from outlast.training.ppo import SharedPPO  # noqa: E402
+from outlast.training.presets import PRESETS, preset  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+
+def saved(path: Path, chosen: str = "original") -> SharedPPO:
+    """A model with a policy that is not nearly uniform, as a checkpoint."""
+    model = SharedPPO(variant("teams_3"), preset(chosen), worlds=4, steps=256)
+    torch.nn.init.normal_(model.policy.actor.last.weight, std=0.02)
+    model.start()
+    checkpoint.write(path, checkpoint.capture(model, {}))
+    return model
+
+
+@pytest.mark.parametrize("chosen", PRESETS)
+def test_a_player_has_the_policy_of_the_model(tmp_path: Path, chosen: str) -> None:
+    model = saved(tmp_path / "a.zip", chosen)
+    model.collect()
+    packed, (worlds, agents) = model.rollout_buffer.observations[-1], (4, 4)
+    layout = model.policy.layout
+    observations = layout.views(packed.reshape(worlds, agents, -1))
+    with torch.no_grad():
+        expected = model.policy.act(torch.from_numpy(packed)).numpy().reshape(worlds, agents, -1)
+    assert np.array_equal(Player(tmp_path / "a.zip", seed=None)(observations), expected)
+    one, other = (Player(tmp_path / "a.zip", seed=7) for _ in range(2))
+    drawn = [(one(observations), other(observations)) for _ in range(3)]
+    assert all(np.array_equal(*pair) for pair in drawn)
+    assert any((pair[0] != expected).any() for pair in drawn)
+
+
+def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip")
+    player = Player(tmp_path / "a.zip")
+    scenario = player.scenario(variant("teams_3"))
+    assert scenario.numbers()["cameras_mode"] == "revealed"
+    env = make_vec(scenario, 3, seed=0)
+    observations, _ = env.reset()
+    assert player(observations).shape == (3, 4, 6)
+    lone: Any = gymnasium.make("outlast/Teams-v1", variant=scenario, others=player)
+    lone.reset(seed=0)
+    for _ in range(3):
+        _, reward, *_ = lone.step(lone.action_space.sample())
+    assert reward == 1
+    many = gymnasium.make_vec("outlast/Teams-v1", 3, variant=scenario, others=load_policy(tmp_path / "a.zip"))
+    many.reset(seed=0)
+    played = [many.action_space.sample() for _ in range(3)]
+    assert len({actions.tobytes() for actions in played}) == 3
+    for actions in played:
+        _, rewards, *_ = many.step(actions)
+    assert rewards.tolist() == [1, 1, 1]
+
+
+def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -> None:
+    """Those are for the networks of whoever it plays against, also where something goes wrong."""
+    saved(tmp_path / "a.zip")
+    observations, _ = make_vec(preset("original").scenario(variant("teams_3")), 3, seed=0).reset()
+    torch.set_num_threads(3)  # put back by the fixture
+    players, found = [Player(tmp_path / "a.zip") for _ in range(4)], []
+    for player in players:
+        player.policy.extractors[0].register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
+    with ThreadPoolExecutor(4) as pool:  # for each of its threads, PyTorch begins with the number as it then is
+        for _ in range(5):
+            list(pool.map(lambda player: player(observations), players))
+        assert set(pool.map(lambda _: torch.get_num_threads(), range(8))) == {3}
+    assert found == [1] * 20
+    assert torch.get_num_threads() == 3
+
+    def fail(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    players[0].policy.extractors[0].register_forward_hook(fail)
+    with pytest.raises(KeyboardInterrupt):
+        players[0](observations)
+    assert torch.get_num_threads() == 3
+
+
+def test_other_observations_are_refused(tmp_path: Path) -> None:
+    saved(tmp_path / "a.zip")
+    observations, _ = make_vec("teams_2", 2, seed=0).reset()
+    with pytest.raises(TrainingError, match=r"trained on teams_3; here are box_items None, not \(8, 10\)"):
+        Player(tmp_path / "a.zip")(observations)

@@ -1,0 +1,238 @@
+"""Pages: what is told of a world, how it is packed, and what is refused. tests/web/test_page_browser.py opens them."""
+
+import gzip
+import html
+import json
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from docs.examples.poison import Poison
+from outlast.components import Bag, Body, Health
+from outlast.ecs import Clock, Entity, Worlds
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import PageError
+from outlast.envs.inspect.trace import describe, snapshot
+from outlast.envs.rendering.layers import palette
+from outlast.envs.rollout.policies import scripted_policy
+from outlast.envs.web.replay import write
+from outlast.envs.web.replay.pack import Episode, pack
+from outlast.envs.web.replay.write import record
+from tests.conftest import COMPILED, scaled
+
+Json = dict[str, Any]
+
+
+def ticks(env: SurvivalVectorEnv, steps: int, finished: list[Json] | None = None) -> Iterator[int]:
+    """A scripted rollout in which everybody strikes all the time, and now and then uses what it has.
+
+    finished: takes the statistics of its episodes.
+    """
+    observations, _ = env.reset()
+    act = scripted_policy(env)
+    yield 0
+    for step in range(steps):
+        actions = act(observations).copy()
+        actions[..., 3], actions[..., 4] = 1, step % 30 == 0
+        observations, _, _, _, info = env.step(actions)
+        if finished is not None and "statistics" in info:
+            for w in np.flatnonzero(info["_statistics"]):
+                finished.append({"world": int(w), **{key: value[w] for key, value in info["statistics"].items()}})
+        yield step + 1
+
+
+def unpacked(content: bytes) -> Json:
+    """The header of a page's data, each episode with its numbers by name: int arrays (ticks, entries)."""
+    raw = gzip.decompress(content)
+    at = 4 + int.from_bytes(raw[:4], "little")
+    header = json.loads(raw[4:at])
+    for world in header["worlds"]:
+        for episode in world["episodes"]:
+            episode["numbers"] = {}
+            for name, count, width in episode["columns"]:
+                size = count * width * episode["length"]
+                steps = np.frombuffer(raw[at : at + size], f"<i{width}").reshape(count, episode["length"])
+                episode["numbers"][name] = steps.astype(np.int32).cumsum(1, dtype=np.int32).T
+                at += size
+    assert at == len(raw)
+    return header
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[Json, list[Json], list[Any]]:
+    """A recording as the page gets it, the statistics of its episodes, and the states that it shows, by tick."""
+    env = outlast.make_vec("teams_3", 2, seed=1)
+    finished: list[Json] = []
+    states: list[Any] = []
+
+    def watched() -> Iterator[None]:
+        for _ in ticks(env, scaled(700, 60), finished):
+            kept = (Clock, Entity, Body, Health, Bag)
+            states.append({c: c.Table(*(column.copy() for column in env.worlds[c])) for c in kept})
+            yield
+
+    return unpacked(pack("a title", record(env.worlds, watched(), [0, 1]))), finished, states
+
+
+def test_what_is_packed_comes_out_again(seen: tuple[Json, list[Json], list[Any]]) -> None:
+    header, _, states = seen
+    assert header["title"] == "a title"
+    assert [world["world"] for world in header["worlds"]] == [0, 1]
+    for w, world in enumerate(header["worlds"]):
+        clocks = [(int(s[Clock].episode[w, 0]), int(s[Clock].tick[w, 0])) for s in states]
+        rows = [(e, k) for e in world["episodes"] for k in range(e["length"])]
+        assert [(e["number"], e["start"] + k) for e, k in rows] == clocks
+        for (episode, k), state in zip(rows, states, strict=True):
+            check_row(episode, k, state, w)
+
+
+def check_row(episode: Json, k: int, state: Any, w: int) -> None:
+    """Row k of an episode is what the tables held."""
+    numbers = {name: column[k] for name, column in episode["numbers"].items()}
+    agents = np.arange(4)  # rows are in alphabetical order of kinds
+    assert numbers["agent.alive"].tolist() == state[Entity].alive[w, agents].tolist()
+    assert numbers["agent.health"].tolist() == state[Health].points[w, agents].tolist()
+    rows = np.r_[agents, [e for e in range(len(state[Body].x[w])) if e not in agents]]  # agents first, then things
+    for name, scale in (("x", 1000), ("y", 1000), ("angle", 10000)):
+        packed = np.r_[numbers[f"agent.{name}"], numbers[f"thing.{name}"]] / scale
+        np.testing.assert_allclose(packed, getattr(state[Body], name)[w, rows], atol=0.6 / scale)
+    bags = numbers["agent.bag"].reshape(4, -1)
+    for i, e in enumerate(agents):
+        carried = state[Bag].items[w, e, : state[Bag].count[w, e]]
+        assert [rows[4 + thing] for thing in bags[i] if thing >= 0] == carried.tolist()
+    here = np.r_[numbers["agent.alive"], numbers["thing.here"]]
+    assert here.tolist() == state[Entity].alive[w, rows].tolist()
+
+
+def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]]) -> None:
+    header, finished, _ = seen
+    ended = [
+        (world["world"], episode)
+        for world in header["worlds"]
+        for episode in world["episodes"]
+        if episode["events"][-1]["kind"] == "end"
+    ]
+    assert len(ended) == len(finished) >= scaled(2, 0)
+    for key in ("heals_used", "boxes_placed", "kills", "deaths_melee") if COMPILED else ():
+        assert sum(np.sum(statistics[key]) for statistics in finished) > 0, key
+    for statistics in finished:
+        w, episode = next((w, e) for w, e in ended if w == statistics["world"])
+        ended.remove((w, episode))
+        assert episode["length"] == statistics["length"] + 1
+        counts = Counter(event["kind"] for event in episode["events"])
+        kills = Counter(event["side"] for event in episode["events"] if event["kind"] == "kill")
+        assert [kills[side] for side in (0, 1)] == statistics["kills"].tolist()
+        assert counts["heal"] == statistics["heals_used"]
+        assert counts["place"] == statistics["boxes_placed"]
+        died = Counter(event["cause"] for event in episode["events"] if event["kind"] in ("kill", "death"))
+        assert died["zone"] == statistics["deaths_zone"]
+        assert died["melee"] == statistics["deaths_melee"]
+
+
+def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
+    env = outlast.make_vec("teams_3", 1, seed=1)
+    steps = scaled(1000, 30)
+    write(tmp_path / "page.html", env.worlds, ticks(env, steps), [0], title="small")
+    assert (tmp_path / "page.html").stat().st_size < 150_000
+
+
+# ---- scenarios
+
+
+@pytest.mark.parametrize("variant", ["ffa_1", "ffa_2", "ffa_3", "ffa_4", "teams_1", "teams_2", "teams_3", "teams_4"])
+def test_every_variant_is_described(variant: str) -> None:
+    env = outlast.make_vec(variant, 1, seed=0)
+    env.reset()
+    told, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
+    json.dumps([told, now], allow_nan=False)
+    boxes = 8 if "boxes" in outlast.variant(variant) else 0
+    kinds = Counter(thing["role"] for thing in told["things"])
+    assert kinds == Counter({"heal": 15, "box": boxes, "box_item": boxes, "wall": 4})
+    assert told["teams"] == variant.startswith("teams")
+    assert [agent["side"] for agent in told["agents"]] == ([0, 0, 1, 1] if told["teams"] else [0, 1])
+    assert told["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*palette.VERMILLION)
+    assert sum(thing["here"] for thing in now["things"]) == 15 + boxes + 4
+    assert len(now["zone"]) == 6
+
+
+BARE = ("zone", "heals", "cameras", "give", "inventory", "pickup", "drop", "melee")
+
+
+def told_of(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
+    """Description, snapshot and packed episode of a world that nothing was run in yet."""
+    worlds = Worlds(scenario.modules, 1, 1)
+    told, now = describe(worlds, 0), snapshot(worlds, 0)
+    episode = Episode(told, 1, 0)
+    episode.add(now, [])
+    return told, now, unpacked(pack("", {0: [episode]}))["worlds"][0]["episodes"][0]
+
+
+def test_what_a_scenario_lacks_is_left_out() -> None:
+    told, now, episode = told_of(outlast.variant("ffa_1").without(*BARE))
+    assert [thing["role"] for thing in told["things"]] == ["wall"] * 4
+    assert (told["zone"], told["cone"], told["slots"], told["reach"]) == (False, None, 0, 0)
+    assert now["zone"] is None
+    assert [(agent["bag"], agent["strike"], agent["target"]) for agent in now["agents"]] == [([], 0, -1)] * 2
+    assert {agent["sees"] for agent in now["agents"]} == {None}
+    assert episode["numbers"]["agent.sees"].tolist() == [[-1, -1]]
+
+
+def test_an_item_of_a_new_kind_is_told_by_its_name() -> None:
+    told, now, episode = told_of(outlast.variant("teams_3").with_(Poison(count=3)))
+    vials = [j for j, thing in enumerate(told["things"]) if thing["kind"] == "vial"]
+    assert [told["things"][j]["role"] for j in vials] == ["item"] * 3
+    assert all(now["things"][j]["here"] for j in vials)
+    assert told["causes"] == ["melee", "poison", "zone"]
+    assert episode["numbers"]["thing.here"][0, vials].tolist() == [1, 1, 1]
+
+
+# ---- what is refused
+
+
+def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_3", 2, seed=0)
+    pulled: list[int] = []
+    frames = (pulled.append(k) for k in range(3))
+    with pytest.raises(PageError, match=r"worlds \[5\]; choose among 0 to 1"):
+        write(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
+    with pytest.raises(PageError, match="none; choose among 0 to 1"):
+        write(tmp_path / "page.html", env.worlds, frames, [], title="")
+    with pytest.raises(PageError, match="in a folder that is there"):
+        write(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
+    with pytest.raises(PageError, match="not one tick"):
+        write(tmp_path / "page.html", env.worlds, [], [0], title="")
+    assert not pulled
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_3", 1, seed=0)
+    target = tmp_path / "page.html"
+    target.write_text("the one before")
+
+    def broken() -> Iterator[int]:
+        yield from ticks(env, 3)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write(target, env.worlds, broken(), [0], title="")
+    assert target.read_text() == "the one before"
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_a_page_is_nothing_but_itself(tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_3", 1, seed=0)
+    title = "</title></script><script>alert(1)</script> $data & more"
+    write(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert html.escape(title) in page
+    assert title not in page
+    assert page.count("</script>") == 2
+    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert "https://" not in page
+    assert "default-src 'none'" in page

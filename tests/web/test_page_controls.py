@@ -1,0 +1,221 @@
+"""The page in hands: pointer, keys and touch."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.envs.web.replay import write
+from tests import screen as screen_
+from tests.screen import WORLDS, Screen, Truth
+from tests.web.test_page import ticks
+from tests.web.test_page_browser import HALF, check
+
+pytestmark = pytest.mark.nightly  # each of them loads a page of its own
+browser, file, truths, look = screen_.browser, screen_.file, screen_.truths, screen_.look
+
+LEFT, RIGHT = 30, 10  # pixels of the timeline beside its strips
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}
+
+
+def place(screen: Screen, row: int, last: int) -> float:
+    """Where a row lies on the timeline, in pixels from the left of the window."""
+    box = screen.page.locator("#timeline").bounding_box()
+    return float(box["x"] + LEFT + (box["width"] - LEFT - RIGHT) * row / last)
+
+
+def strip(screen: Screen, agent: int) -> float:
+    """The middle of an agent's strip, in pixels from the top of the window: below the zone's, 21 pixels each."""
+    box = screen.page.locator("#timeline").bounding_box()
+    return float(box["y"] + 12 + 4 + 21 * agent + 9)
+
+
+def test_a_click_on_a_kill_leads_to_it(look: Any, truths: dict[int, Truth]) -> None:
+    screen, truth = look(), truths[0]
+    last = screen.number("length")
+    tick = next(tick for episode, tick in truth.kills if episode == 1)
+    before, after = truth.states[1, tick - 1]["living"], truth.states[1, tick]["living"]
+    victim = next(i for i in range(4) if before[i] and not after[i])
+    screen.page.mouse.click(place(screen, tick, last) + 2, strip(screen, victim) - 1)  # near it is enough
+    screen.settle()
+    assert screen.number("tick") == tick
+    check(screen, truth, 1)
+    assert screen.page.locator("#tip").inner_text().startswith(f"{tick}: agent ")
+    assert "killed by" in screen.page.locator(f".agent[data-agent='{victim}'] .fate").inner_text()
+
+
+def test_every_event_in_the_list_leads_to_its_tick(look: Any, truths: dict[int, Truth]) -> None:
+    screen = look()
+    kills = []
+    for button in screen.page.locator("#events button").all():
+        button.click()
+        screen.settle()
+        assert screen.number("tick") == int(button.locator("time").inner_text())
+        check(screen, truths[0], 1)
+        if button.get_attribute("data-kind") == "kill":
+            kills.append((1, screen.number("tick")))
+    assert sorted(set(kills)) == sorted({(e, tick) for e, tick in truths[0].kills if e == 1})
+
+
+def test_the_timeline_is_dragged(look: Any) -> None:
+    screen = look()
+    last = screen.number("length")
+    y = strip(screen, 3) + 14  # on the axis, where no event is in the way
+    screen.page.mouse.move(place(screen, 0, last), y)
+    screen.page.mouse.down()
+    for row in (last // 8, last // 2, last // 3):
+        screen.page.mouse.move(place(screen, row, last), y)
+        screen.settle()
+        assert abs(screen.number("tick") - row) <= 1
+    screen.page.mouse.up()
+    screen.page.mouse.move(place(screen, 20, last), y)
+    screen.settle()
+    assert abs(screen.number("tick") - last // 3) <= 1
+
+
+def test_an_agent_is_followed_by_key_card_and_click(look: Any, truths: dict[int, Truth]) -> None:
+    screen = look()
+    screen.seek(20)
+    whole = screen.picture()
+    screen.key("2")
+    assert followed(screen) == ["2"]
+    near = screen.picture()
+    assert near != whole
+    screen.key("c")  # no close-up: all of the room, but agent 2 stands out
+    assert screen.picture() not in (whole, near)
+    screen.key("c", "2")
+    assert followed(screen) == []
+    assert screen.picture() == whole
+    screen.page.locator(".agent[data-agent='1']").click()
+    assert followed(screen) == ["1"]
+    screen.key("Escape")
+    x, y, _ = truths[0].states[1, 20]["places"][3]
+    box = screen.page.locator("#stage").bounding_box()
+    scale = min(box["width"], box["height"]) / (2 * HALF)
+    screen.page.locator("#stage").click(
+        position={"x": box["width"] / 2 + x * scale, "y": box["height"] / 2 - y * scale}
+    )
+    assert followed(screen) == ["3"]
+
+
+def followed(screen: Screen) -> list[str]:
+    screen.settle()
+    return [card.get_attribute("data-agent") for card in screen.page.locator(".agent[aria-pressed=true]").all()]
+
+
+def test_views_are_switched_by_key_and_button(look: Any, truths: dict[int, Truth]) -> None:
+    screen = look()
+    full = (tick for (episode, tick), state in truths[0].states.items() if episode == 1 and any(state["bags"]))
+    screen.seek(next(full))
+    for key, name in zip("vlzihbt", ("cones", "lines", "zone", "ids", "health", "bags", "trails"), strict=True):
+        button = screen.page.locator(f"[data-view={name}]")
+        before, pressed = screen.picture(), button.get_attribute("aria-pressed")
+        screen.key(key)
+        assert button.get_attribute("aria-pressed") != pressed
+        assert screen.picture() != before, name
+        button.click()
+        assert screen.picture() == before, name
+    assert screen.page.locator("[data-view=blind]").is_disabled()
+    screen.key("0")
+    before = screen.picture()
+    screen.key("x")
+    assert screen.picture() != before
+
+
+def test_worlds_and_episodes_are_chosen(look: Any, truths: dict[int, Truth]) -> None:
+    screen = look()
+    page = screen.page
+    assert page.locator("#world option").all_inner_texts() == [f"World {w}" for w in WORLDS]
+    for index, w in enumerate(WORLDS):
+        page.locator("#world").select_option(str(index))
+        numbers = sorted({episode for episode, _ in truths[w].states})
+        assert page.locator("#episode option").all_inner_texts() == [f"Episode {number}" for number in numbers]
+        for k, number in enumerate(numbers):
+            if len(numbers) > 1:
+                page.locator("#episode").select_option(str(k))
+            screen.key("Home", "Shift+ArrowRight")
+            check(screen, truths[w], number)
+            screen.key("End")
+            assert screen.number("tick") == max(tick for episode, tick in truths[w].states if episode == number)
+            check(screen, truths[w], number)
+    page.locator("#world").select_option("0")
+    screen.key("]")
+    assert page.locator("#episode").input_value() == "1"
+    page.locator("#episodes button").first.click()
+    assert page.locator("#episode").input_value() == "0"
+
+
+def test_keys_are_explained_and_none_is_lost_in_the_dialog(look: Any) -> None:
+    screen = look()
+    screen.key("?")
+    assert "follow an agent" in screen.page.locator("#keys").inner_text()
+    screen.key("ArrowRight")
+    assert screen.number("tick") == 0
+    screen.key("Escape", "ArrowRight")
+    assert not screen.page.locator("#keys").is_visible()
+    assert screen.number("tick") == 1
+    screen.page.get_by_role("button", name="Help").click()
+    screen.page.get_by_role("button", name="Close", exact=True).click()
+    assert not screen.page.locator("#keys").is_visible()
+
+
+def test_every_control_is_reached_by_tab_and_has_a_name(look: Any) -> None:
+    screen = look()
+    controls = screen.page.evaluate("document.querySelectorAll('button:not(:disabled), select').length")
+    names = set()
+    for _ in range(controls + 5):
+        screen.page.keyboard.press("Tab")
+        names.add(
+            screen.page.evaluate(
+                """(() => {
+                  const one = document.activeElement;
+                  return one === document.body ? "body" : one.getAttribute("aria-label") || one.textContent.trim();
+                })()"""
+            )
+        )
+    assert "" not in names
+    assert {"Play", "Step back", "Step forward", "Slower", "Faster", "Timeline", "World", "Episode", "Help"} <= names
+
+
+def test_a_phone_shows_all_of_it_without_scrolling_sideways(look: Any, truths: dict[int, Truth]) -> None:
+    screen = look(**PHONE)
+    assert screen.page.evaluate("document.documentElement.scrollWidth") == 390
+    stage = screen.page.locator("#stage").bounding_box()
+    assert stage["width"] <= 390
+    assert stage["height"] > 350
+    assert screen.page.evaluate("document.getElementById('stage').width") == round(3 * stage["width"])
+    last = screen.number("length")
+    screen.page.touchscreen.tap(place(screen, 100, last), strip(screen, 3) + 14)
+    screen.settle()
+    assert abs(screen.number("tick") - 100) <= 1
+    check(screen, truths[0], 1)
+
+
+def test_a_finger_drags_the_timeline(look: Any) -> None:
+    screen = look(**PHONE)
+    last, y = screen.number("length"), strip(screen, 3) + 14
+    session = screen.page.context.new_cdp_session(screen.page)
+
+    def touch(kind: str, *rows: int) -> None:
+        points = [{"x": place(screen, row, last), "y": y} for row in rows]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        screen.settle()
+
+    touch("touchStart", 50)
+    for row in (100, 150, 200):
+        touch("touchMove", row)
+    assert abs(screen.number("tick") - 200) <= 2
+    touch("touchEnd")
+
+
+def test_one_world_of_one_episode_offers_no_choice(look: Any, tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_1", 1, seed=0)
+    write(tmp_path / "one.html", env.worlds, ticks(env, 20), [0], title="one")
+    screen = look(tmp_path / "one.html")
+    for name in ("world", "episode", "episodes"):
+        assert not screen.page.locator(f"#{name}").is_visible()
+    assert screen.page.locator(".agent").count() == 2
+    assert screen.page.locator("[data-role=box]").count() == 0
+    screen.key("End")
+    assert screen.number("tick") == 20

@@ -1,0 +1,219 @@
+"""A person's game is the same simulation that learners get, at the pace and by the keys that it says."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Health, Side
+from outlast.ecs import Clock
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.errors import PlayError
+from outlast.envs.inspect.words import tell
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.web.play.game import Game, Phase
+from outlast.envs.web.play.messages import Command, MessageError, Speed, Steer, parse
+from tests.conftest import digest
+from tests.players import MALFORMED
+
+KEYS = [  # held, tapped, and what the environment is told: ahead, left, turn, attack, use, give
+    ({"ahead": 1}, {}, (2, 1, 1, 0, 0, 0)),
+    ({"ahead": 1, "turn": 1, "attack": 1}, {}, (2, 1, 2, 1, 0, 0)),
+    ({"ahead": -1, "left": -1}, {"use": 1}, (0, 0, 1, 0, 1, 0)),
+    ({"left": 1}, {"give": 1, "turn": -1}, (1, 2, 0, 0, 0, 1)),
+    ({}, {}, (1, 1, 1, 0, 0, 0)),
+]
+
+
+def play(game: Game, ticks: int) -> None:
+    for _ in range(ticks):
+        assert game.tick()
+
+
+@pytest.fixture
+def game():
+    game = Game(outlast.variant("ffa_3"), seed=3)
+    yield game
+    game.close()
+
+
+@pytest.mark.parametrize(("variant", "agent", "others"), [("ffa_3", 0, "scripted"), ("teams_3", 2, "noop")])
+def test_keys_are_the_actions_of_the_batched_environment_bit_for_bit(variant, agent, others):
+    game = Game(outlast.variant(variant), agent=agent, others=others, seed=7)
+    env = outlast.make_vec(variant, 1, seed=7, autoreset="Disabled")
+    policy = POLICIES[others](env)
+    observations, _ = env.reset()
+    assert digest(game.worlds) == digest(env.worlds)
+    for held, tapped, told in itertools.islice(itertools.cycle(KEYS), 60):
+        game.hold(held, tapped)
+        play(game, 1)
+        actions = policy(observations).copy()
+        actions[0, agent] = told
+        observations, *_ = env.step(actions)
+        assert digest(game.worlds) == digest(env.worlds)
+    game.close()
+    env.close()
+
+
+def test_random_others_play_as_they_do_against_a_learner():
+    game = Game(outlast.variant("ffa_3"), others="random", seed=5)
+    env = SurvivalEnv("ffa_3", others="random", dead="keep")
+    env.reset(seed=5)
+    game.hold({"turn": 1}, {})
+    for _ in range(50):
+        play(game, 1)
+        env.step([1, 1, 2, 0, 0, 0])
+    assert digest(game.worlds) == digest(env.batch.core.worlds)
+    game.close()
+    env.close()
+
+
+def test_a_tap_counts_for_one_tick_even_if_it_ends_before_it(game):
+    game.hold({}, {"ahead": 1, "use": 1})
+    game.hold({}, {})
+    assert game.action() == [2, 1, 1, 0, 1, 0]
+    play(game, 1)
+    assert game.action() == [1, 1, 1, 0, 0, 0]
+
+
+def test_an_episode_begins_with_the_first_key(game):
+    assert game.phase is Phase.READY
+    game.hold({}, {})
+    assert not game.tick()
+    game.hold({}, {"attack": 1})
+    assert game.tick()
+    assert game.worlds[Clock].tick[0, 0] == 1
+
+
+def test_a_pause_stops_everything_and_forgets_taps(game):
+    game.hold({"ahead": 1}, {})
+    play(game, 5)
+    game.hold({"ahead": 1}, {"give": 1})
+    game.pause()
+    before = digest(game.worlds)
+    game.hold({"turn": 1}, {"use": 1})
+    assert not game.tick()
+    assert digest(game.worlds) == before
+    game.resume()
+    assert game.action() == [1, 1, 2, 0, 0, 0]  # what is down now, but nothing that was tapped meanwhile
+    play(game, 1)
+    assert digest(game.worlds) != before
+
+
+def test_restart_is_the_next_episode_of_the_seed(game):
+    env = outlast.make_vec("ffa_3", 1, seed=3)
+    game.hold({"ahead": 1}, {})
+    play(game, 10)
+    game.restart()
+    assert game.phase is Phase.READY
+    env.reset()
+    env.reset()
+    assert game.worlds[Clock].tick[0, 0] == 0
+    assert game.worlds[Clock].episode[0, 0] == env.worlds[Clock].episode[0, 0]
+    np.testing.assert_array_equal(game.env.observe()["self"], env.observe()["self"])
+    env.close()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_verdict_is_who_lived_longest(seed):
+    """Nobody moves: the zone decides. The environment's observations say who is dead: their own row is zero."""
+    game = Game(outlast.variant("ffa_1"), others="noop", seed=seed)
+    env = outlast.make_vec("ffa_1", 1, seed=seed, autoreset="Disabled")
+    idle = POLICIES["noop"](env)
+    observations, _ = env.reset()
+    lived = np.zeros(2)
+    over = False
+    while not over:
+        observations, _, terminated, truncated, info = env.step(idle(observations))
+        lived += observations["self"][0, :, 1] + np.abs(observations["self"][0, :, 2:4]).sum(-1) > 0
+        over = bool(terminated[0] or truncated[0])
+    game.hold({}, {"use": 1})  # there is nothing to use
+    while game.tick():
+        pass
+    result = game.state()["result"]
+    assert game.phase is Phase.OVER
+    assert result["verdict"] == ("won" if lived[0] > lived[1] else "lost" if lived[0] < lived[1] else "drawn")
+    assert result["length"] == info["statistics"]["length"][0]
+    assert result["return"] == info["statistics"]["return"][0, 0]
+    assert result["kills"] == 0
+    assert (game.death["cause"], game.death["tick"]) == ("zone", lived[0] + 1)
+    game.close()
+    env.close()
+
+
+def test_kills_are_counted_and_named():
+    laser = outlast.variant("ffa_2").replace(melee_damage=200, melee_reach=40.0, melee_blocked=False)
+    game = Game(laser, others="noop")
+    while game.phase is not Phase.OVER:  # spin until the other one is struck
+        game.hold({"turn": 1, "attack": 1}, {})
+        game.tick()
+    state = game.state()
+    assert (state["result"]["verdict"], state["result"]["kills"], state["death"]) == ("won", 1, None)
+    assert {"kind": "kill", "agent": 1, "by": 0, "cause": "melee"}.items() <= state["events"][-2].items()
+    game.close()
+
+
+@pytest.mark.parametrize(("agent", "words"), [(2, "the agents 0 to 1"), (-1, "the agents 0 to 1")])
+def test_an_agent_that_is_not_there_is_refused(agent, words):
+    with pytest.raises(PlayError, match=words):
+        Game(outlast.variant("ffa_3"), agent=agent)
+
+
+def test_words_are_the_observation():
+    """An agent at (1, 0) that faces +y, in a world that is made up."""
+    f4, rest = np.float32, (0, 0, 0, 0)
+    seen = {
+        "self": np.array([0, 1, 63, 1, 0, np.pi / 2, 0, 0, 0], f4),
+        "others": np.array([[1, 1, 80, 1, 5, *rest], [2, 0, 55, 4, 0, *rest], [3, 0, 1, 9, 9, *rest]], f4),
+        "others_mask": np.array([1, 1, 0], f4),
+        "zone": np.array([0, 0, 4, 1, 6, 2], f4),
+        "heals": np.array([[0, 0], [1, 2], [0, 0]], f4),
+        "heals_mask": np.array([0, 1, 1], f4),
+        "heal_slot": np.array([[75]], f4),
+        "heal_slot_mask": np.array([1], f4),
+        "poison": np.array([2.5], f4),
+    }
+    assert tell(seen) == {
+        "Health": ["63"],
+        "Next item": ["heal, +75"],
+        "Zone": ["inside, 3.0 m to the edge", "next: 4.0 m away, ahead"],
+        "Enemies": ["agent 2: 3.0 m 90° right, health 55"],
+        "Friends": ["agent 1: 5.0 m ahead, health 80"],
+        "Heals": ["2 in sight, nearest 1.0 m 90° left"],
+        "Poison": ["2.5"],
+    }
+
+
+def test_words_outside_of_the_zone_and_after_death():
+    row = np.array([0, 100, 0, -8, -np.pi / 2, 0, 0, 0], np.float32)
+    seen = {"self": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
+    words = tell(seen | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)})
+    assert words["Zone"] == ["outside by 3.0 m, behind", "it vanishes next, 8.0 m behind"]
+    assert tell(seen | {"zone": np.zeros(6, np.float32)})["Zone"] == ["nowhere is safe"]
+    assert tell(seen | {"self": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
+
+
+def test_the_panel_tells_the_health_of_the_world(game):
+    game.worlds[Health].points[0, game.worlds.layout.rows(Side)[0]] = 42
+    game.hold({}, {"turn": 1})
+    play(game, 1)
+    assert game.state()["words"]["Health"] == ["42"]
+    assert game.state()["snapshot"]["agents"][0]["health"] == 42
+
+
+RANGES = {"ahead": (-1, 1), "attack": (0, 1)}
+
+
+def test_messages_mean_what_they_say():
+    text = '{"held": {"ahead": -1}, "tapped": {"attack": 1}}'
+    assert parse(text, RANGES) == Steer({"ahead": -1}, {"attack": 1})
+    assert parse('{"command": "restart"}', RANGES) == Command("restart")
+    assert parse('{"speed": 0.5}', RANGES) == Speed(0.5)
+
+
+@pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))
+def test_other_messages_are_refused(text):
+    with pytest.raises(MessageError) as refusal:
+        parse(text, RANGES)
+    assert 0 < len(str(refusal.value).encode()) <= 123  # it fits into the frame that closes a websocket

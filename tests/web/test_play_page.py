@@ -1,0 +1,240 @@
+"""The live page in a real browser: it shows the simulation, and its keys steer it."""
+
+import math
+import shutil
+import time
+from urllib.parse import urlsplit
+
+import pytest
+
+import outlast
+from outlast.components import Body, Heal, Health, Side
+from outlast.ecs import Clock
+from outlast.envs.web.play.game import Game, Phase
+from tests.players import enemy_shown, heals_shown, picture, served
+
+sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'outlast[test]'")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the PATH")
+    with sync.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def game():
+    game = Game(outlast.variant("ffa_3"), others="noop", seed=1)
+    yield game
+    game.close()
+
+
+@pytest.fixture(params=[{"viewport": {"width": 1400, "height": 900}}], ids=["desktop"])
+def page(browser, game, request):
+    """The page, opened; at the end it has complained of nothing and asked nobody else."""
+    with served(game, fps=60) as address, browser.new_context(**request.param) as context:
+        page, complaints, hosts = context.new_page(), [], set()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: hosts.add(urlsplit(request.url).netloc))
+        page.on("websocket", lambda socket: hosts.add(urlsplit(socket.url).netloc))
+        page.goto(address)
+        shows(page, 0)
+        yield page
+        assert complaints == []
+        assert hosts - {""} == {urlsplit(address).netloc}  # without a host: the icon, which is in the page
+
+
+phone = pytest.mark.parametrize(
+    "page",
+    [{"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}],
+    indirect=True,
+    ids=["phone"],
+)
+
+
+def shows(page, tick):
+    """Wait until the picture is that of this tick, or a later one."""
+    end = time.monotonic() + 10
+    while int(page.get_attribute("#stage", "data-tick") or -1) < tick:
+        assert time.monotonic() < end
+        page.wait_for_timeout(10)
+
+
+def card(page, phase):
+    page.wait_for_selector(f"#card[data-phase={phase}]:visible")
+    return page.inner_text("#card")
+
+
+def word(page, heading):
+    return page.inner_text(f"#words dd[data-heading='{heading}']")
+
+
+def test_holding_w_moves_the_agent_ahead(page, game):
+    assert "You are agent 0" in card(page, "ready")
+    row = game.worlds.layout.rows(Side)[0]
+    x, y = float(game.worlds[Body].x[0, row]), float(game.worlds[Body].y[0, row])
+    page.keyboard.down("w")
+    shows(page, 25)
+    page.keyboard.up("w")
+    assert game.worlds[Body].x[0, row] > x + 1  # it faces +x
+    assert abs(game.worlds[Body].y[0, row] - y) < 0.5
+    assert not page.is_visible("#card")
+
+
+@pytest.mark.parametrize(
+    ("key", "action"),
+    [
+        ("s", (0, 1, 1, 0, 0, 0)),
+        ("ArrowUp", (2, 1, 1, 0, 0, 0)),
+        ("a", (1, 2, 1, 0, 0, 0)),
+        ("d", (1, 0, 1, 0, 0, 0)),
+        ("q", (1, 1, 2, 0, 0, 0)),
+        ("ArrowRight", (1, 1, 0, 0, 0, 0)),
+        (" ", (1, 1, 1, 1, 0, 0)),
+    ],
+)
+def test_keys_are_held_until_they_are_let_go(page, game, key, action):
+    page.keyboard.down(key)
+    shows(page, 2)
+    assert tuple(game.action()) == action
+    page.keyboard.up(key)
+    shows(page, int(game.worlds[Clock].tick[0, 0]) + 3)
+    assert tuple(game.action()) == (1, 1, 1, 0, 0, 0)
+
+
+def test_one_press_uses_one_item(page, game):
+    told = []
+    action = game.action
+    game.action = lambda: told.append(action()) or told[-1]
+    page.keyboard.down("f")
+    shows(page, 15)
+    page.keyboard.up("f")
+    assert [row[4] for row in told[:15]] == [1] + [0] * 14
+
+
+def test_the_panel_is_the_observation(page, game):
+    row = game.worlds.layout.rows(Side)[0]
+    game.worlds[Health].points[0, row] = 57
+    page.keyboard.press("q")
+    shows(page, 3)
+    page.keyboard.press("p")
+    assert "Paused" in card(page, "paused")
+    assert word(page, "Health") == str(game.worlds[Health].points[0, row]) == "57"
+    zone = game.env.observe()["zone"][0, 0]
+    x, y = game.env.observe()["self"][0, 0, 2:4]
+    assert f"inside, {zone[2] - math.hypot(x - zone[0], y - zone[1]):.1f} m to the edge" in word(page, "Zone")
+    assert page.inner_text("#tick") == str(game.worlds[Clock].tick[0, 0])
+
+
+def test_it_shows_what_the_agent_sees_or_everything(page, game):
+    row_of = game.worlds.layout.rows(Heal).tolist()
+    seen = dict(zip(row_of, (game.env.observe()["heals_mask"][0, 0] > 0).tolist(), strict=True))
+    assert {True, False} == set(seen.values())  # or this would show nothing
+    shown = heals_shown(game, picture(page))
+    assert shown == seen
+    assert not game.env.observe()["others_mask"][0, 0, 0]
+    assert not enemy_shown(game, picture(page))
+    page.keyboard.press("v")
+    page.wait_for_selector("#view[aria-pressed=false]")
+    assert enemy_shown(game, picture(page))
+    assert all(heals_shown(game, picture(page)).values())
+    page.click("#view")
+    page.wait_for_selector("#view[aria-pressed=true]")
+    assert heals_shown(game, picture(page)) == seen
+
+
+def test_the_end_is_told_and_r_goes_on(page, game):
+    row = game.worlds.layout.rows(Side)[0]
+    game.worlds[Health].points[0, row] = 0  # it dies in the next tick
+    page.keyboard.press("w")
+    told = card(page, "over")
+    assert "You lost" in told
+    assert "1 ticks" in told
+    assert game.phase is Phase.OVER
+    page.keyboard.press("r")
+    assert "You are agent 0" in card(page, "ready")
+    assert game.worlds[Clock].episode[0, 0] == 2
+    assert word(page, "Health") == "100"
+
+
+def test_pause_speed_and_next_episode_have_buttons(page, game):
+    page.keyboard.press("q")
+    shows(page, 2)
+    page.click("#pause")
+    card(page, "paused")
+    assert page.inner_text("#pause").startswith("Go on")
+    page.click("#pause")
+    page.wait_for_selector("#card", state="hidden")
+    page.select_option("#pace", "4")
+    page.click(".buttons [data-command=restart]")
+    card(page, "ready")
+    assert (page.input_value("#pace"), int(game.worlds[Clock].episode[0, 0])) == ("4", 2)
+
+
+def test_letting_go_elsewhere_is_letting_go(page, game):
+    page.keyboard.down("w")
+    shows(page, 2)
+    page.evaluate("dispatchEvent(new Event('blur'))")
+    shows(page, int(game.worlds[Clock].tick[0, 0]) + 3)
+    assert tuple(game.action()) == (1, 1, 1, 0, 0, 0)
+
+
+def test_a_second_page_watches(page, game, browser):
+    with browser.new_context() as context:
+        other = context.new_page()
+        other.goto(page.url)
+        shows(other, 0)
+        assert "Another page steers" in other.inner_text("#badge")
+        other.keyboard.press("w")
+        other.keyboard.press("r")
+        page.keyboard.press("q")
+        shows(other, 3)
+        assert game.worlds[Clock].episode[0, 0] == 1
+
+
+def test_the_page_cannot_be_made_to_talk_to_others(browser, game):
+    with served(game) as address, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        blocked = page.evaluate(
+            "new Promise(done => { addEventListener('securitypolicyviolation', e => done(e.effectiveDirective));"
+            " new Image().src = '//127.0.0.1:9/'; })"
+        )
+    assert blocked == "img-src"
+
+
+@phone
+def test_a_phone_has_a_stick_and_buttons(page, game):
+    box = page.locator("#stick").bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(middle[0] + 5, middle[1] - 50)
+    page.mouse.down()
+    shows(page, 3)
+    assert tuple(game.action()) == (2, 1, 1, 0, 0, 0)
+    page.mouse.move(middle[0] - 45, middle[1] - 45)
+    shows(page, int(game.worlds[Clock].tick[0, 0]) + 3)
+    assert tuple(game.action()) == (2, 2, 1, 0, 0, 0)
+    page.mouse.up()
+    page.locator("#buttons [data-action=attack]").hover()
+    page.mouse.down()
+    shows(page, int(game.worlds[Clock].tick[0, 0]) + 3)
+    assert tuple(game.action()) == (1, 1, 1, 1, 0, 0)
+    page.mouse.up()
+
+
+@phone
+def test_a_phone_shows_all_at_once(page):
+    width, height = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert (width, height) == (390, 844)
+    for part in ("#stage", "#view", "#words", "#stick", "#buttons"):
+        box = page.locator(part).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+        assert box["y"] + box["height"] <= 844
