@@ -3,14 +3,14 @@
 from typing import Any
 
 from outlast.ecs import Array, Singleton, column, kernel
-from outlast.ecs.lanes import LANES, SHIFT
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH
 
 MASKED, REVEALED, OMNISCIENT = 0, 1, 2
 MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Who sees whom: sets of rows (see ecs.lanes) by observer. Written by cameras; without, all see everything."""
+    """Who sees whom: sets of rows (see ecs.simd) by observer. Written by cameras; without, all see everything."""
 
     seen: Array = column("i4", "agents", "groups")
     mode: Array = column("i4", fill=OMNISCIENT)  # index into MODES
@@ -31,4 +31,4 @@ class Told(Singleton, packed=False):
 @kernel
 def told(sets: Any, i: int, e: int) -> int:
     """Whether row `e` is in the set of observer number `i`, as 0 or 1."""
-    return int((sets[i, e >> SHIFT] >> (e & LANES - 1)) & 1)
+    return int((sets[i, e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1)) & 1)

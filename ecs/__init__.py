@@ -3,10 +3,10 @@
 Read in this order: component (nouns), access, system, numbers and module (verbs and their numbers), phase and schedule
 (the order), layout (where it all lies), frame and view (how kernels come by it), tick (the order as code), cache and
 stored (that code on disk), references and fingerprint (what it depends on), worlds (a batch of worlds, and the
-threads), lanes (sixteen rows at a time).
+threads), simd (sixteen rows at a time), workers (the threads).
 """
 
-from .access import Add, Bits, Cause, Random, Rank, Read, Rows, Scratch, Write
+from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write
 from .component import (
     Action,
     Array,
@@ -39,11 +39,11 @@ __all__ = [
     "Add",
     "Archetype",
     "Array",
-    "Bits",
-    "Cause",
+    "Bitset",
     "Clock",
     "Column",
     "Component",
+    "DamageType",
     "DeclarationError",
     "EngineError",
     "Entity",
@@ -53,9 +53,9 @@ __all__ = [
     "Observation",
     "Phase",
     "Random",
-    "Rank",
     "Read",
     "Real",
+    "RowIndex",
     "Rows",
     "ScheduleError",
     "Scratch",

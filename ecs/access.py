@@ -8,11 +8,11 @@ Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to (additions of integers commute, so order is free)
 Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
                 is dormant: it is not scheduled (so an item mechanic names Rows[Item] even if it needs no list)
-Bits[A, B]      the same as sets of sixteen rows each: int32 words, bit j of word g is row 16 g + j (see ecs.lanes)
-Rank[A, B]      the same as int32 by row: the row's index in Rows[A, B], -1 if it is not there
+Bitset[A, B]    the same as a bitset: int32 words of sixteen rows each, bit j of word g is row 16 g + j (ecs.simd)
+RowIndex[A, B]  the inverse, int32 by row: the row's index in Rows[A, B], -1 if it is not there
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         this thread's memory, from the module's scratch()
-Cause           the number of the module's own cause of harm
+DamageType      the number of the module's own type of damage
 int float bool  the module's number of the same name
 tuple[float..]  the module's numbers of the same name, as a read-only float32 array
 =============== =====================================================================================
@@ -34,7 +34,7 @@ Write = Annotated[C, "write"]
 Add = Annotated[C, "add"]
 Random = Annotated[Any, "random"]
 Scratch = Annotated[Any, "scratch"]
-Cause = Annotated[int, "cause"]
+DamageType = Annotated[int, "damage_type"]
 
 
 class Rows(Generic[*Parts]):
@@ -49,20 +49,20 @@ class Rows(Generic[*Parts]):
         raise NotImplementedError("Rows is an annotation; kernels get an int32 array")
 
 
-class Bits(Rows[*Parts]):
+class Bitset(Rows[*Parts]):
     """Sets of rows of all entities that have every one of the named components (an int32 array in the kernel)."""
 
 
-class Rank(Rows[*Parts]):
+class RowIndex(Rows[*Parts]):
     """By row, the index in Rows of the same components (an int32 array in the kernel)."""
 
 
-SELECTIONS: dict[Any, str] = {Rows: "rows", Bits: "bits", Rank: "rank"}
+SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_index"}
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system: `kind` is read/write/add/rows/bits/rank/random/scratch/cause/number/numbers."""
+    """One parameter of a system; `kind` is a row of the table above in small letters, or number, or numbers."""
 
     name: str
     kind: str
@@ -88,6 +88,6 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
         return Parameter(name, "numbers", type=tuple)
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
-        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bits[A, ...], Rank[A, ...], Random, Scratch, Cause, int, "
-        "float, bool, tuple"
+        "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
+        "DamageType, int, float, bool, tuple"
     )

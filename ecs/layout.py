@@ -13,8 +13,8 @@ import numpy as np
 
 from .component import Action, Clock, Component, Entity, Observation, Signal, Singleton, Statistic
 from .errors import DeclarationError
-from .lanes import LANES
 from .random import stream_number
+from .simd import SIMD_WIDTH
 
 ALIGN = 64  # bytes: a cache line
 
@@ -59,7 +59,7 @@ class Layout:
         for name, archetype in self.archetypes.items():
             self.spans[name] = range(start, start + archetype.count)
             start += archetype.count
-        self.dims = {"rows": start, "groups": -(-start // LANES)}
+        self.dims = {"rows": start, "groups": -(-start // SIMD_WIDTH)}
         self.causes = sorted({module.cause for module in self.modules if module.cause})
         self.dims["causes"] = len(self.causes)
         named = [item for module in self.modules for item in module.dims().items()]
@@ -86,14 +86,14 @@ class Layout:
         ]
         return np.array(rows, np.int32)
 
-    def bits(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+    def bitset(self, *components: type[Component]) -> np.ndarray[Any, Any]:
         """int32 (groups,): bit j of word g is set if row 16 g + j is one of `rows(*components)`."""
         words = np.zeros(self.dims["groups"], np.int32)
         rows = self.rows(*components)
-        np.bitwise_or.at(words, rows // LANES, 1 << rows % LANES)
+        np.bitwise_or.at(words, rows // SIMD_WIDTH, 1 << rows % SIMD_WIDTH)
         return words
 
-    def rank(self, *components: type[Component]) -> np.ndarray[Any, Any]:
+    def row_index(self, *components: type[Component]) -> np.ndarray[Any, Any]:
         """int32 (rows,): each row's index in `rows(*components)`, -1 for the others."""
         index = np.full(self.dims["rows"], -1, np.int32)
         rows = self.rows(*components)

@@ -101,7 +101,7 @@ class Writer:
                 return self._table(parameter.components[0], "r")
             case "write" | "add":
                 return self._table(parameter.components[0], "w")
-            case "rows" | "bits" | "rank":
+            case "rows" | "bitset" | "row_index":
                 return self._selection(parameter.kind, parameter.components)
             case "random":
                 clock = self._table(Clock, "r")
@@ -109,7 +109,7 @@ class Writer:
                 return f"({', '.join(key)}, np.uint64({stream_number(system.label)}))"
             case "scratch":
                 return self._scratch(module, parameter.name, name)
-            case "cause":
+            case "damage_type":
                 return self._number(self.layout.causes.index(module.cause), name)
             case "numbers":
                 values = np.array(_value(module, system, parameter), np.float32)

@@ -2,11 +2,9 @@
 
 import contextlib
 import gc
-import os
 import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
 from .tick import segments
+from .workers import Job, Workers
 
 LEAST = 16  # worlds a thread takes at a time, at least: enough to pay for the call
 SHARES = 16  # blocks for each thread: enough for all of them to end together
@@ -60,8 +59,7 @@ class Worlds:
         self.times = [0.0] * len(self._segments)  # seconds spent in each; with split, in each system of the schedule
         self._frames: dict[tuple[int, int], Frame] = {}
         self._lock = threading.Lock()
-        self._pool: ThreadPoolExecutor | None = None
-        self._owner = os.getpid()
+        self._workers = Workers(threads - 1)
 
     def __getitem__(self, component: type[Component]) -> Any:
         try:
@@ -113,9 +111,7 @@ class Worlds:
 
     def close(self) -> None:
         """Let the threads go. The tables stay readable."""
-        if self._pool is not None and self._owner == os.getpid():
-            self._pool.shutdown()
-        self._pool = None
+        self._workers.close()
 
     def _spread(self, segment: int) -> None:
         """Threads take the next block of worlds until none is left; the caller's thread is one of them."""
@@ -126,19 +122,18 @@ class Worlds:
             for start in starts:
                 self._call(segment, thread, start, min(start + block, self.count))
 
-        if self._pool is None or self._owner != os.getpid():  # after a fork, threads do not exist any more
-            self._pool, self._owner = ThreadPoolExecutor(self.threads - 1, "outlast"), os.getpid()
+        others = [Job(work, thread) for thread in range(1, self.threads)]
         try:
-            others = [self._pool.submit(work, thread) for thread in range(1, self.threads)]
+            self._workers.submit(others)
             work(0)
-            wait(others)
-        except BaseException:  # an error or Ctrl-C: no new blocks, and an end of those that run, whoever knows of them
+            for other in others:
+                other.result()
+        except BaseException:  # an error or Ctrl-C: no new blocks, and an end of those that run
             for _ in starts:
                 pass
-            self.close()
+            for other in others:
+                other.cancel()
             raise
-        for other in others:
-            other.result()
 
     def _call(self, k: int, thread: int, start: int, stop: int) -> None:
         segment, frame = self._segments[k], self._frame(k, thread)
@@ -188,7 +183,7 @@ class Worlds:
 
 
 def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
-    """Blocks that begin on a cache line, and after the last one a line that ecs.lanes may read."""
+    """Blocks that begin on a cache line, and after the last one a line that ecs.simd may read."""
     memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + count * world_bytes].reshape(count, world_bytes)

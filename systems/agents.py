@@ -24,8 +24,21 @@ from outlast.components import (
 )
 from outlast.components.health import MOST, Death
 from outlast.components.sight import MASKED, OMNISCIENT, told
-from outlast.ecs import Archetype, Bits, Entity, Layout, Module, Rank, Read, Rows, Scratch, Singleton, Write, number
-from outlast.ecs.lanes import LANES, bits, flags
+from outlast.ecs import (
+    Archetype,
+    Bitset,
+    Entity,
+    Layout,
+    Module,
+    Read,
+    RowIndex,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+    number,
+)
+from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
 from .inner.places import moved
 from .inner.sweep import row, span
@@ -72,7 +85,7 @@ def look(
     sight: Read[Sight],
     entities: Read[Entity],
     agents: Rows[Side],
-    peers: Bits[Side],
+    peers: Bitset[Side],
     here: Scratch,
 ) -> None:
     """What the masks say, and which entries are filled.
@@ -82,7 +95,7 @@ def look(
     """
     mode = sight.mode[0]
     for g in range(peers.size):
-        here[g] = bits(flags(entities.alive, LANES * g))
+        here[g] = to_bits(load_flags(entities.alive, SIMD_WIDTH * g))
     for i in range(agents.size):
         awake = -np.int32(entities.alive[agents[i]])  # all bits, or none
         for g in range(peers.size):
@@ -124,8 +137,8 @@ def see_others(
     own: Read[SelfView],
     tell: Read[Told],
     agents: Rows[Side],
-    peers: Bits[Side],
-    index: Rank[Side],
+    peers: Bitset[Side],
+    index: RowIndex[Side],
 ) -> None:
     """The other agents' own rows, in order of id; a dead one's row is what it would see of itself."""
     first, last = span(peers)

@@ -32,13 +32,13 @@ from outlast.ecs import (
     Add,
     Archetype,
     Array,
-    Bits,
+    Bitset,
     Entity,
     Layout,
     Module,
     Random,
-    Rank,
     Read,
+    RowIndex,
     Rows,
     Singleton,
     Write,
@@ -207,8 +207,8 @@ def see_boxes(
     shape: Read[Shape],
     box: Read[Box],
     agents: Rows[Side],
-    boxes: Bits[Box],
-    index: Rank[Box],
+    boxes: Bitset[Box],
+    index: RowIndex[Box],
     corners: int,
 ) -> None:
     """Boxes that stand."""
@@ -236,8 +236,8 @@ def see_items(
     shape: Read[Shape],
     agents: Rows[Side],
     boxes: Rows[Box],
-    items: Bits[BoxItem],
-    index: Rank[BoxItem],
+    items: Bitset[BoxItem],
+    index: RowIndex[BoxItem],
     corners: int,
 ) -> None:
     """Broken boxes on the ground."""
@@ -265,7 +265,7 @@ def see_slot(
     shape: Read[Shape],
     agents: Rows[Bag],
     boxes: Rows[Box],
-    index: Rank[BoxItem],
+    index: RowIndex[BoxItem],
     corners: int,
 ) -> None:
     """The last slot of the bag, if it holds a box item."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
-from outlast.ecs import Array, Bits, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
-from outlast.ecs.lanes import LANES, bits, lanes
+from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
+from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
 from .inner.geometry import MISS, enters, in_kite, in_sector, turn_back
 from .inner.sweep import (
@@ -62,8 +62,8 @@ def see(
     shape: Read[Shape],
     entities: Read[Entity],
     agents: Rows[Side],
-    bodies: Bits[Shape],
-    solids: Bits[Shape, Solid],
+    bodies: Bitset[Shape],
+    solids: Bitset[Shape, Solid],
     extent: Scratch,
     everybody: Scratch,
     groups: Scratch,
@@ -125,16 +125,16 @@ def in_view(
 ) -> tuple[int, int]:
     """Sets of rows: whose centres lie in the vision cone of `me`, and who may hide them from it."""
     xs, ys, wide, tall = crowd
-    x, y = lanes(xs, LANES * g), lanes(ys, LANES * g)
+    x, y = load(xs, SIMD_WIDTH * g), load(ys, SIMD_WIDTH * g)
     eye_x, eye_y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     if cone == SECTOR:
         inside = in_sector(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
     else:
         inside = in_kite(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
-    radius = lanes(wide, LANES * g) + lanes(tall, LANES * g)  # more than that of the circle around
+    radius = load(wide, SIMD_WIDTH * g) + load(tall, SIMD_WIDTH * g)  # more than that of the circle around
     far, aside = turn_back(x - eye_x, y - eye_y, cosine, sine)
     around = (half_cos * abs(aside) - half_sin * far <= radius) & (far <= radius + depth)
-    return bits(inside), bits(around)
+    return to_bits(inside), to_bits(around)
 
 
 @kernel

@@ -13,13 +13,13 @@ from outlast.components.sight import told
 from outlast.ecs import (
     Add,
     Archetype,
-    Bits,
+    Bitset,
     Entity,
     Layout,
     Module,
     NumberError,
-    Rank,
     Read,
+    RowIndex,
     Rows,
     Singleton,
     Write,
@@ -73,7 +73,12 @@ def cure(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read
 
 @Heals.system(Phase.OBSERVE)
 def see_heals(
-    view: Write[HealView], tell: Read[Told], body: Read[Body], agents: Rows[Side], heals: Bits[Heal], index: Rank[Heal]
+    view: Write[HealView],
+    tell: Read[Told],
+    body: Read[Body],
+    agents: Rows[Side],
+    heals: Bitset[Heal],
+    index: RowIndex[Heal],
 ) -> None:
     """Position of each heal on the ground."""
     first, last = span(heals)
@@ -96,7 +101,7 @@ def see_slot(
     heal: Read[Heal],
     entities: Read[Entity],
     agents: Rows[Bag],
-    index: Rank[Heal],
+    index: RowIndex[Heal],
 ) -> None:
     """The last slot of the bag, if it holds a heal."""
     for i in range(agents.size):

@@ -8,7 +8,20 @@ import numpy as np
 
 from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, Weapon
 from outlast.components.health import MOST, hurt, immune
-from outlast.ecs import Archetype, Bits, Cause, Clock, Entity, Module, Read, Rows, Scratch, Singleton, Write, number
+from outlast.ecs import (
+    Archetype,
+    Bitset,
+    Clock,
+    DamageType,
+    Entity,
+    Module,
+    Read,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+    number,
+)
 
 from .inner.geometry import MISS, enters
 from .inner.sweep import GROUP, SET, across, enclose, make_extent, make_groups, populated, row, without
@@ -50,7 +63,7 @@ def aim(
     side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Weapon],
-    bodies: Bits[Shape],
+    bodies: Bitset[Shape],
     extent: Scratch,
     groups: Scratch,
     reach: float,
@@ -96,7 +109,7 @@ def strike(
     clock: Read[Clock],
     agents: Rows[Weapon],
     damage: int,
-    cause: Cause,
+    cause: DamageType,
 ) -> None:
     """Targets with health lose some; the blame is the attacker's side's."""
     for me in agents:

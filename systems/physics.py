@@ -16,7 +16,7 @@ from outlast.components import Body, Fault, Phase, Push, Shape, Solid
 from outlast.components.body import inverse
 from outlast.ecs import (
     Array,
-    Bits,
+    Bitset,
     Entity,
     Layout,
     Module,
@@ -32,7 +32,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.ecs.jit import compiled
-from outlast.ecs.lanes import LANES, bits, flags, lanes
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .box2d import native, portable
 from .box2d.scene import COLUMNS, LIMIT, LONGEST, REACH, SOLVED, IncompatibleBox2D, Settings
@@ -125,7 +125,7 @@ def approach(
     shape: Read[Shape],
     push: Read[Push],
     entities: Read[Entity],
-    solids: Bits[Solid],
+    solids: Bitset[Solid],
     extent: Scratch,
     groups: Scratch,
     rate: float,
@@ -137,14 +137,14 @@ def approach(
         solid.near[e], solid.reach[e] = 0, ZERO
     for k in range(count):
         g = groups[GROUP, k]
-        left = groups[SET, k] & bits(flags(solid.dynamic, LANES * g))
+        left = groups[SET, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
         while left:
             e = row(g, left)
             left &= left - 1
             solid.reach[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
     for k in range(count):
         g = groups[GROUP, k]
-        left = groups[SET, k] & bits(flags(solid.dynamic, LANES * g))
+        left = groups[SET, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
         while left:
             e = row(g, left)
             left &= left - 1
@@ -156,7 +156,7 @@ def meet(solid: Array, crowd: Array, body: Array, shape: Array, groups: Array, c
     """Mark body `e` and whoever it may touch."""
     for k in range(count):
         g = groups[GROUP, k]
-        reach = lanes(solid.reach, LANES * g) + (solid.reach[e] + shape.bound[e])
+        reach = load(solid.reach, SIMD_WIDTH * g) + (solid.reach[e] + shape.bound[e])
         left = without(groups[SET, k] & within(crowd, g, body.x[e], body.y[e], reach), g, e)
         while left:
             o = row(g, left)
@@ -175,7 +175,7 @@ def collider(solve: Any) -> Any:
         shape: Read[Shape],
         push: Read[Push],
         entities: Read[Entity],
-        solids: Bits[Solid],
+        solids: Bitset[Solid],
         extent: Scratch,
         arena: Scratch,
         scene: Scratch,
@@ -227,7 +227,7 @@ def fly(
     push: Read[Push],
     solid: Read[Solid],
     entities: Read[Entity],
-    solids: Bits[Solid],
+    solids: Bitset[Solid],
     rate: float,
     substeps: int,
     linear_damping: float,
@@ -238,7 +238,7 @@ def fly(
     slow = min(max(ONE - dt * linear_damping, ZERO), ONE)
     calm = min(max(ONE - dt * angular_damping, ZERO), ONE)
     for g in range(solids.size):
-        left = present(entities, solids, g) & bits(flags(solid.dynamic, LANES * g))
+        left = present(entities, solids, g) & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
         while left:
             e = row(g, left)
             left &= left - 1

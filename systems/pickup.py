@@ -7,8 +7,8 @@ import numpy as np
 
 from outlast.components import Bag, Body, Item, Phase, Shape
 from outlast.components.inventory import push
-from outlast.ecs import Bits, Entity, Module, Read, Rows, Scratch, Write, number
-from outlast.ecs.lanes import LANES, bits, lanes
+from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Write, number
+from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
 from .inner.sweep import GROUP, SET, make_groups, populated, row, without
 
@@ -38,7 +38,7 @@ def pick_up(
     body: Read[Body],
     shape: Read[Shape],
     agents: Rows[Bag],
-    items: Bits[Item],
+    items: Bitset[Item],
     groups: Scratch,
     reach: float,
     touch: bool,
@@ -50,9 +50,9 @@ def pick_up(
             continue
         for k in range(count):
             g = groups[GROUP, k]
-            x, y = lanes(body.x, LANES * g) - body.x[e], lanes(body.y, LANES * g) - body.y[e]
-            far = lanes(shape.radius, LANES * g) * np.float32(touch) + reach
-            left = groups[SET, k] & bits(x * x + y * y <= far * far)
+            x, y = load(body.x, SIMD_WIDTH * g) - body.x[e], load(body.y, SIMD_WIDTH * g) - body.y[e]
+            far = load(shape.radius, SIMD_WIDTH * g) * np.float32(touch) + reach
+            left = groups[SET, k] & to_bits(x * x + y * y <= far * far)
             while left:
                 thing = row(g, left)
                 left &= left - 1

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Solid
-from outlast.ecs import Archetype, Bits, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
-from outlast.ecs.lanes import LANES, bits, flags, lanes
+from outlast.ecs import Archetype, Bitset, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .inner.sweep import present, row
 
@@ -53,15 +53,15 @@ def hold(
     shape: Read[Shape],
     floor: Read[Floor],
     entities: Read[Entity],
-    solids: Bits[Solid],
+    solids: Bitset[Solid],
     thickness: float,
 ) -> None:
     """Who was pushed through a wall, as by a box that reaches into it, is back at its inner side, and at rest there."""
     middle = HALF * floor.size[0]
     inside = middle * (ONE - thickness)
     for g in range(solids.size):
-        beyond = (abs(lanes(body.x, LANES * g)) > middle) | (abs(lanes(body.y, LANES * g)) > middle)
-        left = bits(beyond & flags(solid.dynamic, LANES * g)) & present(entities, solids, g)
+        beyond = (abs(load(body.x, SIMD_WIDTH * g)) > middle) | (abs(load(body.y, SIMD_WIDTH * g)) > middle)
+        left = to_bits(beyond & load_flags(solid.dynamic, SIMD_WIDTH * g)) & present(entities, solids, g)
         while left:
             e = row(g, left)
             left &= left - 1

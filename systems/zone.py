@@ -11,8 +11,8 @@ from outlast.components import Body, Floor, Guard, Health, Phase, Side, Zone, Zo
 from outlast.components.health import MOST, hurt
 from outlast.ecs import (
     Array,
-    Cause,
     Clock,
+    DamageType,
     Entity,
     Layout,
     Module,
@@ -120,7 +120,7 @@ def burn(
     clock: Read[Clock],
     agents: Rows[Side, Health],
     harm: int,
-    cause: Cause,
+    cause: DamageType,
 ) -> None:
     """Outside means the centre is beyond the rim. It kills at the next check, so a heal can still save."""
     for e in agents:

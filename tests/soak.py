@@ -10,7 +10,6 @@ import gc
 import os
 import statistics
 import sys
-import threading
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -47,7 +46,7 @@ class Usage:
             pages = int((PROC / "statm").read_text().split()[1])
             self.megabytes.append(pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE)
             self.files.append(len(list((PROC / "fd").iterdir())))
-        self.threads.append(threading.active_count())
+        self.threads.append(len(sys._current_frames()))
 
     @property
     def growth(self) -> float:

@@ -12,9 +12,9 @@ from outlast.ecs import (
     Add,
     Archetype,
     Array,
-    Cause,
     Clock,
     Component,
+    DamageType,
     Entity,
     Module,
     Observation,
@@ -132,7 +132,7 @@ def sicken(
     clock: Read[Clock],
     agents: Rows[Illness],
     harm: int,
-    cause: Cause,
+    cause: DamageType,
 ) -> None:
     """The ill lose hit points, on account of whoever poisoned them."""
     for e in agents:

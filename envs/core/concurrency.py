@@ -4,8 +4,9 @@ import functools
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from outlast.ecs.workers import Job, Workers
 
 from ..errors import ClosedError, PendingError
 
@@ -20,8 +21,8 @@ class Background:
     """
 
     def __init__(self) -> None:
-        self._thread: ThreadPoolExecutor | None = None
-        self._pending: Future[Any] | None = None
+        self._worker = Workers(1)
+        self._pending: Job | None = None
         self._owner = os.getpid()
         self._turn: dict[str, int] = {}  # the thread whose turn it is: what Ctrl-C leaves here, its next turn clears
 
@@ -42,9 +43,9 @@ class Background:
         """Begin a call; the one before must have been fetched. Raises PendingError if another thread is in one."""
         with self:
             pass
-        if self._thread is None or self._owner != os.getpid():  # a fork does not inherit threads
-            self._thread, self._owner = ThreadPoolExecutor(1, "outlast"), os.getpid()
-        self._pending = self._thread.submit(self._in_turn, call, *arguments)
+        self._owner = os.getpid()
+        self._pending = Job(self._in_turn, call, *arguments)
+        self._worker.submit([self._pending])
 
     def fetch(self) -> Any:
         """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
@@ -52,16 +53,17 @@ class Background:
             raise PendingError("recv() without send()")
         if self._owner != os.getpid():
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
+        if not self._pending.finished:
+            self._worker.submit([self._pending])  # again, as Ctrl-C may have kept `begin` from it
         try:
             return self._pending.result()
         finally:
-            if self._pending.done():  # it is not after Ctrl-C: then it can be fetched again
+            if self._pending.finished:  # it is not after Ctrl-C: then it can be fetched again
                 self._pending = None
 
     def close(self) -> None:
         """Let the thread go, after its call."""
-        if self._thread and self._owner == os.getpid():
-            self._thread.shutdown()
+        self._worker.close()
 
     def _in_turn(self, call: Callable[..., Any], *arguments: Any) -> Any:
         with self:

@@ -35,7 +35,7 @@ from outlast.components import (
 )
 from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Clock, Component, Layout, Worlds
-from outlast.ecs.lanes import LANES
+from outlast.ecs.simd import SIMD_WIDTH
 
 from ..rendering.css import css
 from ..rendering.layers import Scene
@@ -193,7 +193,7 @@ def _seen(scene: Scene, who: Cast, i: int) -> list[int] | None:
     if Sight not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
     alive = _present(scene)
-    rows = (LANES * g + j for g, word in enumerate(scene[Sight].seen[i]) for j in _ones(word))
+    rows = (SIMD_WIDTH * g + j for g, word in enumerate(scene[Sight].seen[i]) for j in _ones(word))
     return [who.bodies[row] for row in rows if row in alive]
 
 
@@ -203,7 +203,7 @@ def _present(scene: Scene) -> set[int]:
 
 
 def _ones(word: int) -> Iterator[int]:
-    return (j for j in range(LANES) if word >> j & 1)
+    return (j for j in range(SIMD_WIDTH) if word >> j & 1)
 
 
 def _cone(scene: Scene) -> Json | None:

@@ -151,7 +151,7 @@ def _check_sight(layout: Layout, block: Array) -> None:
     """Who sees whom are sets of rows that there are."""
     if Sight in layout.components:
         seen = layout.columns(block, Sight).seen
-        if (bad := seen & ~layout.bits(Entity) != 0).any():
+        if (bad := seen & ~layout.bitset(Entity) != 0).any():
             raise _refusal("Sight.seen", slice(None), seen, bad, "a set of rows that there are is needed")
 
 

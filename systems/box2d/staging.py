@@ -3,7 +3,7 @@
 import numpy as np
 
 from outlast.ecs import Array, kernel
-from outlast.ecs.lanes import LANES, bits, flags
+from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
 from ..inner.broad import clearance
 from ..inner.sweep import enclose, present, row
@@ -33,7 +33,7 @@ ZERO = np.float32(0)
 @kernel
 def marked(solid: Array, entities: Array, solids: Array, g: int) -> int:
     """The bodies of group `g` that go into the scene."""
-    return int(present(entities, solids, g) & bits(flags(solid.near, LANES * g)))
+    return int(present(entities, solids, g) & to_bits(load_flags(solid.near, SIMD_WIDTH * g)))
 
 
 @kernel

@@ -4,7 +4,7 @@ import numpy as np
 
 from outlast.components.body import inverse
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.lanes import LANES, bits, flags, lanes
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .geometry import gap_circle_box
 from .sweep import present, row, within
@@ -47,9 +47,9 @@ def clearance(
     """How far marked body `e` may be pushed before it could meet a body that is not in the scene; `most` at most."""
     free = most
     for g in range(solids.size):
-        left = present(entities, solids, g) & ~bits(flags(solid.near, LANES * g))
+        left = present(entities, solids, g) & ~to_bits(load_flags(solid.near, SIMD_WIDTH * g))
         if left:
-            reach = lanes(solid.reach, LANES * g) + (shape.bound[e] + most)
+            reach = load(solid.reach, SIMD_WIDTH * g) + (shape.bound[e] + most)
             left &= within(crowd, g, body.x[e], body.y[e], reach)
         while left:
             o = row(g, left)

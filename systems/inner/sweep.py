@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
-from outlast.ecs.lanes import LANES, SHIFT, bits, flags, lanes, lowest, store
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
 
 WIDE, TALL = 0, 1  # rows of `extent`: half sides along x and y, metres
 SET, GROUP = 0, 1  # lines of `groups`: sets that are not empty, and of which group each is
@@ -28,7 +28,7 @@ ZERO = np.float32(0)
 
 def make_extent(dims: dict[str, int]) -> np.ndarray[Any, Any]:
     """Scratch for `enclose`: float32 (2, rows), room for whole groups."""
-    return np.zeros((2, LANES * dims["groups"]), np.float32)
+    return np.zeros((2, SIMD_WIDTH * dims["groups"]), np.float32)
 
 
 def make_groups(dims: dict[str, int]) -> np.ndarray[Any, Any]:
@@ -39,13 +39,13 @@ def make_groups(dims: dict[str, int]) -> np.ndarray[Any, Any]:
 @kernel
 def row(g: int, left: int) -> int:
     """The first row of a set."""
-    return int(LANES * g + lowest(left))
+    return int(SIMD_WIDTH * g + trailing_zeros(left))
 
 
 @kernel
 def without(left: int, g: int, e: int) -> int:
     """A set of group `g` less row `e`."""
-    return left & ~(1 << (e & LANES - 1)) if e >> SHIFT == g else left
+    return left & ~(1 << (e & SIMD_WIDTH - 1)) if e >> SIMD_SHIFT == g else left
 
 
 @kernel
@@ -61,7 +61,7 @@ def span(members: Array) -> tuple[int, int]:
 @kernel
 def present(entities: Array, members: Array, g: int) -> int:
     """The living among `members` (sets of rows by group)."""
-    return int(bits(flags(entities.alive, LANES * g)) & members[g])
+    return int(to_bits(load_flags(entities.alive, SIMD_WIDTH * g)) & members[g])
 
 
 @kernel
@@ -77,10 +77,10 @@ def populated(groups: Array, entities: Array, members: Array) -> int:
 @kernel
 def enclose(extent: Array, body: Array, shape: Array) -> tuple[Array, Array, Array, Array]:
     """Where everybody is now, for the sweeps below: centres, and half sides, which are written into `extent`."""
-    for start in range(0, extent.shape[1], LANES):
-        cosine, sine = abs(lanes(body.cosine, start)), abs(lanes(body.sine, start))
-        width, height = lanes(shape.half_width, start), lanes(shape.half_height, start)
-        radius = lanes(shape.radius, start) + SLACK
+    for start in range(0, extent.shape[1], SIMD_WIDTH):
+        cosine, sine = abs(load(body.cosine, start)), abs(load(body.sine, start))
+        width, height = load(shape.half_width, start), load(shape.half_height, start)
+        radius = load(shape.radius, start) + SLACK
         store(extent[WIDE], start, cosine * width + sine * height + radius)
         store(extent[TALL], start, sine * width + cosine * height + radius)
     return body.x, body.y, extent[WIDE], extent[TALL]
@@ -90,16 +90,16 @@ def enclose(extent: Array, body: Array, shape: Array) -> tuple[Array, Array, Arr
 def within(crowd: tuple[Array, Array, Array, Array], g: int, x: Real, y: Real, reach: Real) -> int:
     """Who may come nearer than `reach` to the point."""
     xs, ys, wide, tall = crowd
-    near_x = abs(lanes(xs, LANES * g) - x) <= lanes(wide, LANES * g) + reach
-    return int(bits(near_x & (abs(lanes(ys, LANES * g) - y) <= lanes(tall, LANES * g) + reach)))
+    near_x = abs(load(xs, SIMD_WIDTH * g) - x) <= load(wide, SIMD_WIDTH * g) + reach
+    return int(to_bits(near_x & (abs(load(ys, SIMD_WIDTH * g) - y) <= load(tall, SIMD_WIDTH * g) + reach)))
 
 
 @kernel
 def across(crowd: tuple[Array, Array, Array, Array], g: int, ox: Real, oy: Real, dx: Real, dy: Real) -> int:
     """Whom the ray o + f d, 0 <= f <= 1, may enter: no line along x, y or the ray itself parts them."""
     xs, ys, wides, talls = crowd
-    wide, tall = lanes(wides, LANES * g), lanes(talls, LANES * g)
-    x, y = lanes(xs, LANES * g) - ox, lanes(ys, LANES * g) - oy
+    wide, tall = load(wides, SIMD_WIDTH * g), load(talls, SIMD_WIDTH * g)
+    x, y = load(xs, SIMD_WIDTH * g) - ox, load(ys, SIMD_WIDTH * g) - oy
     in_x = (x - wide <= max(dx, ZERO)) & (x + wide >= min(dx, ZERO))
     in_y = (y - tall <= max(dy, ZERO)) & (y + tall >= min(dy, ZERO))
-    return int(bits(in_x & in_y & (abs(x * dy - y * dx) <= wide * abs(dy) + tall * abs(dx))))
+    return int(to_bits(in_x & in_y & (abs(x * dy - y * dx) <= wide * abs(dy) + tall * abs(dx))))

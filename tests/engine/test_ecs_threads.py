@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from outlast.ecs import Worlds
+from outlast.ecs.workers import Job, Workers
 from tests.conftest import COMPILED, digest, scaled
 from tests.toy import (
     RESET,
@@ -81,8 +82,8 @@ def test_an_error_in_one_thread_reaches_the_caller() -> None:
 
 @threaded
 def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C in `submit`, when the thread has begun and nobody has been told."""
-    worlds, submit, running = make(count=MANY, threads=3), ThreadPoolExecutor.submit, []
+    """Ctrl-C in `submit`, when a thread has begun."""
+    worlds, submit, running = make(count=MANY, threads=3), Workers.submit, []
     call = worlds._call
 
     def slowly(*arguments: Any) -> None:
@@ -91,15 +92,15 @@ def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest
         call(*arguments)
         running.pop()
 
-    def interrupted(pool: ThreadPoolExecutor, *arguments: Any) -> Any:
-        submit(pool, *arguments)
+    def interrupted(workers: Workers, jobs: list[Job]) -> None:
+        submit(workers, jobs)
         while not running:
             time.sleep(0.001)
         raise KeyboardInterrupt
 
     worlds._call = slowly  # type: ignore[method-assign]
     with monkeypatch.context() as patch:
-        patch.setattr(ThreadPoolExecutor, "submit", interrupted)
+        patch.setattr(Workers, "submit", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(worlds, STEP)
     assert not running

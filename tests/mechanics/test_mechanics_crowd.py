@@ -6,7 +6,7 @@ import pytest
 import outlast
 from outlast.components import Body, Sight
 from outlast.ecs import Entity
-from outlast.ecs.lanes import LANES
+from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.cameras import FEW
 from tests import twin_faces
@@ -36,14 +36,17 @@ def crowd(cone: str) -> SurvivalVectorEnv:
 def seen(env: SurvivalVectorEnv, w: int) -> list[set[int]]:
     """By agent: rows in the sets that the cameras leave."""
     sets = env.worlds[Sight].seen[w].tolist()
-    return [{LANES * g + k for g, word in enumerate(words) for k in range(LANES) if word >> k & 1} for words in sets]
+    return [
+        {SIMD_WIDTH * g + k for g, word in enumerate(words) for k in range(SIMD_WIDTH) if word >> k & 1}
+        for words in sets
+    ]
 
 
 @pytest.mark.parametrize("cone", CONES)
 def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
     env, several = crowd(cone), 0
     for w in range(WORLDS):
-        assert np.count_nonzero(np.add.reduceat(env.worlds[Entity].alive[w], range(0, HEALS, LANES))) > FEW
+        assert np.count_nonzero(np.add.reduceat(env.worlds[Entity].alive[w], range(0, HEALS, SIMD_WIDTH))) > FEW
         world: World = read(env, w)
         with noting() as doubts:
             want = twin_faces.see(world)

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.lanes import LANES
+from outlast.ecs.simd import SIMD_WIDTH
 from outlast.systems.inner import broad, geometry, sweep
 from tests import naive
 from tests.conftest import COMPILED
 
 GROUPS = 3
-ROWS = GROUPS * LANES - 5  # the last group is not full
+ROWS = GROUPS * SIMD_WIDTH - 5  # the last group is not full
 F4 = np.float32
 SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
 SOME = settings(max_examples=150 if COMPILED else 15, deadline=None, derandomize=True)
@@ -81,7 +81,7 @@ def _gaps(extent: Any, body: Any, shape: Any, solid: Any, entities: Any, members
 
 
 def _column(values: Any) -> np.ndarray:
-    column = np.full(ROWS + LANES, np.nan, F4)  # what is behind the end means nothing
+    column = np.full(ROWS + SIMD_WIDTH, np.nan, F4)  # what is behind the end means nothing
     column[:ROWS] = values
     return column[:ROWS]
 
@@ -99,15 +99,15 @@ def crowd(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
     speed = rng.normal(0, 3, (2, ROWS))
     body = Body(*map(_column, (*place, angle, np.cos(angle), np.sin(angle), *speed)))
     bound = np.maximum(radius, np.hypot(*half)).astype(F4) * F4(1 + 1e-6)
-    alive = np.zeros(ROWS + LANES, np.uint8)
+    alive = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     alive[:ROWS] = rng.random(ROWS) < 0.7
     return body, Shape(*map(_column, (radius, *half, bound))), Entity(alive[:ROWS])
 
 
-def bits(rows: list[int]) -> np.ndarray:
+def to_bits(rows: list[int]) -> np.ndarray:
     words = np.zeros(GROUPS, np.int32)
     for e in rows:
-        words[e // LANES] |= 1 << e % LANES
+        words[e // SIMD_WIDTH] |= 1 << e % SIMD_WIDTH
     return words
 
 
@@ -169,10 +169,10 @@ def test_a_sweep_rules_out_nobody_who_is_hit_or_near(seed: int, grid: bool, ray:
     extent, groups = sweep.make_extent({"groups": GROUPS}), sweep.make_groups({"groups": GROUPS})
     found = np.zeros((3, GROUPS), np.int32)
     given_ray = np.array(ray, F4)
-    count = _sweep(extent, groups, body, shape, entities, bits(members), given_ray, found)
+    count = _sweep(extent, groups, body, shape, entities, to_bits(members), given_ray, found)
     living = [e for e in members if entities.alive[e]]
     assert listed(found[2]) == living
-    assert count == len({e // LANES for e in living})
+    assert count == len({e // SIMD_WIDTH for e in living})
     crossed, near = set(listed(found[0])), set(listed(found[1]))
     assert crossed | near <= set(living)
     for e in living:
@@ -190,11 +190,11 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
     """From the circle around one body to the surface of another, and so at most the way between them."""
     body, shape, entities = crowd(seed, grid)
     solid = Solid((np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1))
-    near = np.zeros(ROWS + LANES, np.uint8)
+    near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.near
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
     extent = sweep.make_extent({"groups": GROUPS})
-    _gaps(extent, body, shape, solid._replace(near=near[:ROWS]), entities, bits([*range(ROWS)]), most, out)
+    _gaps(extent, body, shape, solid._replace(near=near[:ROWS]), entities, to_bits([*range(ROWS)]), most, out)
     for e in range(0, ROWS, 5):
         centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]
         for o in others:
@@ -225,5 +225,5 @@ def test_travel_is_never_less_than_the_way_of_a_push(motion: tuple[float, ...], 
 
 def test_the_span_of_a_set_holds_its_groups() -> None:
     for rows, expected in (([], (GROUPS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, 3))):
-        assert tuple(sweep.span(bits(rows))) == expected
+        assert tuple(sweep.span(to_bits(rows))) == expected
     assert geometry.MISS > 1

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from outlast import systems
 from outlast.components import Body, Box, Item, Side, Sight
 from outlast.components.sight import OMNISCIENT
-from outlast.ecs.lanes import LANES
+from outlast.ecs.simd import SIMD_WIDTH
 
 from ..canvas import Canvas, Point
 from ..scene import Scene
@@ -50,7 +50,7 @@ class Cameras(View):
 def _seen(scene: Scene, i: int) -> Iterator[int]:
     """Rows that agent number `i` sees."""
     for g, word in enumerate(scene[Sight].seen[i]):
-        yield from (LANES * g + j for j in range(LANES) if word >> j & 1)
+        yield from (SIMD_WIDTH * g + j for j in range(SIMD_WIDTH) if word >> j & 1)
 
 
 def _cone(scene: Scene, e: int) -> list[Point]:

@@ -1,15 +1,15 @@
 """Sixteen rows at a time: arithmetic on a stretch of a column, and what is true of which row as bits of a number.
 
-    x, y = lanes(body.x, 16 * g) - px, lanes(body.y, 16 * g) - py
-    left = bits(x * x + y * y <= square) & present[g]
-    while left:
-        e = 16 * g + lowest(left)
-        left &= left - 1
+    x, y = load(body.x, 16 * g) - px, load(body.y, 16 * g) - py
+    hits = to_bits(x * x + y * y <= square) & alive[g]
+    while hits:
+        e = 16 * g + trailing_zeros(hits)
+        hits &= hits - 1
 
 A kernel that asks something of all rows, when nearly all answers are no, finds the few others in a few vector
 instructions. In kernels these are types of their own, in plain Python they are numpy arrays of sixteen: float32 sums,
 differences, products and comparisons, each lane rounded as if alone. Sets of rows are uint16 words: bit j of word g
-stands for row 16 g + j (Bits in ecs.access).
+stands for row 16 g + j (Bitset in ecs.access).
 
 A column may be read past its end. What is there means nothing, and no set of rows has its bits.
 """
@@ -28,13 +28,13 @@ from numba.extending import intrinsic, models, register_model
 
 from .jit import compiled
 
-LANES, SHIFT = 16, 4  # row e is bit e & LANES - 1 of word e >> SHIFT
-FLOATS = ir.VectorType(ir.FloatType(), LANES)
-TRUTHS = ir.VectorType(ir.IntType(1), LANES)
+SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of word e >> SIMD_SHIFT
+FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
+TRUTHS = ir.VectorType(ir.IntType(1), SIMD_WIDTH)
 INDEX = ir.IntType(32)
 
 
-class LanesType(types.Type):  # type: ignore[misc]
+class VectorType(types.Type):  # type: ignore[misc]
     """Numba's type of sixteen float32."""
 
 
@@ -42,11 +42,11 @@ class MaskType(types.Type):  # type: ignore[misc]
     """Numba's type of sixteen truths."""
 
 
-LANE, MASK = LanesType("Lanes"), MaskType("Mask")
+VECTOR, MASK = VectorType("Lanes"), MaskType("Mask")
 
 
-@register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+@register_model(VectorType)
+class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, FLOATS)
 
@@ -75,7 +75,7 @@ def _spread(builder: Any, value: Any) -> Any:
         return value
     nothing = ir.Constant(FLOATS, ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(INDEX, 0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, LANES), [0] * LANES))
+    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, SIMD_WIDTH), [0] * SIMD_WIDTH))
 
 
 def _on_floats(name: str, *before: str) -> Callable[..., Any]:
@@ -89,20 +89,20 @@ def _on_truths(name: str) -> Callable[..., Any]:
     return lambda builder, *values: getattr(builder, name)(*values)
 
 
-_PAIRS = [(LANE, LANE), (LANE, types.float32), (types.float32, LANE)]
+_PAIRS = [(VECTOR, VECTOR), (VECTOR, types.float32), (types.float32, VECTOR)]
 for _function, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
-    _define(_function, LANE, _PAIRS, _on_floats(_name))
+    _define(_function, VECTOR, _PAIRS, _on_floats(_name))
 for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
     _define(_function, MASK, _PAIRS, _on_floats("fcmp_ordered", _sign))
 for _function, _name in ((operator.and_, "and_"), (operator.or_, "or_")):
     _define(_function, MASK, [(MASK, MASK)], _on_truths(_name))
 _define(operator.invert, MASK, [(MASK,)], _on_truths("not_"))
-_define(abs, LANE, [(LANE,)], lambda builder, value: builder.call(_absolute(builder), [value]))
+_define(abs, VECTOR, [(VECTOR,)], lambda builder, value: builder.call(_absolute(builder), [value]))
 
 
 def _absolute(builder: Any) -> Any:
     kind = ir.FunctionType(FLOATS, [FLOATS])
-    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{LANES}f32")
+    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{SIMD_WIDTH}f32")
 
 
 def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any) -> Any:
@@ -113,11 +113,11 @@ def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any)
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _lanes(typing: Any, column: Any, start: Any) -> Any:
+def _load(typing: Any, column: Any, start: Any) -> Any:
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
 
-    return LANE(column, types.intp), generate
+    return VECTOR(column, types.intp), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -131,25 +131,25 @@ def _store(typing: Any, column: Any, start: Any, value: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _flags(typing: Any, column: Any, start: Any) -> Any:
+def _load_flags(typing: Any, column: Any, start: Any) -> Any:
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        vector = ir.VectorType(ir.IntType(8), LANES)
+        vector = ir.VectorType(ir.IntType(8), SIMD_WIDTH)
         values = builder.load(_pointer(context, builder, kinds.args[0], arguments, vector), align=1)
-        return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * LANES))
+        return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * SIMD_WIDTH))
 
     return MASK(column, types.intp), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _bits(typing: Any, mask: Any) -> Any:
+def _to_bits(typing: Any, mask: Any) -> Any:
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return builder.zext(builder.bitcast(arguments[0], ir.IntType(LANES)), ir.IntType(64))
+        return builder.zext(builder.bitcast(arguments[0], ir.IntType(SIMD_WIDTH)), ir.IntType(64))
 
     return types.int64(mask), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _lowest(typing: Any, word: Any) -> Any:
+def _trailing_zeros(typing: Any, word: Any) -> Any:
     def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
 
@@ -157,22 +157,28 @@ def _lowest(typing: Any, word: Any) -> Any:
 
 
 def _padded(column: Any, start: int) -> Any:
-    piece = column[start : start + LANES]
-    return np.concatenate([piece, np.zeros(LANES - len(piece), column.dtype)])
+    piece = column[start : start + SIMD_WIDTH]
+    return np.concatenate([piece, np.zeros(SIMD_WIDTH - len(piece), column.dtype)])
 
 
 def _python_store(column: Any, start: int, value: Any) -> None:
-    column[start : start + LANES] = value
+    column[start : start + SIMD_WIDTH] = value
 
 
-def _python_bits(mask: Any) -> int:
+def _python_load_flags(column: Any, start: int) -> Any:
+    return _padded(column, start) != 0
+
+
+def _python_trailing_zeros(word: int) -> int:
+    return int(word & -word).bit_length() - 1
+
+
+def _python_to_bits(mask: Any) -> int:
     return int(np.packbits(mask, bitorder="little").view(np.uint16)[0])
 
 
-lanes: Any = _lanes if compiled() else _padded  # (float32 column, start) -> Lanes
+load: Any = _load if compiled() else _padded  # (float32 column, start) -> Lanes
 store: Any = _store if compiled() else _python_store  # (float32 array, start, Lanes): all sixteen must lie in the array
-flags: Any = (
-    _flags if compiled() else lambda column, start: _padded(column, start) != 0
-)  # (uint8 column, start) -> Mask
-bits: Any = _bits if compiled() else _python_bits  # (Mask) -> int: bit j is lane j
-lowest: Any = _lowest if compiled() else lambda word: int(word & -word).bit_length() - 1  # (int > 0) -> its lowest one
+load_flags: Any = _load_flags if compiled() else _python_load_flags  # (uint8 column, start) -> Mask
+to_bits: Any = _to_bits if compiled() else _python_to_bits  # (Mask) -> int: bit j is lane j
+trailing_zeros: Any = _trailing_zeros if compiled() else _python_trailing_zeros  # (int > 0) -> its lowest one
