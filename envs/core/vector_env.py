@@ -1,8 +1,9 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import os
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
+Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
 
 
 class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
@@ -191,18 +193,18 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._painter.moved()
         return self._observe()
 
-    @alone
     def record(self, path: str | os.PathLike[str]) -> "Recorder":
-        """Record all that happens from the next reset on, which must be one of all worlds, in a new file.
+        """See outlast.record, which takes the place of this."""
+        from ..recording import record
 
-        Close what this returns (`with env.record("duel.rec"):`), or the environment. Meanwhile set_state is refused,
-        and actions are checked. Raises RecordingError, also later, if the file cannot be written.
-        """
-        from ..recording import Recorder
+        return record(self, path)
 
+    @alone
+    def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
+        """Run the worlds through what make_runner() returns; for outlast.record. Raises RecordingError if one does."""
         self._check_unrecorded("record")
-        self._runner = recorder = Recorder(path, self.scenario, self.worlds, self.first_world)
-        return recorder
+        self._runner = runner = make_runner()
+        return runner
 
     def __reduce__(self) -> Any:
         raise TypeError(
