@@ -8,8 +8,7 @@
 from importlib import import_module
 from typing import Any
 
-from .envs.adapters.gymnasium_registry import register as register_gymnasium
-from .envs.adapters.pettingzoo_registry import register as register_pettingzoo
+from .envs.adapters.registry import register as register_environments
 from .envs.core.make import make_vec
 from .envs.scenarios.ablations import FIXES
 from .envs.scenarios.scenario import Scenario, ScenarioError
@@ -38,5 +37,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'outlast' has no attribute '{name}'")
 
 
-register_gymnasium()
-register_pettingzoo()
+register_environments()
