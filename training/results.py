@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.errors import TrainingError
+from outlast.envs.errors import ScenarioError, TrainingError
 from outlast.envs.scenarios.fingerprint import identity, is_identity
-from outlast.envs.scenarios.scenario import Scenario, ScenarioError
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
 from . import header, paper

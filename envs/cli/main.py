@@ -14,10 +14,10 @@ from ..errors import (
     PageError,
     PlayError,
     RecordingError,
+    ScenarioError,
     StateError,
     TrainingError,
 )
-from ..scenarios.scenario import ScenarioError
 from . import frames, listing, play, replay, rollout
 
 COMMANDS = (rollout, replay, play, frames, listing)

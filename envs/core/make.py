@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from ..scenarios.scenario import Scenario, ScenarioError
+from ..errors import ScenarioError
+from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
 from .vector_env import SurvivalVectorEnv
 

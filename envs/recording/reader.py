@@ -11,9 +11,9 @@ import numpy as np
 
 from outlast.ecs import RESET, EngineError
 
-from ..errors import RecordingError
+from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, identity, is_identity, is_word
-from ..scenarios.scenario import Scenario, ScenarioError
+from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes, planned, rebuilt
 from .container import DONE, HEAD, RUNS, Frame, content, damaged, frames, unpack
 from .recorder import LARGEST

@@ -9,9 +9,7 @@ from typing import Any
 from outlast.ecs import Module, NumberError
 from outlast.systems import FreeForAll
 
-
-class ScenarioError(ValueError):
-    """An unknown variant, module or number; the message lists the known ones."""
+from ..errors import ScenarioError
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 from outlast import systems
 from outlast.ecs import Layout, Module
 
-from .scenario import Scenario, ScenarioError
+from ..errors import ScenarioError
+from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
     f"{kind.__module__}.{kind.__qualname__}": kind for kind in (getattr(systems, name) for name in systems.__all__)

@@ -31,8 +31,9 @@ from outlast.systems import (
     Teams,
 )
 
-from .ablations import fixed
-from .scenario import Scenario, ScenarioError
+from ..errors import ScenarioError
+from .ablations import ablated
+from .scenario import Scenario
 
 BASE = Scenario(
     "base",
@@ -80,23 +81,23 @@ ALIASES = {original: name for name, original, *_ in _ROWS}
 
 
 def base(name: str) -> str:
-    """The name of a variant without its fixes."""
+    """The name of a variant without its ablations."""
     return name.partition("+")[0]
 
 
 def variant(name: str) -> Scenario:
-    """The paper's variant of that name or of its original name, with flaws mended: "teams_2+health_cap", see FIXES.
+    """The paper's variant of that name or of its original name, with ablations: "teams_2+health_cap", see ABLATIONS.
 
     An unknown name is a ScenarioError that lists all.
     """
-    plain, *fixes = str(name).split("+")
+    plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))
     if found is None:
         near = difflib.get_close_matches(plain, [*VARIANTS, *ALIASES], 2)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
         raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
-    return fixed(found, fixes) if fixes else found
+    return ablated(found, ablations) if ablations else found
 
 
 def resolve(

@@ -27,8 +27,8 @@ from outlast.ecs import (
     number,
 )
 from outlast.envs.core.spaces import action_space, observation_space
+from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, identity
-from outlast.envs.scenarios.scenario import ScenarioError
 from outlast.envs.scenarios.variants import resolve
 from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from outlast import FIXES, variant
+from outlast import ABLATIONS, variant
 from outlast.ecs import NumberError
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.options import scenario
@@ -27,7 +27,7 @@ def test_variants_lists_all_eight_with_their_original_names(capsys):
     assert status == 0
     variants, fixes = out.split("\n\n")
     assert len(variants.splitlines()) == 8
-    assert len(fixes.splitlines()) == 1 + len(FIXES)
+    assert len(fixes.splitlines()) == 1 + len(ABLATIONS)
     assert "teams_4   2v2_all_high" in out
 
 

@@ -9,11 +9,11 @@ import outlast
 from outlast.components import Health, Side
 from outlast.ecs import Clock
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
-from outlast.envs.errors import PlayError
+from outlast.envs.errors import MessageError, PlayError
 from outlast.envs.inspect.words import tell
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game, Phase
-from outlast.envs.web.play.messages import Command, MessageError, Speed, Steer, parse
+from outlast.envs.web.play.messages import Command, Speed, Steer, parse
 from tests.conftest import digest
 from tests.players import MALFORMED
 
