@@ -92,6 +92,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             threads=threads,
             autoreset_mode=autoreset_mode,
             copy=copy,
+            check_joint=True,
             render_mode=render_mode,
         )
         self.base_env.stop_when(self._stops)

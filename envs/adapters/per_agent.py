@@ -63,6 +63,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
         copy: Whether observations are copies, and not views of the engine's memory.
         check_actions: Whether to check the range of actions.
+        check_joint: Whether base_env checks the range of the actions of all agents.
         options: Further arguments of base_env: seed, threads, render_mode.
     """
 
@@ -74,11 +75,14 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         check_actions: bool = True,
+        check_joint: bool = False,
         **options: Any,
     ) -> None:
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
         inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
-        self.base_env = SurvivalVectorEnv(resolve(scenario), num_worlds, autoreset=inner, copy=False, **options)
+        self.base_env = SurvivalVectorEnv(
+            resolve(scenario), num_worlds, autoreset=inner, copy=False, check_actions=check_joint, **options
+        )
         self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = self.base_env.render_mode
         self.num_worlds, self.num_agents = self.base_env.num_worlds, self.base_env.num_agents

@@ -19,7 +19,7 @@ SAMPLES = 20
 
 
 def learners(name: str, worlds: int, **options: Any) -> Any:
-    return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, variant=name, **options)
+    return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, scenario=name, **options)
 
 
 def sb3(name: str, worlds: int, **options: Any) -> Any:
@@ -70,7 +70,7 @@ def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: st
 
 def starts(env: Any) -> set[bytes]:
     """Where all bodies of each world are."""
-    body = getattr(env, "core", env).worlds[Body]
+    body = getattr(env, "base_env", env).worlds[Body]
     return {x.tobytes() + y.tobytes() for x, y in zip(body.x, body.y, strict=True)}
 
 
@@ -94,54 +94,54 @@ def seeded(name: str, seed: int) -> Iterator[set[bytes]]:
 @pytest.mark.parametrize("name", BATCHED)
 def test_no_two_seeds_have_a_world_in_common(name: str) -> None:
     """But for gymnasium.make_vec, whose worlds are seeded as Gymnasium's own: seed + number."""
-    core = outlast.make_vec("ffa_1", WORLDS, seed=0)
-    core.reset()
+    batch = outlast.make_vec("ffa_1", WORLDS, seed=0)
+    batch.reset()
     for zero, one in zip(seeded(name, 0), seeded(name, 1), strict=True):
         assert len(zero) == len(one) == WORLDS
         if name == "gymnasium.make_vec":
             assert len(zero & one) == WORLDS - 1
             assert not zero & next(seeded(name, WORLDS))
         else:
-            assert zero == starts(core)
+            assert zero == starts(batch)
             assert not zero & one
 
 
 # ---- pictures
 
-FACES = (Path(__file__).parents[2] / "docs" / "faces.md").read_text(encoding="utf-8")
-RENDERS = {  # face -> what the page says of it: modes, and what render() returns
-    face: (re.findall(r'"(\w+)"', modes), returns)
-    for faces, modes, returns in re.findall(r'^\| (`.+?) \| (`"rgb_array".*?) \| (.*) \|$', FACES, re.MULTILINE)
-    for face in re.findall(r"`([\w.]+)`", faces)
+PAGE = (Path(__file__).parents[2] / "docs" / "libraries.md").read_text(encoding="utf-8")
+RENDERS = {  # adapter -> what the page says of it: modes, and what render() returns
+    adapter: (re.findall(r'"(\w+)"', modes), returns)
+    for adapters, modes, returns in re.findall(r'^\| (`.+?) \| (`"rgb_array".*?) \| (.*) \|$', PAGE, re.MULTILINE)
+    for adapter in re.findall(r"`([\w.]+)`", adapters)
 }
 NEEDS = {"make_sb3": "stable_baselines3", "make_puffer": "pufferlib", "parallel_env": "pettingzoo"}
 NEEDS |= {"aec_env": "pettingzoo", "SurvivalMultiAgentEnv": "ray"}
 
 
-def rendering(face: str, mode: str) -> Any:
-    if face == "gymnasium.make":
+def rendering(adapter: str, mode: str) -> Any:
+    if adapter == "gymnasium.make":
         return gymnasium.make("outlast/FreeForAll1-v1", render_mode=mode)
-    if face == "SurvivalMultiAgentEnv":
+    if adapter == "SurvivalMultiAgentEnv":
         return outlast.SurvivalMultiAgentEnv({"scenario": "ffa_1", "render_mode": mode})
-    if face in ("parallel_env", "aec_env"):
-        return getattr(outlast, face)("ffa_1", render_mode=mode)
-    make = learners if face == "gymnasium.make_vec" else getattr(outlast, face)
+    if adapter in ("parallel_env", "aec_env"):
+        return getattr(outlast, adapter)("ffa_1", render_mode=mode)
+    make = learners if adapter == "gymnasium.make_vec" else getattr(outlast, adapter)
     return make("ffa_1", 3, render_mode=mode)
 
 
-@pytest.mark.parametrize("face", RENDERS)
+@pytest.mark.parametrize("adapter", RENDERS)
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi", "human"])
 @pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that it knows to be missing
-def test_faces_render_what_the_page_says(face: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if find_spec(NEEDS.get(face, "numpy")) is None or (mode == "human" and find_spec("pygame") is None):
+def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if find_spec(NEEDS.get(adapter, "numpy")) is None or (mode == "human" and find_spec("pygame") is None):
         pytest.skip("a library is missing")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    modes, returns = RENDERS[face]
+    modes, returns = RENDERS[adapter]
     if mode not in modes:
         with pytest.raises(ValueError, match=mode):
-            rendering(face, mode)
+            rendering(adapter, mode)
         return
-    env = rendering(face, mode)
+    env = rendering(adapter, mode)
     env.reset()
     frames = env.render()
     if mode == "human":
@@ -156,7 +156,7 @@ def test_faces_render_what_the_page_says(face: str, mode: str, monkeypatch: pyte
     env.close()
 
 
-def test_the_page_tells_of_all_faces() -> None:
-    told = re.findall(r"^\| .* \| (`.+`) \| .* \|$", FACES.split("## Seeds")[0], re.MULTILINE)
-    faces = {name.removeprefix("outlast.") for cell in told for name in re.findall(r"`([\w.]+)`", cell)}
-    assert RENDERS.keys() == faces - {"PettingZooWrapper"}
+def test_the_page_describes_all_adapters() -> None:
+    described = re.findall(r"^\| .* \| (`.+`) \| .* \|$", PAGE.split("## Seeds")[0], re.MULTILINE)
+    adapters = {name.removeprefix("outlast.") for cell in described for name in re.findall(r"`([\w.]+)`", cell)}
+    assert RENDERS.keys() == adapters - {"PettingZooWrapper"}

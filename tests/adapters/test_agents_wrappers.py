@@ -46,7 +46,7 @@ def test_sub_environments_show_their_world(mode: str) -> None:
     frames = env.render()
     assert frames is not None
     assert len(frames) == 4
-    expected = [(draw if mode == "rgb_array" else text)(env.core.worlds, w) for w in (0, 0, 1, 1)]
+    expected = [(draw if mode == "rgb_array" else text)(env.base_env.worlds, w) for w in (0, 0, 1, 1)]
     assert all(np.array_equal(a, b) for a, b in zip(frames, expected, strict=True))
     assert not np.array_equal(expected[0], expected[2])
     stale = env.render()
@@ -90,27 +90,27 @@ def test_a_render_mode_that_is_none_is_refused() -> None:
 def test_record_episode_statistics_counts_what_info_tells(mode: str) -> None:
     if mode == "SameStep" and gymnasium.__version__.startswith("1.2."):
         pytest.skip("gymnasium 1.2's wrapper forgets the first step after a reset")
-    env = wrappers.RecordEpisodeStatistics(make(seed=SEED, autoreset=mode), buffer_length=10_000)
+    env = wrappers.RecordEpisodeStatistics(make(seed=SEED, autoreset_mode=mode), buffer_length=10_000)
     env.reset()
     ends = 0
     for tick in range(STEPS):
         _, _, terminated, truncated, info = env.step(drawn(env, tick))
-        if (over := terminated | truncated).any():
-            assert same(info["_episode"], over)
+        if (done := terminated | truncated).any():
+            assert same(info["_episode"], done)
             assert np.array_equal(info["episode"]["r"], info["statistics"]["return"])
             assert np.array_equal(info["episode"]["l"], info["statistics"]["length"])
             if mode == "Disabled":
-                env.reset(options={"reset_mask": over})
-        ends += int(over.sum())
+                env.reset(options={"reset_mask": done})
+        ends += int(done.sum())
     assert env.episode_count == len(env.return_queue) == ends >= env.num_envs
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_flatten_observation(mode: str) -> None:
     """Gymnasium refuses every wrapper of observations under SAME_STEP."""
-    env, flat = (make(seed=SEED, autoreset=mode) for _ in range(2))
+    env, flat = (make(seed=SEED, autoreset_mode=mode) for _ in range(2))
     wrapped = wrappers.FlattenObservation(flat)
-    assert wrapped.single_observation_space.shape == (env.core.flat_size,)
+    assert wrapped.single_observation_space.shape == (env.base_env.flat_size,)
     observations, flattened = env.reset()[0], wrapped.reset()[0]
     for tick in range(3):
         for k in range(env.num_envs):
@@ -126,13 +126,13 @@ def test_normalize_observation_of_flat_ones() -> None:
     wrapped.reset()
     for tick in range(scaled(40, least=10)):
         observations, *_ = wrapped.step(drawn(env, tick))
-    assert observations.shape == (env.num_envs, env.core.flat_size)
+    assert observations.shape == (env.num_envs, env.base_env.flat_size)
     assert np.isfinite(observations).all()
     assert abs(observations.mean()) < 1
 
 
 def test_reward_wrappers() -> None:
-    plain, changed, normal = (make(seed=SEED, autoreset="SameStep") for _ in range(3))
+    plain, changed, normal = (make(seed=SEED, autoreset_mode="SameStep") for _ in range(3))
     changed = wrappers.ClipReward(wrappers.TransformReward(changed, lambda reward: 3 * reward), -2, 2)
     normal = wrappers.NormalizeReward(normal)
     for env in (plain, changed, normal):
@@ -147,7 +147,7 @@ def test_reward_wrappers() -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_infos_as_a_list(mode: str) -> None:
-    env, other = (make(seed=SEED, autoreset=mode) for _ in range(2))
+    env, other = (make(seed=SEED, autoreset_mode=mode) for _ in range(2))
     listed = wrappers.DictInfoToList(wrappers.RecordEpisodeStatistics(env))
     other.reset()
     assert listed.reset()[1] == [{"alive": True}] * env.num_envs
@@ -155,13 +155,13 @@ def test_infos_as_a_list(mode: str) -> None:
     for tick in range(STEPS):
         _, _, terminated, truncated, infos = listed.step(drawn(env, tick))
         info = other.step(drawn(env, tick))[-1]
-        for k, (over, found) in enumerate(zip(terminated | truncated, infos, strict=True)):
+        for k, (done, found) in enumerate(zip(terminated | truncated, infos, strict=True)):
             assert found["alive"] == info["alive"][k]
-            assert ("statistics" in found) == ("episode" in found) == over
-            assert ("final_obs" in found) == ("final_info" in found) == (over and mode == "SameStep")
-            if over:
+            assert ("statistics" in found) == ("episode" in found) == done
+            assert ("final_obs" in found) == ("final_info" in found) == (done and mode == "SameStep")
+            if done:
                 assert found["statistics"] == {key: values[k] for key, values in info["statistics"].items()}
-            ends += over
+            ends += done
     assert ends >= env.num_envs
 
 

@@ -1,4 +1,4 @@
-"""The face for Stable-Baselines3 with what belongs to it: wrappers, attributes, pictures, and PPO, which learns."""
+"""Stable-Baselines3 with what belongs to it: wrappers, attributes, pictures, and PPO, which learns."""
 
 import csv
 import runpy
@@ -164,7 +164,7 @@ def test_pictures_are_those_of_the_worlds() -> None:
 
     env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
     env.reset()
-    worlds = [picture(env.core.worlds, w) for w in range(3)]
+    worlds = [picture(env.base_env.worlds, w) for w in range(3)]
     assert len({world.tobytes() for world in worlds}) == 3
     images = env.get_images()
     assert len(images) == 6

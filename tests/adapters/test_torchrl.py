@@ -24,7 +24,7 @@ EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_rollout.py"
 SEED = 3
 SHORT: dict[str, Any] = {"agents_health": 10, "zone_radii": (6.0,), "zone_stand": 1000}  # who is outside soon dies
 LIMIT = scaled(60, least=15)
-both = pytest.mark.parametrize("dead", ["remove", "keep"])
+both = pytest.mark.parametrize("dead", ["end", "keep"])
 
 
 def world(name: str, dead: str) -> Any:
@@ -59,13 +59,13 @@ def test_a_rollout_through_deaths(name: str, dead: str) -> None:
     seen, _ = plain.reset()
     deaths = 0
     for tick in range(len(rollout)):
-        assert told(group["observation"][tick], seen)
+        assert shows(group["observation"][tick], seen)
         assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
         actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
         before = list(plain.agents)
         seen, rewards, terminated, truncated, infos = plain.step(actions)
         deaths += len(before) - len(plain.agents) if plain.agents else 0
-        assert told(following["observation"][tick], seen)
+        assert shows(following["observation"][tick], seen)
         for i, agent in enumerate(plain.possible_agents):
             assert following["reward"][tick, i].item() == rewards.get(agent, 0)
             assert following["terminated"][tick, i].item() is terminated.get(agent, True)
@@ -73,10 +73,10 @@ def test_a_rollout_through_deaths(name: str, dead: str) -> None:
             assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
         assert rollout["next", "done"][tick].item() is (not plain.agents)
     assert not plain.agents
-    assert (deaths > 0) == (dead == "remove")
+    assert (deaths > 0) == (dead == "end")
 
 
-def told(rows: Any, seen: dict[str, Any]) -> bool:
+def shows(rows: Any, seen: dict[str, Any]) -> bool:
     """Whether the rows of a group are what agents see; of those that are not there, zeros."""
     return all(
         np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
