@@ -178,7 +178,7 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
 
 
 def test_who_lives_on_which_side_and_with_which_share() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     assert alive(env.worlds).all()
     assert side(env.worlds).tolist() == [[0, 0, 1, 1]] * WORLDS

@@ -36,7 +36,9 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
 
 def test_same_step_shows_both_episodes_at_once() -> None:
     """Beside NEXT_STEP: final_obs is the observation of its last step, and the observation that of its reset step."""
-    same, following = (make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode) for mode in ("SameStep", "NextStep"))
+    same, following = (
+        make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode) for mode in ("SameStep", "NextStep")
+    )
     same.reset()
     following.reset()
     over = np.zeros(1, bool)
@@ -64,7 +66,7 @@ def test_same_step_shows_both_episodes_at_once() -> None:
 
 
 def test_disabled_waits_for_a_reset_of_what_ended() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     for tick in range(80):
         _, _, terminated, truncated, _ = env.step(actions := numbered_actions(env, tick))
@@ -83,7 +85,7 @@ def test_disabled_waits_for_a_reset_of_what_ended() -> None:
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
     """Lengths and returns as counted here; rows of worlds that go on are zero."""
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode)
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode)
     env.reset()
     length, returns, count = np.zeros(WORLDS, int), np.zeros((WORLDS, 4)), 0
     fresh = np.zeros(WORLDS, bool)
@@ -133,8 +135,8 @@ def test_the_time_limit_truncates() -> None:
 def test_episodes_that_are_stopped_early_end_as_others_do(mode: str) -> None:
     """Bit for bit those of a scenario that has the same limit."""
     scenario = variant("teams_3")
-    limited = make_vec(scenario.replace(ending_limit=7), 3, seed=0, autoreset=mode)
-    env = make_vec(scenario, 3, seed=0, autoreset=mode)
+    limited = make_vec(scenario.replace(ending_limit=7), 3, seed=0, autoreset_mode=mode)
+    env = make_vec(scenario, 3, seed=0, autoreset_mode=mode)
     env.stop_when(lambda: (np.zeros(3, bool), env.worlds[Clock].tick[:, 0] >= 7))
     for each in (env, limited):
         each.reset()
