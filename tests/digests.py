@@ -21,7 +21,7 @@ import llvmlite.binding
 import numpy as np
 
 from outlast import VARIANTS, make_vec
-from outlast.envs.adapters.gymnasium_registry import IDS
+from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage.atomic_write import atomic_write
 
@@ -30,7 +30,7 @@ MARKS = (0, 1, 10, 50, 200, 500, 1000, 2000)  # the ticks after which digests ar
 WORLDS, SEED = 32, 3
 HELD = 20  # ticks for which agents keep to a direction, so that they get somewhere
 NEW_VERSION = (
-    "behaviour changed: raise the version of {name} in envs/adapters/gymnasium_registry.py, "
+    "behaviour changed: raise the version of {name} in envs/adapters.registry.py, "
     "say what changed in CHANGELOG.md, and write new digests: python -m tests.digests --write"
 )
 Golden = dict[str, dict[str, dict[str, str]]]  # platform: {environment: {tick: digest}}

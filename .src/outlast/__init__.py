@@ -12,8 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
-from .envs.adapters.gymnasium_registry import register as _register_gymnasium
-from .envs.adapters.pettingzoo_registry import register as _register_pettingzoo
+from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.vector_env import SurvivalVectorEnv
 from .envs.scenarios.ablations import ABLATIONS
@@ -100,5 +99,4 @@ def __dir__() -> list[str]:
     return sorted([*__all__, "__version__"])
 
 
-_register_gymnasium()
-_register_pettingzoo()
+_register()

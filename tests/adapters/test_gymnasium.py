@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 
 from outlast import VARIANTS, ScenarioError, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
-from outlast.envs.adapters.gymnasium_registry import IDS
+from outlast.envs.adapters.registry import IDS
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
@@ -303,7 +303,7 @@ assert gymnasium.make_vec("outlast:outlast/FreeForAll1-v1", num_envs=2).spec.id 
     "a second import is silent, and what stands behind the ids is loaded late": """
 import importlib, sys
 import gymnasium, outlast
-importlib.reload(outlast.envs.adapters.gymnasium_registry)
+importlib.reload(outlast.envs.adapters.registry)
 importlib.reload(outlast)
 assert sum(name.startswith("outlast/") for name in gymnasium.registry) == 10
 late = {f"outlast.envs.adapters.gymnasium_{name}" for name in ("single", "learners", "agents")} | {"cv2"}

@@ -106,7 +106,7 @@ class Game:
         if self.phase is not Phase.RUNNING:
             return False
         actions = np.zeros((1, self.env.num_agents, len(self.ranges)), np.int64)
-        actions[:, self._opponents.seats] = self._opponents.actions()
+        actions[:, self._opponents.agent_indices] = self._opponents.actions()
         actions[0, self.agent] = self.action()
         self._tapped.clear()
         _, _, terminated, truncated, _ = self.env.step(actions)
