@@ -78,7 +78,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
     ) -> None:
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
         inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
-        self.base_env = SurvivalVectorEnv(resolve(scenario), num_worlds, autoreset=inner, copy=False, **options)
+        self.base_env = SurvivalVectorEnv(resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, **options)
         self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = self.base_env.render_mode
         self.num_worlds, self.num_agents = self.base_env.num_worlds, self.base_env.num_agents

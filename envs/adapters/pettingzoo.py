@@ -78,7 +78,9 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
         self._window = Window("outlast", lazy_frames.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
-        self.base_env = SurvivalVectorEnv(scenario, 1, seed=seed, autoreset="Disabled", copy=False, check_actions=False)
+        self.base_env = SurvivalVectorEnv(
+            scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False, check_actions=False
+        )
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []

@@ -62,7 +62,7 @@ def make_puffer(
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     scenario = requested(make_puffer, scenario, numbers, max_episode_steps)
     base_env = SurvivalVectorEnv(
-        scenario, num_worlds, seed=seed, threads=threads, autoreset="SameStep", copy=False, check_actions=False
+        scenario, num_worlds, seed=seed, threads=threads, autoreset_mode="SameStep", copy=False, check_actions=False
     )
     return SurvivalPufferEnv(base_env, check_actions=check_actions, render_mode=render_mode, buf=buf)
 

@@ -39,7 +39,9 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
     assert {key: space[key].shape for key in space} == {key: (agents, *shape) for key, shape in shapes.items()}
     assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * agents
     observations, info = env.reset()
-    assert info == {}
+    assert info.keys() == {"alive"}
+    assert (info["alive"].dtype, info["alive"].shape) == (bool, (2, agents))
+    assert info["alive"].all()
     assert list(observations) == sorted(shapes)
     for key, values in observations.items():
         assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
