@@ -23,7 +23,7 @@ import numpy as np
 from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.storage.atomic_write import draft
+from outlast.envs.storage.atomic_write import atomic_write
 
 FILE = Path(__file__).parent / "golden" / "digests.json"
 MARKS = (0, 1, 10, 50, 200, 500, 1000, 2000)  # the ticks after which digests are taken
@@ -115,7 +115,7 @@ def write(found: dict[str, dict[str, str]]) -> list[str]:
     mine = whole.setdefault(platform_name(), {})
     for name, digests in found.items():
         mine[environment(name)] = mine.get(environment(name), {}) | digests
-    with draft(FILE) as place:
+    with atomic_write(FILE) as place:
         place.write_text(json.dumps(whole, indent=1) + "\n")
     return []
 

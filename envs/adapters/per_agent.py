@@ -16,7 +16,7 @@ from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import ClosedError, NotResetError
 from ..rendering.lazy_frames import Frames
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..scenarios.variants import resolve
 from ..snapshots.state import State
 
@@ -32,7 +32,7 @@ def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[s
 
 
 def requested(
-    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Any], max_episode_steps: int | None = None
+    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
 ) -> Scenario:
     """The scenario that the factory `make` was asked for; its time limit is called ending_limit in scenarios."""
     if max_episode_steps is not None:
@@ -81,7 +81,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
         inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
         self.base_env = SurvivalVectorEnv(
-            resolve(scenario), num_worlds, autoreset=inner, copy=False, check_actions=check_joint, **options
+            resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, check_actions=check_joint, **options
         )
         self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = self.base_env.render_mode

@@ -9,7 +9,7 @@ from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays
 from ..errors import PendingError
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from .gymnasium_agents import SurvivalAgentVectorEnv
 from .per_agent import requested
 
@@ -32,7 +32,7 @@ def make_sb3(
     check_actions: bool = True,
     render_mode: str | None = None,
     render_worlds: int = 1,
-    **numbers: Any,
+    **numbers: Number,
 ) -> "SurvivalVecEnv":
     """All agents of `num_worlds` worlds for Stable-Baselines3.
 

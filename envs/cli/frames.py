@@ -27,6 +27,6 @@ def run(options: argparse.Namespace) -> int:
     rows, columns = options.mosaic or (1, 1)
     worlds = options.worlds or rows * columns
     scenario, make_policy = cast(options)
-    with contextlib.closing(make_vec(scenario, worlds, seed=options.seed, check_actions=False)) as env:
+    with contextlib.closing(make_vec(scenario, worlds, seed=options.seed, copy=False, check_actions=False)) as env:
         policy = make_policy(env, options.seed)
         return video_options.shoot(options, env.worlds, ticks(env, policy, options.steps), options.steps)

@@ -100,7 +100,7 @@ def _at_least(least: int, text: str) -> int:
     return value
 
 
-def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, object]:
+def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
     """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
     name, _, value = text.partition("=")
     if isinstance(numbers.get(name), tuple):

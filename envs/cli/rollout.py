@@ -12,6 +12,7 @@ from tqdm import tqdm
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ClusterError
+from ..recording import record
 from ..rollout.local import Task, rollout
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.summary import Summary
@@ -54,11 +55,13 @@ def run(options: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
-    env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
+    env = make_vec(
+        scenario, options.worlds, seed=options.seed, threads=options.threads, copy=False, check_actions=False
+    )
     policy = make_policy(env, options.seed)
     with contextlib.closing(env):
         if options.record is not None:
-            env.record(options.record)
+            record(env, options.record)
         yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes)
 
 

@@ -7,7 +7,7 @@ from outlast.ecs import Observation
 
 from ..core.spaces import published
 from ..recording.replay import Replay
-from ..scenarios.fingerprint import identity
+from ..scenarios.fingerprint import fingerprint
 from .samples import Samples, Wish, joined, samples
 
 SHARD = 2**26  # bytes of samples that are kept in memory, and written together
@@ -32,7 +32,7 @@ def manifest(replay: Replay) -> dict[str, Any]:
     return {
         "format": "outlast samples 1",
         "outlast": header["outlast"],
-        "scenario": identity(replay.recording.scenario),
+        "scenario": fingerprint(replay.recording.scenario),
         "mechanics": header["modules"],
         "agents": replay.recording.num_agents,
         "actions": [{"name": name, "size": size} for name, _, size in header["actions"]],

@@ -67,7 +67,7 @@ def export(name: str, replay: Replay, wish: Wish) -> int:
 def _drafted(name: str, place: Path) -> Iterator[None]:
     """Meanwhile Minari writes into a hidden folder; from there the data set goes to its place, whole."""
     root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
-    hidden = atomic_write.name(root / place.name)
+    hidden = atomic_write.temporary_path(root / place.name)
     hidden.mkdir()
     try:
         os.environ[ROOT] = str(hidden)
@@ -79,7 +79,7 @@ def _drafted(name: str, place: Path) -> Iterator[None]:
         os.replace(hidden / name, place)
     finally:
         _restore(kept)
-        atomic_write.discard(hidden)
+        atomic_write.remove(hidden)
 
 
 def _restore(kept: str | None) -> None:

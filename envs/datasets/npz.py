@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..recording.replay import Replay
-from ..storage.atomic_write import draft
+from ..storage.atomic_write import atomic_write
 from .batches import batches, manifest
 from .samples import Wish
 
@@ -19,7 +19,7 @@ def export(target: Path, replay: Replay, wish: Wish) -> int:
     Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
     """
     about, shards, count = manifest(replay), list[dict[str, object]](), 0
-    with draft(target) as folder:
+    with atomic_write(target) as folder:
         folder.mkdir()
         for number, batch in enumerate(batches(replay, wish)):
             named = {f"observations/{key}": array for key, array in batch.observations.items()}

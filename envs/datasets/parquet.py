@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..recording.replay import Replay
-from ..storage.atomic_write import draft
+from ..storage.atomic_write import atomic_write
 from .batches import batches, manifest
 from .samples import Samples, Wish
 
@@ -30,7 +30,7 @@ def export(target: Path, replay: Replay, wish: Wish) -> int:
     """
     about, count, writer = manifest(replay), 0, None
     names = [column["name"] for column in about["actions"]]
-    with draft(target) as path:
+    with atomic_write(target) as path:
         try:
             for batch in batches(replay, wish):
                 table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})

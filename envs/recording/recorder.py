@@ -14,7 +14,7 @@ import numpy as np
 from outlast.ecs import RESET, STEP, Clock, Worlds
 
 from ..errors import RecordingError
-from ..scenarios.fingerprint import identity
+from ..scenarios.fingerprint import fingerprint
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes
 from .container import DONE, HEAD, MAGIC, RUNS, frame
@@ -207,7 +207,7 @@ def _header(scenario: Scenario, shape: Shape, joint: Joint, digests: Digests) ->
     return {
         "outlast": outlast.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
-        "scenario": identity(scenario),
+        "scenario": fingerprint(scenario),
         "modules": classes(scenario),
         "worlds": shape.worlds,
         "agents": shape.agents,

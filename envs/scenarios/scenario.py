@@ -2,7 +2,7 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,22 @@ from outlast.systems import FreeForAll
 
 from ..errors import ScenarioError
 
+Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Scenario:
-    """A world to play in: its mechanics (in any order) as data.
+    """A game: its mechanics with their numbers, as data.
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
+
+    Attributes:
+        name: What errors and files call it.
+        modules: The mechanics, in any order.
+        about: One line for people.
+
+    Raises:
+        ScenarioError: Two mechanics of one kind, or of one name.
     """
 
     name: str
@@ -47,21 +57,35 @@ class Scenario:
                     )
                 owners[name] = module
 
+    def __repr__(self) -> str:
+        return f"Scenario({self.name!r}, {len(self.modules)} mechanics)"
+
     def without(self, *kinds: type[Module] | str) -> "Scenario":
-        """The same without some mechanics, named by class or by name ("melee")."""
+        """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
         gone = [self._find(kind) for kind in kinds]
         return dataclasses.replace(self, modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
-        """The same with more mechanics; one of a kind that is there already takes its place."""
+        """The same with more mechanics; one of a kind that is there already is replaced.
+
+        Raises:
+            ScenarioError: What is given is no mechanic.
+        """
         for module in modules:
             if not isinstance(module, Module):
                 raise ScenarioError(f"{module!r} is not a module: pass an instance, as in with_(Melee(damage=20))")
         slots = {module.slot() for module in modules}
         return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
 
-    def replace(self, **numbers: Any) -> "Scenario":
-        """The same with other numbers, named module_number ("melee_damage"); n_agents stands for agents_count."""
+    def replace(self, **numbers: Number) -> "Scenario":
+        """The same with other numbers.
+
+        Args:
+            **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
+
+        Raises:
+            NumberError: An unknown number, with a hint, or a value out of its range.
+        """
         changed: dict[str, dict[str, Any]] = {}
         for key, value in numbers.items():
             module, name = self._split(f"{key[2:]}_count" if key.startswith("n_") else key, key)

@@ -32,7 +32,7 @@ def classes(scenario: Scenario) -> list[str]:
 
 
 def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
-    """The scenario of that identity (see fingerprint) and those classes, all of them outlast's own.
+    """The scenario of that fingerprint and those classes, all of them outlast's own.
 
     Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
     """

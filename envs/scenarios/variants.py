@@ -6,7 +6,6 @@ says what the runs had.
 
 import difflib
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from outlast.systems import (
     Agents,
@@ -33,7 +32,7 @@ from outlast.systems import (
 
 from ..errors import ScenarioError
 from .ablations import ablated
-from .scenario import Scenario
+from .scenario import Number, Scenario
 
 BASE = Scenario(
     "base",
@@ -61,9 +60,9 @@ BASE = Scenario(
 BOXES = Boxes(count=8, toughness=5, owned=True, offset=0.75, settles=True, corners="rolled")
 TEAMS = BASE.with_(Teams(count=2)).replace(n_agents=4, rewards_posthumous=True)
 
-LOW = {"rewards_alive": 1.0, "ending_rule": "all dead"}
-MID = {"rewards_alive": 1.0, "rewards_dead": -1.0, "ending_rule": "last alive"}
-HIGH = {**MID, "rewards_kill": 100.0, "rewards_death": -100.0}
+LOW: dict[str, Number] = {"rewards_alive": 1.0, "ending_rule": "all dead"}
+MID: dict[str, Number] = {"rewards_alive": 1.0, "rewards_dead": -1.0, "ending_rule": "last alive"}
+HIGH: dict[str, Number] = {**MID, "rewards_kill": 100.0, "rewards_death": -100.0}
 
 _ROWS = (
     ("ffa_1", "1v1_heals_low", BASE, LOW, "two agents, heals; survival pays"),
@@ -101,7 +100,7 @@ def variant(name: str) -> Scenario:
 
 
 def resolve(
-    scenario: Scenario | str, numbers: Mapping[str, Any] | None = None, options: Iterable[str] = ()
+    scenario: Scenario | str, numbers: Mapping[str, Number] | None = None, options: Iterable[str] = ()
 ) -> Scenario:
     """The scenario that a factory was asked for: a variant's name or a scenario, with other numbers.
 

@@ -57,7 +57,7 @@ def same(one: Any, other: Any) -> bool:
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None:
-    env, batch = make(name, autoreset_mode=mode), make_vec(short(name), WORLDS, autoreset=mode)
+    env, batch = make(name, autoreset_mode=mode), make_vec(short(name), WORLDS, autoreset_mode=mode)
     agents = batch.num_agents
     assert (env.num_envs, env.num_worlds, env.num_agents) == (WORLDS * agents, WORLDS, agents)
     seen, info = env.reset(seed=SEED)

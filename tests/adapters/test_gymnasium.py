@@ -64,7 +64,7 @@ def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> N
         others.append((ids, np.random.default_rng(len(others)).integers(0, [3, 3, 3, 2, 2, 2], (1, 3, 6))))
         return others[-1][1]
 
-    env, batch = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset="Disabled")
+    env, batch = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset_mode="Disabled")
     seen, info = env.reset(seed=SEED)
     expected, _ = batch.reset(seed=[SEED])
     assert info["alive"] is True

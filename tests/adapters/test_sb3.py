@@ -54,7 +54,7 @@ class Lone(gymnasium.Env[dict[str, Any], Any]):
     """
 
     def __init__(self, w: int) -> None:
-        self.w, self.world = w, make_vec(LONE, 1, autoreset="Disabled", copy=True, first_world=w)
+        self.w, self.world = w, make_vec(LONE, 1, autoreset_mode="Disabled", copy=True, first_world=w)
         boxes = {key: (box.low[0], box.high[0]) for key, box in self.world.single_observation_space.items()}
         self.observation_space = spaces.Dict({key: spaces.Box(*ends, dtype=np.float32) for key, ends in boxes.items()})
         self.action_space = spaces.MultiDiscrete(self.world.action_sizes)
@@ -111,7 +111,7 @@ def test_spaces_are_those_of_one_agent(name: str) -> None:
 
 def test_it_is_the_batched_environment() -> None:
     """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i."""
-    env, batch = make_sb3(SHORT, WORLDS, seed=3), make_vec(SHORT, WORLDS, autoreset="SameStep")
+    env, batch = make_sb3(SHORT, WORLDS, seed=3), make_vec(SHORT, WORLDS, autoreset_mode="SameStep")
     assert same(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
     rng, ended, cut = np.random.default_rng(0), 0, 0
     for _ in range(STEPS):

@@ -76,7 +76,7 @@ def test_every_way_sees_episodes_end() -> None:
 def test_a_fault_forgets_no_end(autoreset: str) -> None:
     """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
     scenario = variant("ffa_1").replace(ending_limit=3)
-    harmed, twin = (Way(scenario, range(2), autoreset=autoreset) for _ in range(2))
+    harmed, twin = (Way(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
     idle = np.ones((2, 2, 6), int)
     for tick in range(5):
         twin.step(idle)

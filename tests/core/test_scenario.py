@@ -28,7 +28,7 @@ from outlast.ecs import (
 )
 from outlast.envs.core.spaces import action_space, observation_space
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios.fingerprint import difference, identity
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.variants import resolve
 from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled
@@ -296,7 +296,7 @@ def test_two_mechanics_of_one_file_are_two() -> None:
     assert (scenario[Swamp], scenario["lava_lake"]) == (Swamp(5, 0.2), LavaLake(1))
     assert LavaLake in scenario.without(Swamp)
     assert Swamp not in scenario.without("swamp")
-    assert difference(identity(scenario), identity(scenario.replace(lava_lake_radius=3))) != ""
+    assert difference(fingerprint(scenario), fingerprint(scenario.replace(lava_lake_radius=3))) != ""
     with pytest.raises(NumberError, match="did you mean"):
         scenario.replace(lava_radius=1)
 

@@ -40,17 +40,17 @@ def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_going_on_is_never_having_stopped(autoreset: str) -> None:
-    env = make(autoreset=autoreset)
+    env = make(autoreset_mode=autoreset)
     play(env, 0, STEPS // 2)
     state = env.get_state()
     expected = play(env, STEPS // 2, STEPS)
     env.set_state(state)
     assert play(env, STEPS // 2, STEPS) == expected  # in the same environment
-    other = make(seed=2, autoreset=autoreset, threads=2)
+    other = make(seed=2, autoreset_mode=autoreset, threads=2)
     play(other, 0, 7 if COMPILED else 2)
     other.set_state(state)
     assert play(other, STEPS // 2, STEPS) == expected  # in one with a past of its own
-    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset=autoreset)
+    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset_mode=autoreset)
     fresh.set_state(state)
     assert play(fresh, STEPS // 2, STEPS) == expected  # in one that was never reset
 

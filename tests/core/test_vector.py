@@ -39,7 +39,9 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
     assert {key: space[key].shape for key in space} == {key: (agents, *shape) for key, shape in shapes.items()}
     assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * agents
     observations, info = env.reset()
-    assert info == {}
+    assert info.keys() == {"alive"}
+    assert (info["alive"].dtype, info["alive"].shape) == (bool, (2, agents))
+    assert info["alive"].all()
     assert list(observations) == sorted(shapes)
     for key, values in observations.items():
         assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
@@ -178,7 +180,7 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
 
 
 def test_who_lives_on_which_side_and_with_which_share() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     assert alive(env.worlds).all()
     assert side(env.worlds).tolist() == [[0, 0, 1, 1]] * WORLDS

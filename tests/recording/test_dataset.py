@@ -26,12 +26,12 @@ Row = dict[str, Any]
 
 def make(variant: str, autoreset: str) -> SurvivalVectorEnv:
     scenario = outlast.variant(variant).replace(**SHORT)
-    return outlast.make_vec(scenario, WORLDS, seed=1, autoreset=autoreset, copy=True, first_world=10)
+    return outlast.make_vec(scenario, WORLDS, seed=1, autoreset_mode=autoreset, copy=True, first_world=10)
 
 
 def play(env: SurvivalVectorEnv) -> list[Row]:
     """Play, and write down each step of each world as any learner would: from what the calls return."""
-    rng, rows, mode = np.random.default_rng(0), list[Row](), env.autoreset
+    rng, rows, mode = np.random.default_rng(0), list[Row](), env.autoreset_mode
     observations, _ = env.reset()
     episode, tick, over = np.ones(WORLDS, int), np.zeros(WORLDS, int), np.zeros(WORLDS, bool)
     for _ in range(STEPS):
@@ -82,7 +82,7 @@ def whole(path: Path) -> tuple[Replay, Wish]:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: Any) -> tuple[Path, list[Row]]:
     env, path = make("teams_3", "NextStep"), tmp_path_factory.mktemp("data") / "a.rec"
-    with env.record(path):
+    with outlast.record(env, path):
         return path, play(env)
 
 
@@ -90,7 +90,7 @@ def recorded(tmp_path_factory: Any) -> tuple[Path, list[Row]]:
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep", "Disabled"])
 def test_samples_are_what_step_returned(tmp_path: Path, variant: str, autoreset: str) -> None:
     env = make(variant, autoreset)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rows = play(env)
     assert sum(row["last"] for row in rows) > WORLDS
     check(joined(list(samples(*whole(tmp_path / "a.rec")))), rows)

@@ -34,7 +34,7 @@ def play(env: SurvivalVectorEnv, steps: int) -> None:
 def recorded(path: Path, steps: int, **options: Any) -> Path:
     """A recording of a reset and that many steps."""
     env = make(**options)
-    with env.record(path):
+    with outlast.record(env, path):
         env.reset()
         play(env, steps)
     env.close()
@@ -44,11 +44,12 @@ def recorded(path: Path, steps: int, **options: Any) -> Path:
 CHILD = """
 import sys
 sys.path.insert(0, {tests!r})
+import outlast
 from tests.recording.test_recording import make, play
 from outlast.envs.recording import recorder
 recorder.LARGEST = 2000
 env = make()
-env.record({path!r})
+outlast.record(env, {path!r})
 env.reset()
 print("ready", flush=True)
 play(env, {steps})
@@ -78,7 +79,7 @@ def test_it_says_what_was_recorded(tmp_path: Path) -> None:
 def test_a_byte_an_agent_step(tmp_path: Path) -> None:
     """All included, for 64 worlds of four random agents."""
     env = make(64, "teams_3")
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         play(env, 1000)
     assert (tmp_path / "a.rec").stat().st_size < 1.15 * 1000 * 64 * 4
@@ -96,7 +97,7 @@ def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
     """With a seventh action there are 432 of them."""
     env = outlast.make_vec(outlast.variant("ffa_3").with_(outlast.systems.DropLast()), 2, seed=0)
     assert np.prod(env.action_sizes) == 432
-    with env.record(tmp_path / "a.rec") as recorder:
+    with outlast.record(env, tmp_path / "a.rec") as recorder:
         env.reset()
         play(env, 5)
         assert recorder.runs == 6
@@ -111,7 +112,7 @@ def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
 def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     env = make()
     env.reset()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     before, some = digest_of_episode(env.worlds), {"reset_mask": np.array([True, False, True])}
     for call in (lambda: play(env, 1), lambda: env.reset(options=some), lambda: env.reset(seed=7, options=some)):
         with pytest.raises(RecordingError, match="reset all worlds before anything else"):
@@ -129,11 +130,11 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     path.write_text("precious")
     env = make()
     with pytest.raises(RecordingError, match=r"a\.rec exists; a recording overwrites nothing"):
-        env.record(path)
+        outlast.record(env, path)
     with pytest.raises(RecordingError, match="No such file or directory"):
-        env.record(tmp_path / "nowhere" / "a.rec")
+        outlast.record(env, tmp_path / "nowhere" / "a.rec")
     assert path.read_text() == "precious"
-    env.record(tmp_path / "b.rec")  # the environment is as it was
+    outlast.record(env, tmp_path / "b.rec")  # the environment is as it was
     env.close()
 
 
@@ -141,12 +142,12 @@ def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
     env = make(check_actions=False)
     env.reset()
     state = env.get_state()
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         with pytest.raises(RecordingError, match=r"set_state\(\) while a recording goes on; close\(\) that first"):
             env.set_state(state)
         with pytest.raises(RecordingError, match=r"record\(\) while a recording goes on"):
-            env.record(tmp_path / "b.rec")
+            outlast.record(env, tmp_path / "b.rec")
         with pytest.raises(ActionError, match="0 to 2 is allowed"):
             env.step(np.full((3, 2, 6), 9))
         play(env, 2)
@@ -161,7 +162,7 @@ def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
     env, episodes = make(), list[list[int]]()
     for name in ("a.rec", "b.rec"):
         episodes.append(env.worlds[Clock].episode[:, 0].tolist())
-        with env.record(tmp_path / name):
+        with outlast.record(env, tmp_path / name):
             env.reset()
             play(env, 4)
         play(env, 3)
@@ -172,7 +173,7 @@ def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
 
 def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     env, path = make(), tmp_path / "a.rec"
-    env.record(path)
+    outlast.record(env, path)
     env.reset()
     play(env, 4)
     run = env.worlds.run
@@ -197,7 +198,7 @@ def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: 
 
 def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
     env = make()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     env.reset()
     for _ in range(4):
         env.send(np.ones((3, 2, 6), int))
@@ -209,7 +210,7 @@ def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_forked_process_leaves_it_alone(tmp_path: Path) -> None:
     env = make()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     env.reset()
     child = os.fork()
     if child == 0:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording import Recording, recorder
+from outlast.envs.recording import Recording, record, recorder
 from outlast.envs.recording.container import AHEAD, DONE, HEAD, MAGIC, RUNS, frame
 from tests.conftest import COMPILED
 from tests.recording.test_recording import CHILD, make, ran, recorded
@@ -59,12 +59,13 @@ FULL = """
 import resource, sys
 sys.path.insert(0, {tests!r})
 from tests.recording.test_recording import make, play
+import outlast
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import recorder
 recorder.LARGEST = 2000
 env = make()
 resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
-env.record({path!r})
+outlast.record(env, {path!r})
 env.reset()
 try:
     play(env, 1000)
@@ -92,7 +93,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monke
     env = make()
     monkeypatch.setattr(recorder.os, "write", full)
     with pytest.raises(RecordingError, match="No space left on device; no recording can be written there"):
-        env.record(tmp_path / "a.rec")
+        record(env, tmp_path / "a.rec")
     assert list(tmp_path.iterdir()) == []
 
 

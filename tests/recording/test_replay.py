@@ -61,11 +61,11 @@ def replayed(path: Path, **options: Any) -> list[int]:
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("variant", ["ffa_1", "ffa_3", "teams_3"])
 def test_every_run_is_the_same(tmp_path: Path, variant: str, autoreset: str) -> None:
-    env = make(variant, autoreset=autoreset)
+    env = make(variant, autoreset_mode=autoreset)
     env.reset()
     env.step(draw_actions(env, np.random.default_rng(9)))  # it has a past
     watched, rng = Watched(env), np.random.default_rng(0)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         for _ in range(STEPS):
             env.step(draw_actions(env, rng))
@@ -75,9 +75,9 @@ def test_every_run_is_the_same(tmp_path: Path, variant: str, autoreset: str) -> 
 
 def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
     """Of any worlds, at any time, ended or not; also seeds by world, and resets of all."""
-    env = make(autoreset="Disabled")
+    env = make(autoreset_mode="Disabled")
     watched, rng = Watched(env), np.random.default_rng(0)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset(seed=5)
         for step in range(STEPS):
             *_, terminated, truncated, _ = env.step(draw_actions(env, rng))
@@ -93,7 +93,7 @@ def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
 def test_other_faces_are_recorded_by_their_core(tmp_path: Path) -> None:
     env = outlast.make_agents("ffa_1", 3, seed=0)
     watched = Watched(env.core)
-    with env.core.record(tmp_path / "a.rec"):
+    with outlast.record(env.core, tmp_path / "a.rec"):
         env.reset()
         for _ in range(5):
             env.step(np.ones((6, 6), int))
@@ -104,7 +104,7 @@ def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> Non
     """Digests of larger batches take turns: 64 worlds a run."""
     env = make("ffa_1", worlds=scaled(150, least=70), threads=2, first_world=3)
     summary = None
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         summary = rollout(env, POLICIES["random"](env, 0), scaled(60, least=4))
     replay = Replay(found := Recording.open(tmp_path / "a.rec"), threads=3)
     assert list(replay.ticks()) == list(range(len(found)))
@@ -114,7 +114,7 @@ def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> Non
 
 def test_a_replay_begins_anew_as_often_as_asked(tmp_path: Path) -> None:
     env = make()
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rollout(env, POLICIES["scripted"](env, 0), STEPS)
     replay = Replay(Recording.open(tmp_path / "a.rec"))
     for _ in zip(range(7), replay.ticks(), strict=False):
@@ -136,7 +136,7 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
     scenario = outlast.variant("teams_2").with_(Poison(strength=20))
     env = outlast.make_vec(scenario, 2, seed=0)
     watched = Watched(env)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rollout(env, POLICIES["random"](env, 0), scaled(30, least=5))
     monkeypatch.delitem(sys.modules, "poison")
     with pytest.raises(RecordingError, match=r"poison\.Poison is not one of outlast's own.*scenario=\.\.\."):
@@ -155,7 +155,7 @@ def path(tmp_path_factory: Any) -> Path:
     """A rollout of 70 worlds, whose digests take turns."""
     path: Path = tmp_path_factory.mktemp("replay") / "a.rec"
     env = outlast.make_vec("teams_3", 70, seed=1)
-    with env.record(path):
+    with outlast.record(env, path):
         rollout(env, POLICIES["random"](env, 0), scaled(60, least=12))
     return path
 

@@ -101,12 +101,12 @@ class _Reel:
 @contextlib.contextmanager
 def _workshop(target: Path) -> Iterator[Path]:
     """A folder on the target's own disk that vanishes with all that is left in it."""
-    folder = atomic_write.name(target / target.name if target.is_dir() else target)
+    folder = atomic_write.temporary_path(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
         yield folder
     finally:
-        atomic_write.discard(folder)
+        atomic_write.remove(folder)
 
 
 def _verify(draft: Path, codec: Codec, reel: _Reel) -> None:

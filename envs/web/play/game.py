@@ -12,6 +12,7 @@ from outlast.components import Side
 from outlast.components.score import End, Episode
 from outlast.ecs import Action, Clock, Entity
 
+from ... import recording
 from ...adapters.opponents import Opponents, Others
 from ...core.make import make_vec
 from ...core.spaces import published
@@ -38,7 +39,7 @@ class Phase(StrEnum):
 class Game:
     """World 0 of `scenario`, seeded. agent: number of the one that a person steers. others: see opponents.Opponents.
 
-    record: a new file for a recording of all that happens, see SurvivalVectorEnv.record. Keys are actions by name, in
+    record: a new file for a recording of all that happens, see outlast.record. Keys are actions by name, in
     the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is no such agent, RecordingError if the file
     cannot be, and what make_vec raises.
     """
@@ -52,11 +53,11 @@ class Game:
         seed: int = 0,
         record: str | os.PathLike[str] | None = None,
     ) -> None:
-        self.env = make_vec(scenario, 1, seed=seed, autoreset="Disabled")
+        self.env = make_vec(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
         try:
             self._sit(agent)
             if record is not None:
-                self.env.record(record)
+                recording.record(self.env, record)
         except BaseException:
             self.env.close()
             raise

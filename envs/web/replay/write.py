@@ -11,7 +11,7 @@ from outlast.ecs import Clock, Worlds
 from ...errors import PageError
 from ...inspect.events import events
 from ...inspect.trace import describe, snapshot
-from ...storage.atomic_write import draft
+from ...storage.atomic_write import atomic_write
 from .assets import DRAWING, assemble
 from .pack import Episode, pack
 
@@ -32,7 +32,7 @@ def write(
     if not any(recorded.values()):
         raise PageError("there is nothing to show: not one tick")
     try:
-        with draft(target) as place:
+        with atomic_write(target) as place:
             place.write_text(render(recorded, title), encoding="utf-8", newline="\n")
     except OSError as error:
         raise PageError(f"{target} cannot be written: {error.strerror}") from error
