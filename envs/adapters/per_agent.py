@@ -1,5 +1,6 @@
 """What adapters share in which every agent, and not every world, is an environment."""
 
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cached_property
@@ -14,8 +15,8 @@ from ..core.agents import agent_statistics, alive
 from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
-from ..rendering.lazy_frames import Frames
 from ..scenarios.scenario import Number, Scenario
 from ..scenarios.variants import resolve
 from ..snapshots.state import State
@@ -121,7 +122,9 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
 
         Raises:
             ValueError: No such seed or option, or agents of one world that disagree.
+            TypeError: A wrapper is around that cannot work with observations in a dict.
         """
+        refuse_dicts(sys._getframe(1))
         mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
         self.base_env.reset(seed=self._seeds(seed), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):
@@ -157,14 +160,15 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         info |= self._info(np.ones(self.num_worlds, bool))
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
-    def render(self) -> Frames | None:  # type: ignore[override]
-        """A sequence of num_envs frames, uint8 (height, width, 3), or texts, each drawn when it is read.
+    def render(self) -> tuple[Any, ...] | None:
+        """Draw the world of every sub-environment: a tuple of uint8 (height, width, 3), RGB, or of texts.
 
-        Read it before the next step or reset; list(env.render()) draws everything at once.
+        Agents of a world share one frame. None, with a warning, without a render_mode.
         """
         if self.render_mode is not None:
             self._check_running("render")
-        return self.base_env._painter.frames(self.num_envs, self._each)
+        frames = self.base_env.render()
+        return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""

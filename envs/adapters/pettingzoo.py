@@ -293,8 +293,12 @@ def aec_env(
 
     Args and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
     """
-    options = {"max_episode_steps": max_episode_steps, "max_cycles": max_cycles, **numbers}
-    return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, seed=seed, dead=dead, **options))
+    return parallel_to_aec(
+        parallel_env(
+            scenario, render_mode=render_mode, seed=seed, dead=dead,
+            max_episode_steps=max_episode_steps, max_cycles=max_cycles, **numbers,
+        )
+    )  # fmt: skip
 
 
 env = aec_env  # the name that PettingZoo's modules have for it
