@@ -9,10 +9,18 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import outlast
+from outlast import ScenarioError
 from outlast.components import Body
+from outlast.ecs import NumberError
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.core.agents import alive
 from tests.adapters.test_puffer import pufferlib
+from tests.conftest import COMPILED, scaled
+from tests.ways import short
 
 WORLDS = 64
 SAMPLES = 20
@@ -33,6 +41,25 @@ def puffer(name: str, worlds: int, **options: Any) -> Any:
     return outlast.make_puffer(name, worlds, **options)
 
 
+def single(name: str, **options: Any) -> Any:
+    return gymnasium.make("outlast/FreeForAll-v1", scenario=name, **options).unwrapped
+
+
+def parallel(name: str, **options: Any) -> Any:
+    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+    return outlast.parallel_env(name, **options)
+
+
+def aec(name: str, **options: Any) -> Any:
+    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+    return outlast.aec_env(name, **options).unwrapped
+
+
+def rllib(name: str, **options: Any) -> Any:
+    pytest.importorskip("ray", reason="needs ray: outlast[ray]")
+    return outlast.SurvivalMultiAgentEnv({"scenario": name, **options})
+
+
 BATCHED: dict[str, Callable[..., Any]] = {
     "make_vec": outlast.make_vec,
     "make_agents": outlast.make_agents,
@@ -40,6 +67,120 @@ BATCHED: dict[str, Callable[..., Any]] = {
     "make_sb3": sb3,
     "make_puffer": puffer,
 }
+LONE: dict[str, Callable[..., Any]] = {  # of one world
+    "gymnasium.make": single,
+    "parallel_env": parallel,
+    "aec_env": aec,
+    "SurvivalMultiAgentEnv": rllib,
+}
+ALL = {**BATCHED, **{name: (lambda scenario, worlds, make=make, **options: make(scenario, **options))
+                     for name, make in LONE.items()}}  # fmt: skip
+
+
+def base(env: Any) -> Any:
+    """The worlds below."""
+    return getattr(env, "base_env", env)
+
+
+# ---- keywords
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_numbers_are_keywords_of_every_factory(name: str) -> None:
+    env = ALL[name]("ffa_1", 2, melee_damage=20)
+    assert base(env).scenario == outlast.variant("ffa_1").replace(melee_damage=20)
+    env.close()
+    for wrong, right in (("melee_damge", "melee_damage"), ("render_mod", "render_mode")):
+        with pytest.raises(NumberError, match=f"ffa_1 has no number '{wrong}'; did you mean .*{right}"):
+            ALL[name]("ffa_1", 2, **{wrong: 1})
+    with pytest.raises(NumberError, match=r"melee\.damage = -1"):
+        ALL[name]("ffa_1", 2, melee_damage=-1)
+    with pytest.raises(ScenarioError, match="no variant 'ffa_9'"):
+        ALL[name]("ffa_9", 2)
+
+
+def actions(env: Any) -> Any:
+    """Of everybody, to do nothing."""
+    noop = base(env).noop
+    if hasattr(env, "possible_agents"):
+        return dict.fromkeys(env.agents, noop)
+    shape = getattr(env, "num_envs", None) or getattr(env, "num_agents", None)
+    if env is base(env):
+        return np.tile(noop, (env.num_worlds, env.num_agents, 1))
+    return noop if shape is None else np.tile(noop, (shape, 1))
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "make_vec"])
+def test_max_episode_steps_truncates(name: str) -> None:
+    env = ALL[name]("ffa_1", 2, max_episode_steps=3)
+    if name == "gymnasium.make":  # which wraps it in TimeLimit
+        env = gymnasium.make("outlast/FreeForAll1-v1", max_episode_steps=3)
+        with pytest.raises(ValueError, match="max_episode_steps = 0"):
+            SurvivalEnv(max_episode_steps=0)
+    else:
+        with pytest.raises(ValueError, match="max_episode_steps = 0"):
+            ALL[name]("ffa_1", 2, max_episode_steps=0)
+    env.reset()
+    cut = []
+    for _ in range(3):
+        result = env.step(actions(env.unwrapped if name == "gymnasium.make" else env))
+        told = [info["TimeLimit.truncated"] for info in result[3]] if name == "make_sb3" else result[3]
+        cut.append(any(told.values()) if isinstance(told, dict) else bool(np.any(told)))
+    assert cut == [False, False, True]
+
+
+def test_old_keywords_are_taken_with_a_warning() -> None:
+    """For one version."""
+    with pytest.warns(DeprecationWarning, match="autoreset is now called autoreset_mode"):
+        assert outlast.make_agents("ffa_1", 1, autoreset="Disabled").autoreset_mode is AutoresetMode.DISABLED
+    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
+        assert SurvivalEnv(variant="ffa_1").base_env.scenario.name == "ffa_1"
+    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
+        assert SurvivalLearnerVectorEnv(1, variant="ffa_1").base_env.scenario.name == "ffa_1"
+    with pytest.warns(DeprecationWarning, match="dead='remove' is now called dead='end'"):
+        assert parallel("ffa_1", dead="remove").dead == "end"
+
+
+# ---- who is alive
+
+
+def reported(name: str, env: Any, info: Any) -> list[bool]:
+    """What info has of the agents of all worlds, in order."""
+    if name == "make_puffer":
+        return [bool(alive) for alive in env.masks]
+    if name == "make_sb3":
+        return [bool(each["alive"]) for each in info]
+    if hasattr(env, "possible_agents"):
+        return [bool(info[agent]["alive"]) for agent in env.possible_agents]
+    return [bool(alive) for alive in np.ravel(info["alive"])]
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
+def test_info_says_after_every_call_who_is_alive(name: str) -> None:
+    """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
+    scenario = short("ffa_3").replace(n_agents=4)
+    options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}
+    env, dead = ALL[name](scenario, 3, **options), 0
+    if name == "make_sb3":
+        env.seed(5)
+        env.reset()
+        info = env.reset_infos
+    else:
+        info = env.reset(seed=5)[-1]
+    for _ in range(scaled(40, least=20)):
+        expected = alive(base(env).worlds)
+        expected = expected[:, 0] if name.startswith("gymnasium.") else expected
+        ended = np.zeros(expected.size, bool)
+        if name == "make_sb3":  # which shows the last observation of who has ended
+            ended = np.array(["terminal_observation" in each for each in info])
+        found = np.array(reported(name, env, info))
+        assert np.array_equal(found[~ended], expected.ravel()[~ended])
+        dead += int((~found).sum())
+        result = env.step(actions(env))
+        info = result[-1]
+        if name in LONE and (not getattr(env, "agents", True) or (name == "gymnasium.make" and any(result[2:4]))):
+            info = env.reset()[-1]
+    assert dead > 0 or not COMPILED
 
 
 # ---- spaces
@@ -68,15 +209,15 @@ def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: st
 # ---- seeds
 
 
-def starts(env: Any) -> set[bytes]:
+def starts(env: Any) -> list[bytes]:
     """Where all bodies of each world are."""
-    body = getattr(env, "base_env", env).worlds[Body]
-    return {x.tobytes() + y.tobytes() for x, y in zip(body.x, body.y, strict=True)}
+    body = base(env).worlds[Body]
+    return [x.tobytes() + y.tobytes() for x, y in zip(body.x, body.y, strict=True)]
 
 
-def seeded(name: str, seed: int) -> Iterator[set[bytes]]:
+def seeded(name: str, seed: int) -> Iterator[list[bytes]]:
     """The first worlds of a seed in all the ways in which it can be given."""
-    env = BATCHED[name]("ffa_1", WORLDS)
+    env = ALL[name]("ffa_1", WORLDS)
     if name == "make_sb3":
         env.seed(seed)
         env.reset()
@@ -84,26 +225,27 @@ def seeded(name: str, seed: int) -> Iterator[set[bytes]]:
         env.reset(seed=seed)
     yield starts(env)
     env.close()
-    if name != "gymnasium.make_vec":  # Gymnasium has no seed at the start
-        env = BATCHED[name]("ffa_1", WORLDS, seed=seed)
+    if not name.startswith("gymnasium."):  # Gymnasium has no seed at the start
+        env = ALL[name]("ffa_1", WORLDS, seed=seed)
         env.reset()
         yield starts(env)
         env.close()
 
 
-@pytest.mark.parametrize("name", BATCHED)
-def test_no_two_seeds_have_a_world_in_common(name: str) -> None:
+@pytest.mark.parametrize("name", ALL)
+def test_a_world_of_a_seed_is_the_same_in_every_adapter_and_no_two_seeds_share_one(name: str) -> None:
     """But for gymnasium.make_vec, whose worlds are seeded as Gymnasium's own: seed + number."""
     batch = outlast.make_vec("ffa_1", WORLDS, seed=0)
     batch.reset()
     for zero, one in zip(seeded(name, 0), seeded(name, 1), strict=True):
-        assert len(zero) == len(one) == WORLDS
+        assert len(set(zero)) == len(set(one)) == (WORLDS if name in BATCHED else 1)
         if name == "gymnasium.make_vec":
-            assert len(zero & one) == WORLDS - 1
-            assert not zero & next(seeded(name, WORLDS))
+            assert len({*zero} & {*one}) == WORLDS - 1
+            assert not {*zero} & {*next(seeded(name, WORLDS))}
+            assert zero == [next(seeded("gymnasium.make", seed))[0] for seed in range(WORLDS)]
         else:
-            assert zero == starts(batch)
-            assert not zero & one
+            assert zero == starts(batch)[: len(zero)]
+            assert not {*zero} & {*one}
 
 
 # ---- pictures
