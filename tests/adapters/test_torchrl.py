@@ -5,17 +5,19 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
 import outlast
-from tests.conftest import scaled
+from tests.conftest import COMPILED, scaled
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
     import torch
+    from torchrl.envs import GymWrapper
     from torchrl.envs.libs.pettingzoo import PettingZooWrapper
     from torchrl.envs.utils import check_env_specs
 
@@ -83,6 +85,27 @@ def shows(rows: Any, seen: dict[str, Any]) -> bool:
         for key, values in rows.items()
         for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
     )
+
+
+VECTORS = {
+    "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
+    "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
+        "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
+    ),
+}
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+@pytest.mark.parametrize("name", VECTORS)
+def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
+    """TorchRL's own check, and a rollout with ends; TorchRL takes no NEXT_STEP."""
+    env = GymWrapper(VECTORS[name](mode))
+    check_env_specs(env)
+    rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
+    assert rollout.batch_size[0] == env.batch_size[0] == (8 if name == "make_agents" else 2)
+    assert rollout["next", "done"].any() or not COMPILED
+    with pytest.raises(RuntimeError, match="NEXT_STEP"):
+        GymWrapper(VECTORS[name]("NextStep"))
 
 
 def test_the_example() -> None:
