@@ -124,8 +124,8 @@ def test_max_episode_steps_truncates(name: str) -> None:
     cut = []
     for _ in range(3):
         result = env.step(actions(env.unwrapped if name == "gymnasium.make" else env))
-        told = [info["TimeLimit.truncated"] for info in result[3]] if name == "make_sb3" else result[3]
-        cut.append(any(told.values()) if isinstance(told, dict) else bool(np.any(told)))
+        flags = [info["TimeLimit.truncated"] for info in result[3]] if name == "make_sb3" else result[3]
+        cut.append(any(flags.values()) if isinstance(flags, dict) else bool(np.any(flags)))
     assert cut == [False, False, True]
 
 
@@ -273,7 +273,7 @@ def rendering(adapter: str, mode: str) -> Any:
 
 @pytest.mark.parametrize("adapter", RENDERS)
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi", "human"])
-@pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that it knows to be missing
+@pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that is missing
 def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if find_spec(NEEDS.get(adapter, "numpy")) is None or (mode == "human" and find_spec("pygame") is None):
         pytest.skip("a library is missing")

@@ -38,7 +38,7 @@ def rows(values: Any) -> Any:
 
 
 def lives(observations: Any) -> Any:
-    """Who is not dead, as observations tell it: the place of the dead is 0."""
+    """Who is alive, from observations: the place of the dead is 0."""
     return (observations["self"][:, -6:-4] != 0).any(-1)
 
 
@@ -85,7 +85,7 @@ def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None
 
 
 def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[int]) -> None:
-    """What both tell of ended worlds: final observations, and of the statistics each sub-environment's own."""
+    """Infos of ended worlds: final observations, and of the statistics each sub-environment's own."""
     agents = len(sides)
     assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents))
     for key, values in batch_info["statistics"].items():
@@ -310,15 +310,15 @@ RESETS: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("name", [*ACTIONS, *RESETS])
 def test_calls_that_are_refused_change_nothing(name: str) -> None:
-    env, twin = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED)
-    for each in (env, twin):
+    env, reference = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED)
+    for each in (env, reference):
         each.reset()
     bad: Any
     bad, message = ACTIONS.get(name) or RESETS[name]
     with pytest.raises(ValueError, match=message) as raised:
         env.step(bad) if name in ACTIONS else env.reset(**bad)
     assert (type(raised.value) is ActionError) == (name in ACTIONS)
-    assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), twin.step(drawn(env, 0)), strict=True))
+    assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), reference.step(drawn(env, 0)), strict=True))
 
 
 def test_nothing_goes_before_reset() -> None:

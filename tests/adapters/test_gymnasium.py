@@ -374,13 +374,13 @@ def test_actions_that_are_refused_change_nothing(name: str) -> None:
         asked.append(1)
         return np.full((1, 3, 6), len(asked) % 2)
 
-    env, twin = make(others=play), make(others=lambda observations: np.ones((1, 3, 6), int))
+    env, reference = make(others=play), make(others=lambda observations: np.ones((1, 3, 6), int))
     env.reset(seed=SEED)
-    twin.reset(seed=SEED)
+    reference.reset(seed=SEED)
     with pytest.raises(ActionError, match=ACTIONS[name][1]):
         env.step(ACTIONS[name][0])
     assert asked == []
-    assert equal(env.step(IDLE)[0], twin.step(np.array(IDLE, np.uint8))[0])
+    assert equal(env.step(IDLE)[0], reference.step(np.array(IDLE, np.uint8))[0])
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, 2**64, "1"])

@@ -41,7 +41,7 @@ def test_the_dead_are_reported_once_and_leave() -> None:
 
 
 def test_nobody_comes_back() -> None:
-    """Whatever a mechanic does: PettingZoo knows no second life of an agent within an episode."""
+    """Whatever a mechanic does: an agent of PettingZoo has no second life within an episode."""
     env = short("ffa_3", seed=2)
     env.reset()
     while len(env.agents) == 4:
@@ -112,10 +112,10 @@ def test_everything_returned_is_new() -> None:
             assert not np.shares_memory(values, observations[agent][key])
             assert not np.shares_memory(values, env.base_env.observe()[key])
             values[:] = 7
-    twin = short(seed=1)
-    twin.reset()
-    twin.step(act(twin, 0))
-    assert same(env.step(act(env, 1)), twin.step(act(twin, 1)))
+    reference = short(seed=1)
+    reference.reset()
+    reference.step(act(reference, 0))
+    assert same(env.step(act(env, 1)), reference.step(act(reference, 1)))
 
 
 # ---- actions
@@ -124,9 +124,9 @@ def test_everything_returned_is_new() -> None:
 @both
 def test_the_dead_and_the_missing_idle(dead: str) -> None:
     """What the dead want is not even looked at; a random order of agents means nothing."""
-    env, twin = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=2)
+    env, reference = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=2)
     env.reset()
-    twin.reset()
+    reference.reset()
     alive = env.base_env.worlds[Entity].alive[0, env.base_env.worlds.span("agent")]
     tick, nonsense = 0, 0
     while env.agents:
@@ -134,18 +134,18 @@ def test_the_dead_and_the_missing_idle(dead: str) -> None:
         living = {agent: actions[agent] for i, agent in enumerate(env.possible_agents) if alive[i]}
         gone = {agent: "nonsense" for agent in env.possible_agents if agent not in living}
         living.pop("agent_1", None)
-        assert same(env.step({**gone, **dict(reversed(living.items()))}), twin.step(actions))
+        assert same(env.step({**gone, **dict(reversed(living.items()))}), reference.step(actions))
         tick, nonsense = tick + 1, nonsense + len(gone)
     assert nonsense
 
 
 @pytest.mark.parametrize("kind", [list, tuple, np.int8, np.uint8, np.int32, np.uint64])
 def test_actions_of_every_integer_type_mean_the_same(kind: Any) -> None:
-    env, twin = short(seed=3), short(seed=3)
+    env, reference = short(seed=3), short(seed=3)
     env.reset()
-    twin.reset()
+    reference.reset()
     changed = {a: kind(v.tolist()) if kind in (list, tuple) else v.astype(kind) for a, v in act(env, 0).items()}
-    assert same(env.step(changed), twin.step(act(twin, 0)))
+    assert same(env.step(changed), reference.step(act(reference, 0)))
 
 
 def one(action: Any) -> Callable[[Env], Any]:
@@ -186,8 +186,8 @@ REFUSED: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_refused_changes_nothing(name: str) -> None:
     call, error, message = REFUSED[name]
-    env, twin = short(seed=6), short(seed=6)
-    for each in (env, twin):
+    env, reference = short(seed=6), short(seed=6)
+    for each in (env, reference):
         each.reset()
         each.step(act(each, 0))
     before, agents = digest(env.base_env.worlds), list(env.agents)
@@ -195,13 +195,13 @@ def test_what_is_refused_changes_nothing(name: str) -> None:
         call(env)
     assert type(raised.value) is error
     assert (digest(env.base_env.worlds), env.agents) == (before, agents)
-    assert same(env.step(act(env, 1)), twin.step(act(twin, 1)))
+    assert same(env.step(act(env, 1)), reference.step(act(reference, 1)))
 
 
 @pytest.mark.parametrize("options", [{"options": 1}, {"reset_mask": "x"}, {}])
 def test_reset_options_are_tolerated(options: dict[str, Any]) -> None:
-    env, twin = short(seed=6), short(seed=6)
-    assert same(env.reset(options=options), twin.reset())
+    env, reference = short(seed=6), short(seed=6)
+    assert same(env.reset(options=options), reference.reset())
 
 
 def test_calls_out_of_order() -> None:

@@ -13,7 +13,7 @@ from outlast.systems import AutoPickup, GiveLast, Heals, Inventory, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled
 
-BUSY: dict[str, Any] = {  # items change hands all the time, and everybody is told of everything
+BUSY: dict[str, Any] = {  # items change hands all the time, and everybody observes everything
     "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
     "boxes_toughness": 1, "boxes_owned": False, "max_cycles": 200,
 }  # fmt: skip

@@ -57,22 +57,22 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
     """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
     env = make(name, 1)
-    twin = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
-    assert env.single_action_space == twin.single_action_space
-    assert env.single_observation_space.shape == twin.single_observation_space.shape
-    assert env.num_agents == twin.num_agents
+    reference = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
+    assert env.single_action_space == reference.single_action_space
+    assert env.single_observation_space.shape == reference.single_observation_space.shape
+    assert env.num_agents == reference.num_agents
     env.reset(seed=SEED)
-    twin.reset(seed=SEED)
+    reference.reset(seed=SEED)
     ends = 0
     for tick in range(STEPS):
-        assert alike([env.observations], [twin.observations])
+        assert alike([env.observations], [reference.observations])
         actions = drawn(env, tick).astype(np.int32)
         env.step(actions)
-        twin.step(actions)
-        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, twin)]
+        reference.step(actions)
+        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, reference)]
         assert alike(*outcome)
-        if twin.done:
-            twin.reset()
+        if reference.done:
+            reference.reset()
             ends += 1
     assert ends > 0
 

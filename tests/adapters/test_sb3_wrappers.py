@@ -229,19 +229,19 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     """The rollout that it learns from: observations as they were when the actions were chosen, not a step later."""
     from stable_baselines3 import PPO
 
-    env, twin = pair()
+    env, reference = pair()
     steps, agents = scaled(40, least=24), env.num_envs
     model = PPO("MultiInputPolicy", env, n_steps=steps, batch_size=steps * agents, n_epochs=1, gamma=0, seed=4)
     model.learn(1)  # one rollout
     kept = model.rollout_buffer
     observed = {key: rows.reshape(agents, steps, *rows.shape[1:]) for key, rows in kept.observations.items()}
     acted = kept.actions.reshape(agents, steps, -1).astype(int)
-    twin.seed(4)  # as PPO did
-    seen, dones = twin.reset(), np.ones(agents, bool)
+    reference.seed(4)  # as PPO did
+    seen, dones = reference.reset(), np.ones(agents, bool)
     for t in range(steps):
         assert same(seen, {key: rows[:, t] for key, rows in observed.items()})
         assert dones.tolist() == kept.episode_starts[t].tolist()
-        seen, rewards, dones, _ = twin.step(acted[:, t])
+        seen, rewards, dones, _ = reference.step(acted[:, t])
         assert rewards.tolist() == kept.rewards[t].tolist()
     assert kept.episode_starts[1:].any()
 
