@@ -14,8 +14,8 @@ from gymnasium.utils.env_checker import check_env
 
 from outlast import VARIANTS, ScenarioError, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
-from outlast.envs.adapters.registry import IDS
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.adapters.registry import IDS
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
 from tests.ways import equal, short
