@@ -80,7 +80,8 @@ class Player:
 
     def reset(self, seed: Any = None, mask: Array | None = None) -> None:
         told, info = self.env.reset(seed=seed, options=None if mask is None else {"reset_mask": mask})
-        assert info["alive"].all()
+        assert info.keys() == {"alive"}
+        assert info["alive"][slice(None) if mask is None else mask].all()
         count = self.env.num_worlds
         if np.ndim(seed):
             keys = [History(int(one), 0, 0) for one in seed]

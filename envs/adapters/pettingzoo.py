@@ -1,9 +1,10 @@
 """PettingZoo: one world as a ParallelEnv, and as an AECEnv through PettingZoo's own conversion."""
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any
+from inspect import signature
+from typing import Any, ParamSpec
 
 import numpy as np
 from gymnasium import spaces
@@ -29,6 +30,7 @@ except ModuleNotFoundError as error:
 
 Observations = dict[str, dict[str, Array]]
 Infos = dict[str, dict[str, int]]
+Options = ParamSpec("Options")
 
 RENDER_MODES = (*lazy_frames.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": lazy_frames.FPS, "is_parallelizable": True}
@@ -263,9 +265,7 @@ def parallel_env(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     if max_cycles is not None:
         check_count("max_cycles", max_cycles, 1)
@@ -279,26 +279,19 @@ def parallel_env(
     return SurvivalParallelEnv(scenario, render_mode=render_mode, seed=seed, dead=dead)
 
 
-def aec_env(
-    scenario: str | Scenario = "ffa_3",
-    *,
-    render_mode: str | None = None,
-    seed: int | None = None,
-    dead: str = "end",
-    max_episode_steps: int | None = None,
-    max_cycles: int | None = None,
-    **numbers: Number,
-) -> Any:
-    """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
+def _in_turns(make: Callable[Options, SurvivalParallelEnv]) -> Callable[Options, Any]:
+    """The factory of the same environments as PettingZoo AECEnvs."""
 
-    Args and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
+    def aec_env(*args: Options.args, **kwargs: Options.kwargs) -> Any:
+        return parallel_to_aec(make(*args, **kwargs))
+
+    aec_env.__doc__ = """One world as a PettingZoo AECEnv, in which agents act in turns; the tick comes after the last.
+
+    Arguments and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
     """
-    return parallel_to_aec(
-        parallel_env(
-            scenario, render_mode=render_mode, seed=seed, dead=dead,
-            max_episode_steps=max_episode_steps, max_cycles=max_cycles, **numbers,
-        )
-    )  # fmt: skip
+    aec_env.__signature__ = signature(make)  # type: ignore[attr-defined]
+    return aec_env
 
 
+aec_env = _in_turns(parallel_env)
 env = aec_env  # the name that PettingZoo's modules have for it

@@ -55,9 +55,7 @@ def make_puffer(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     scenario = requested(make_puffer, scenario, numbers, max_episode_steps)

@@ -50,9 +50,7 @@ def make_sb3(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_count("render_worlds", render_worlds, 1)
     if render_mode not in (None, "rgb_array"):

@@ -1,8 +1,10 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
+import contextlib
+import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
 
 from outlast.ecs import EngineError
@@ -21,7 +23,7 @@ from ..errors import (
 from . import frames, listing, play, replay, rollout
 
 COMMANDS = (rollout, replay, play, frames, listing)
-# Told in one line, without a traceback.
+# Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FilmError, PageError),
     *(PlayError, RecordingError, StateError, TrainingError),
@@ -33,7 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
     options = parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with _messages():
+            return int(options.run(options))
     except MISTAKES as error:
         print(f"outlast: {error}", file=sys.stderr)
         return 2
@@ -46,11 +49,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
+    import outlast  # here, as the package imports the environments
+
     top = argparse.ArgumentParser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
+    top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
     return top
+
+
+@contextlib.contextmanager
+def _messages() -> Iterator[None]:
+    """Show what the logger "outlast" says, such as that a tick is being compiled, on stderr."""
+    logger, handler = logging.getLogger("outlast"), logging.StreamHandler()
+    level = logger.level
+    handler.setFormatter(logging.Formatter("outlast: %(message)s"))
+    handler.addFilter(lambda record: record.name == "outlast")
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 if __name__ == "__main__":

@@ -47,7 +47,9 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
     if options.log_deaths:
-        logging.basicConfig(level=logging.INFO, format="%(message)s")
+        deaths = logging.getLogger("outlast.deaths")
+        deaths.setLevel(logging.INFO)
+        deaths.addHandler(logging.StreamHandler())
     with (_here if options.ray is None else _on_ray)(options, *cast(options)) as (agents, work):
         return _watched(options, agents, work)
 

@@ -15,7 +15,7 @@ WORLDS, STEPS = 8, 40 if COMPILED else 4
 
 def make(**options: Any) -> SurvivalVectorEnv:
     scenario = outlast.variant("ffa_3").replace(ending_limit=15 if COMPILED else 2)
-    env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1} | options)
+    env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1, "copy": False} | options)
     env.reset()
     return env
 

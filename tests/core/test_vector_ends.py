@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.ecs import Clock
+from outlast.ecs import Clock, Entity
 from outlast.envs.errors import NotResetError
 from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
@@ -94,7 +94,7 @@ def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
         length += ~fresh
         returns += reward
         over = terminated | truncated
-        assert np.array_equal(info["alive"], env.observe()["self"][..., 2] > 0)
+        assert np.array_equal(info["alive"], env.worlds[Entity].alive[:, env.worlds.span("agent")] == 1)
         assert ("statistics" in info) == over.any()
         if "statistics" in info:
             found = info["statistics"]
