@@ -1,10 +1,9 @@
 """PettingZoo: one world as a ParallelEnv, and as an AECEnv through PettingZoo's own conversion."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
-from inspect import signature
-from typing import Any, ParamSpec
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -30,7 +29,6 @@ except ModuleNotFoundError as error:
 
 Observations = dict[str, dict[str, Array]]
 Infos = dict[str, dict[str, int]]
-Options = ParamSpec("Options")
 
 RENDER_MODES = (*lazy_frames.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": lazy_frames.FPS, "is_parallelizable": True}
@@ -279,19 +277,22 @@ def parallel_env(
     return SurvivalParallelEnv(scenario, render_mode=render_mode, seed=seed, dead=dead)
 
 
-def _in_turns(make: Callable[Options, SurvivalParallelEnv]) -> Callable[Options, Any]:
-    """The factory of the same environments as PettingZoo AECEnvs."""
-
-    def aec_env(*args: Options.args, **kwargs: Options.kwargs) -> Any:
-        return parallel_to_aec(make(*args, **kwargs))
-
-    aec_env.__doc__ = """One world as a PettingZoo AECEnv, in which agents act in turns; the tick comes after the last.
+def aec_env(
+    scenario: str | Scenario = "ffa_3",
+    *,
+    render_mode: str | None = None,
+    seed: int | None = None,
+    dead: str = "end",
+    max_episode_steps: int | None = None,
+    max_cycles: int | None = None,
+    **numbers: Number,
+) -> Any:
+    """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
 
     Arguments and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
     """
-    aec_env.__signature__ = signature(make)  # type: ignore[attr-defined]
-    return aec_env
+    rest: Any = {"max_episode_steps": max_episode_steps, "max_cycles": max_cycles, **numbers}
+    return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, seed=seed, dead=dead, **rest))
 
 
-aec_env = _in_turns(parallel_env)
 env = aec_env  # the name that PettingZoo's modules have for it
