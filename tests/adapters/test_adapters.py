@@ -1,7 +1,8 @@
 """What holds for all environments of many worlds, whichever library they are made for: spaces, seeds, pictures."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,69 +13,39 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import outlast
+import tests.adapters.test_puffer  # noqa: F401  # it imports PufferLib where that leaves no link behind
 from outlast import ScenarioError
 from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
-from tests.adapters.test_puffer import pufferlib
 from tests.conftest import COMPILED, scaled
 from tests.ways import short
 
 WORLDS = 64
 SAMPLES = 20
+NEEDS = {
+    "make_sb3": "stable_baselines3", "make_puffer": "pufferlib", "parallel_env": "pettingzoo", "aec_env": "pettingzoo",
+    "SurvivalMultiAgentEnv": "ray",
+}  # fmt: skip
+BATCHED = ("make_vec", "make_agents", "gymnasium.make_vec", "make_sb3", "make_puffer")
+LONE = ("gymnasium.make", "parallel_env", "aec_env", "SurvivalMultiAgentEnv")  # of one world
+ALL = (*BATCHED, *LONE)
 
 
-def learners(name: str, worlds: int, **options: Any) -> Any:
-    return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, scenario=name, **options)
-
-
-def sb3(name: str, worlds: int, **options: Any) -> Any:
-    pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[sb3]")
-    return outlast.make_sb3(name, worlds, **options)
-
-
-def puffer(name: str, worlds: int, **options: Any) -> Any:
-    if pufferlib is None:
-        pytest.skip("needs PufferLib; what outlast.make_puffer raises says how")
-    return outlast.make_puffer(name, worlds, **options)
-
-
-def single(name: str, **options: Any) -> Any:
-    return gymnasium.make("outlast/FreeForAll-v1", scenario=name, **options).unwrapped
-
-
-def parallel(name: str, **options: Any) -> Any:
-    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
-    return outlast.parallel_env(name, **options)
-
-
-def aec(name: str, **options: Any) -> Any:
-    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
-    return outlast.aec_env(name, **options).unwrapped
-
-
-def rllib(name: str, **options: Any) -> Any:
-    pytest.importorskip("ray", reason="needs ray: outlast[ray]")
-    return outlast.SurvivalMultiAgentEnv({"scenario": name, **options})
-
-
-BATCHED: dict[str, Callable[..., Any]] = {
-    "make_vec": outlast.make_vec,
-    "make_agents": outlast.make_agents,
-    "gymnasium.make_vec": learners,
-    "make_sb3": sb3,
-    "make_puffer": puffer,
-}
-LONE: dict[str, Callable[..., Any]] = {  # of one world
-    "gymnasium.make": single,
-    "parallel_env": parallel,
-    "aec_env": aec,
-    "SurvivalMultiAgentEnv": rllib,
-}
-ALL = {**BATCHED, **{name: (lambda scenario, worlds, make=make, **options: make(scenario, **options))
-                     for name, make in LONE.items()}}  # fmt: skip
+def make(name: str, scenario: Any = "ffa_1", worlds: int = 3, **options: Any) -> Any:
+    """The environments of an adapter, without the wrappers of its library."""
+    if find_spec(NEEDS.get(name, "numpy")) is None:
+        pytest.skip(f"needs {NEEDS[name]}")
+    if name == "gymnasium.make":
+        return gymnasium.make("outlast/FreeForAll-v1", scenario=scenario, **options).unwrapped
+    if name == "gymnasium.make_vec":
+        return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, scenario=scenario, **options)
+    if name == "SurvivalMultiAgentEnv":
+        return outlast.SurvivalMultiAgentEnv({"scenario": scenario, **options})
+    env = getattr(outlast, name)(scenario, *([] if name in LONE else [worlds]), **options)
+    return env.unwrapped if name == "aec_env" else env
 
 
 def base(env: Any) -> Any:
@@ -87,16 +58,16 @@ def base(env: Any) -> Any:
 
 @pytest.mark.parametrize("name", ALL)
 def test_numbers_are_keywords_of_every_factory(name: str) -> None:
-    env = ALL[name]("ffa_1", 2, melee_damage=20)
+    env = make(name, melee_damage=20)
     assert base(env).scenario == outlast.variant("ffa_1").replace(melee_damage=20)
     env.close()
     for wrong, right in (("melee_damge", "melee_damage"), ("render_mod", "render_mode")):
         with pytest.raises(NumberError, match=f"ffa_1 has no number '{wrong}'; did you mean .*{right}"):
-            ALL[name]("ffa_1", 2, **{wrong: 1})
+            make(name, **{wrong: 1})
     with pytest.raises(NumberError, match=r"melee\.damage = -1"):
-        ALL[name]("ffa_1", 2, melee_damage=-1)
+        make(name, melee_damage=-1)
     with pytest.raises(ScenarioError, match="no variant 'ffa_9'"):
-        ALL[name]("ffa_9", 2)
+        make(name, "ffa_9")
 
 
 def actions(env: Any) -> Any:
@@ -112,18 +83,14 @@ def actions(env: Any) -> Any:
 
 @pytest.mark.parametrize("name", [name for name in ALL if name != "make_vec"])
 def test_max_episode_steps_truncates(name: str) -> None:
-    env = ALL[name]("ffa_1", 2, max_episode_steps=3)
-    if name == "gymnasium.make":  # which wraps it in TimeLimit
-        env = gymnasium.make("outlast/FreeForAll1-v1", max_episode_steps=3)
-        with pytest.raises(ValueError, match="max_episode_steps = 0"):
-            SurvivalEnv(max_episode_steps=0)
-    else:
-        with pytest.raises(ValueError, match="max_episode_steps = 0"):
-            ALL[name]("ffa_1", 2, max_episode_steps=0)
+    build = SurvivalEnv if name == "gymnasium.make" else partial(make, name)  # gymnasium.make wraps it in TimeLimit
+    with pytest.raises(ValueError, match="max_episode_steps = 0"):
+        build(max_episode_steps=0)
+    env = build(max_episode_steps=3)
     env.reset()
     cut = []
     for _ in range(3):
-        result = env.step(actions(env.unwrapped if name == "gymnasium.make" else env))
+        result = env.step(actions(env))
         flags = [info["TimeLimit.truncated"] for info in result[3]] if name == "make_sb3" else result[3]
         cut.append(any(flags.values()) if isinstance(flags, dict) else bool(np.any(flags)))
     assert cut == [False, False, True]
@@ -138,7 +105,7 @@ def test_old_keywords_are_taken_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
         assert SurvivalLearnerVectorEnv(1, variant="ffa_1").base_env.scenario.name == "ffa_1"
     with pytest.warns(DeprecationWarning, match="dead='remove' is now called dead='end'"):
-        assert parallel("ffa_1", dead="remove").dead == "end"
+        assert make("parallel_env", dead="remove").dead == "end"
 
 
 # ---- who is alive
@@ -160,7 +127,7 @@ def test_info_says_after_every_call_who_is_alive(name: str) -> None:
     """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
     scenario = short("ffa_3").replace(n_agents=4)
     options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}
-    env, dead = ALL[name](scenario, 3, **options), 0
+    env, dead = make(name, scenario, **options), 0
     if name == "make_sb3":
         env.seed(5)
         env.reset()
@@ -195,7 +162,7 @@ def sample(space: Any) -> bytes:
 @pytest.mark.parametrize("name", BATCHED)
 def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: str) -> None:
     """The space is asked for anew in every line, as in a user's loop."""
-    env = BATCHED[name]("ffa_1", 3)
+    env = make(name)
     for of in [kind] if name == "make_sb3" else [kind, f"single_{kind}"]:
         assert len({sample(getattr(env, of)) for _ in range(SAMPLES)}) > SAMPLES / 2  # two of 216 actions may be alike
         getattr(env, of).seed(7)
@@ -217,7 +184,7 @@ def starts(env: Any) -> list[bytes]:
 
 def seeded(name: str, seed: int) -> Iterator[list[bytes]]:
     """The first worlds of a seed in all the ways in which it can be given."""
-    env = ALL[name]("ffa_1", WORLDS)
+    env = make(name, "ffa_1", WORLDS)
     if name == "make_sb3":
         env.seed(seed)
         env.reset()
@@ -226,7 +193,7 @@ def seeded(name: str, seed: int) -> Iterator[list[bytes]]:
     yield starts(env)
     env.close()
     if not name.startswith("gymnasium."):  # Gymnasium has no seed at the start
-        env = ALL[name]("ffa_1", WORLDS, seed=seed)
+        env = make(name, "ffa_1", WORLDS, seed=seed)
         env.reset()
         yield starts(env)
         env.close()
@@ -256,34 +223,21 @@ RENDERS = {  # adapter -> what the page says of it: modes, and what render() ret
     for adapters, modes, returns in re.findall(r'^\| (`.+?) \| (`"rgb_array".*?) \| (.*) \|$', PAGE, re.MULTILINE)
     for adapter in re.findall(r"`([\w.]+)`", adapters)
 }
-NEEDS = {"make_sb3": "stable_baselines3", "make_puffer": "pufferlib", "parallel_env": "pettingzoo"}
-NEEDS |= {"aec_env": "pettingzoo", "SurvivalMultiAgentEnv": "ray"}
-
-
-def rendering(adapter: str, mode: str) -> Any:
-    if adapter == "gymnasium.make":
-        return gymnasium.make("outlast/FreeForAll1-v1", render_mode=mode)
-    if adapter == "SurvivalMultiAgentEnv":
-        return outlast.SurvivalMultiAgentEnv({"scenario": "ffa_1", "render_mode": mode})
-    if adapter in ("parallel_env", "aec_env"):
-        return getattr(outlast, adapter)("ffa_1", render_mode=mode)
-    make = learners if adapter == "gymnasium.make_vec" else getattr(outlast, adapter)
-    return make("ffa_1", 3, render_mode=mode)
 
 
 @pytest.mark.parametrize("adapter", RENDERS)
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi", "human"])
 @pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that is missing
 def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if find_spec(NEEDS.get(adapter, "numpy")) is None or (mode == "human" and find_spec("pygame") is None):
-        pytest.skip("a library is missing")
+    if mode == "human":
+        pytest.importorskip("pygame", reason="a window needs pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     modes, returns = RENDERS[adapter]
     if mode not in modes:
         with pytest.raises(ValueError, match=mode):
-            rendering(adapter, mode)
+            make(adapter, render_mode=mode)
         return
-    env = rendering(adapter, mode)
+    env = make(adapter, render_mode=mode)
     env.reset()
     frames = env.render()
     if mode == "human":

@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 import outlast
-from outlast import ScenarioError, make_vec
+from outlast import make_vec
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
@@ -260,7 +260,6 @@ def test_close_twice_and_then_nothing_works() -> None:
 
 
 MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
-    "no such variant": ({"scenario": "ffa_9"}, ScenarioError, "ffa_9"),
     "no worlds": ({"num_worlds": 0}, ValueError, "num_worlds = 0: an integer >= 1"),
     "worlds in words": ({"num_worlds": "2"}, ValueError, "num_worlds = '2'"),
     "no such mode": ({"autoreset_mode": "never"}, ValueError, "autoreset = 'never'.*NEXT_STEP.*'SameStep'"),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from outlast import VARIANTS, ScenarioError, make_vec
+from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
@@ -323,7 +323,6 @@ def test_registration_in_a_fresh_process(name: str) -> None:
 # ---- bad input
 
 MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
-    "no such variant": ({"scenario": "ffa_9"}, ScenarioError, "ffa_9"),
     "no such agent": ({"learner": 2}, ValueError, "learner = 2: an agent of ffa_3 .* 0 to 1"),
     "an agent below zero": ({"learner": -1}, ValueError, "learner = -1"),
     "an agent by name": ({"learner": "agent_0"}, ValueError, "learner = 'agent_0'.*integer"),

@@ -17,6 +17,7 @@ from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
 from tests.conftest import COMPILED, scaled
+from tests.ways import SHORT
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -31,9 +32,6 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
     )
     from pettingzoo.test.render_test import collect_render_results
 
-SHORT: dict[str, Any] = {  # some die on the way, and all episodes end within 60 ticks
-    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
-}  # fmt: skip
 CYCLES = scaled(1000, least=20)
 NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
 both = pytest.mark.parametrize("dead", ["end", "keep"])

@@ -237,10 +237,8 @@ def test_calls_out_of_order() -> None:
         ({"max_cycles": 5, "ending_limit": 5}, ValueError, "the same number"),
         ({"max_episode_steps": 5, "ending_limit": 5}, ValueError, "the same number"),
         ({"max_cycles": 5, "max_episode_steps": 5}, ValueError, "the same number"),
-        ({"scenario": "ffa_9"}, ScenarioError, "no variant 'ffa_9'"),
         ({"scenario": 3}, ScenarioError, "3: the name of a variant or a Scenario"),
         ({"scenario": None, "melee_damage": 3}, ScenarioError, "None: the name of a variant or a Scenario"),
-        ({"melee_damge": 3}, NumberError, "did you mean melee_damage"),
         ({"n_agents": 0}, NumberError, "agents.count = 0"),
     ],
 )

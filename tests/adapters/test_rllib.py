@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import outlast
+from tests import ways
 from tests.conftest import scaled
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -17,7 +18,7 @@ from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
-SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+SHORT = {**ways.SHORT, "ending_limit": 25}
 
 
 @pytest.fixture
