@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, STEP, Clock, Entity, Observation, Worlds
+from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
+from ..core.agents import alive
 from ..core.spaces import published
 from ..recording.reader import Recording
 from ..recording.replay import Replay
@@ -88,19 +89,19 @@ def samples(replay: Replay, wish: Wish) -> Iterator[Samples]:
     chosen = np.zeros(worlds.count, bool)
     chosen[list(wish.chosen)] = True
     before: dict[str, Array] = {}
-    alive = np.zeros(0, bool)
+    living = np.zeros(0, bool)
     for number in replay.ticks(wish.verify):
         rows = np.flatnonzero(chosen & (worlds.mode == STEP))
         if number >= wish.first and rows.size:
             last = np.isin(rows, ends.get(number, ()))
             observations = {key: before[key][rows] for key in buffers}
             final = {key: buffer[rows[last]] for key, buffer in buffers.items()}
-            yield Samples(_columns(replay, rows, alive[rows], last), observations, final)
+            yield Samples(_columns(replay, rows, living[rows], last), observations, final)
         wish.progress(number)
         if number >= wish.last:
             return
         before = {key: buffer.copy() for key, buffer in buffers.items()}
-        alive = worlds[Entity].alive[:, worlds.span("agent")] != 0
+        living = alive(worlds)
 
 
 def _columns(replay: Replay, rows: Array, alive: Array, last: Array) -> dict[str, Array]:

@@ -61,13 +61,8 @@ def test_right_use_passes_a_type_checker_and_each_mistake_is_found(tmp_path: Pat
     for number, line in enumerate(SCRIPT.splitlines(), 1):
         if "  # E: " in line:
             wrong[number] = line.rpartition("  # E: ")[2]
-    command = [
-        sys.executable,
-        "-m",
-        checker,
-        *(["--config-file", "pyproject.toml"] if checker == "mypy" else []),
-        script,
-    ]
+    options = ["--config-file", "pyproject.toml"] if checker == "mypy" else []
+    command = [sys.executable, "-m", checker, *options, script]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     found = dict(re.findall(r"user\.py:(\d+)[:\d]* (?:- )?error: .*?(?:\[([a-z-]+)\])?$", done.stdout, re.MULTILINE))
     assert {int(number) for number in found} == wrong.keys(), done.stdout + done.stderr

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Side
 from outlast.components.score import End, Episode
-from outlast.ecs import Action, Clock, Entity
+from outlast.ecs import Action, Clock
 
 from ... import recording
 from ...adapters.opponents import Opponents, Others
+from ...core.agents import alive, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
@@ -64,7 +64,6 @@ class Game:
         self.worlds = self.env.worlds
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
         self._opponents = Opponents(others, self.env, agent)
-        self._rows = self.worlds.layout.rows(Side)
         self.restart()
 
     def restart(self) -> None:
@@ -143,12 +142,12 @@ class Game:
         self.agent = agent
 
     def _sides(self) -> Any:
-        return self.worlds[Side].side[0, self._rows]
+        return side(self.worlds, 0)
 
     def _look(self) -> None:
         """Take note of who lives, and of what happened."""
-        tick, alive = int(self.worlds[Clock].tick[0, 0]), self.worlds[Entity].alive[0, self._rows]
-        self._last.update(dict.fromkeys(self._sides()[alive > 0].tolist(), tick))
+        tick, sides = int(self.worlds[Clock].tick[0, 0]), self._sides()[alive(self.worlds, 0)]
+        self._last.update(dict.fromkeys(sides.tolist(), tick))
         for event in events(self.worlds, 0):
             self._recent.append(event | {"tick": tick})
             if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
@@ -157,7 +156,7 @@ class Game:
     def _result(self) -> Json:
         """verdict: won by the side that lived longest, drawn if several did, "over" if there is no other side."""
         episode, mine = self.worlds[Episode], int(self._sides()[self.agent])
-        others = [tick for side, tick in self._last.items() if side != mine]
+        others = [tick for each, tick in self._last.items() if each != mine]
         best, own = max(others, default=-1), self._last[mine]
         return {
             "verdict": "over" if not others else "won" if own > best else "drawn" if own == best else "lost",
