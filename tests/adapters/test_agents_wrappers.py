@@ -194,7 +194,6 @@ def wrappers_of(module: Any) -> dict[str, Any]:
 
 VECTORS: dict[str, Any] = {
     "make_agents": outlast.make_agents,
-    "make_vec": outlast.make_vec,
     "gymnasium.make_vec": lambda name, num_envs, **options: gymnasium.make_vec(
         "outlast/FreeForAll-v1", num_envs=num_envs, scenario=name, **options
     ),
@@ -224,9 +223,8 @@ def test_vector_wrappers_work_or_say_why_not(maker: str, mode: str) -> None:
     worked, refused = tried(wrappers, make_env)
     for name, error in refused.items():
         assert name in error or "autoreset_mode" in error
-    assert {"ClipReward", "DictInfoToList", "TransformReward"} <= worked
+    assert {"ClipReward", "DictInfoToList", "NormalizeReward", "RecordEpisodeStatistics"} <= worked
     assert ("FlattenObservation" in worked) == (mode != "SameStep")
-    assert {"RecordEpisodeStatistics", "NormalizeReward"} <= worked or maker == "make_vec"
 
 
 @pytest.mark.filterwarnings("ignore")  # of Gymnasium, about modes of rendering
