@@ -36,6 +36,9 @@ def requested(
     make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
 ) -> Scenario:
     """The scenario that the factory `make` was asked for; its time limit is called ending_limit in scenarios."""
+    if (dead := numbers.pop("dead", "keep")) != "keep":  # of those that have no such keyword
+        cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
+        raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
     if max_episode_steps is not None:
         check_count("max_episode_steps", max_episode_steps, 1)
         if "ending_limit" in numbers:

@@ -96,6 +96,13 @@ def test_max_episode_steps_truncates(name: str) -> None:
     assert cut == [False, False, True]
 
 
+@pytest.mark.parametrize("name", ["make_agents", "make_sb3", "make_puffer"])
+def test_where_all_agents_end_together_the_dead_are_kept(name: str) -> None:
+    make(name, dead="keep").close()
+    with pytest.raises(ValueError, match=r"dead = .end.: .keep. is needed.*gymnasium\.make_vec, parallel_env"):
+        make(name, dead="end")
+
+
 def test_old_keywords_are_taken_with_a_warning() -> None:
     """For one version."""
     with pytest.warns(DeprecationWarning, match="autoreset is now called autoreset_mode"):
