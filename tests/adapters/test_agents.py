@@ -76,7 +76,7 @@ def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None
         assert same(info["alive"], lives(seen))
         assert info["_alive"].all()
         assert ("statistics" in info) == ("statistics" in batch_info)
-        if batch_info:
+        if "statistics" in batch_info:
             compare_ends(info, batch_info, SIDES[name])
         ends += int(terminated.sum())
         deaths += int((~info["alive"]).sum())
@@ -262,7 +262,7 @@ def test_close_twice_and_then_nothing_works() -> None:
 MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no worlds": ({"num_worlds": 0}, ValueError, "num_worlds = 0: an integer >= 1"),
     "worlds in words": ({"num_worlds": "2"}, ValueError, "num_worlds = '2'"),
-    "no such mode": ({"autoreset_mode": "never"}, ValueError, "autoreset = 'never'.*NEXT_STEP.*'SameStep'"),
+    "no such mode": ({"autoreset_mode": "never"}, ValueError, "autoreset_mode = 'never'.*NEXT_STEP.*'SameStep'"),
     "no such picture": ({"render_mode": "human"}, ValueError, "render_mode = 'human': allowed are None, 'rgb_array'"),
     "seed below zero": ({"seed": -1}, ValueError, "seed = -1"),
     "no threads": ({"threads": 0}, ValueError, "threads = 0"),
