@@ -193,13 +193,13 @@ def test_who_lives_on_which_side_and_with_which_share() -> None:
     health = env.observe()["self"][..., 2]
     assert np.array_equal(alive(env.worlds), health > 0)
     assert np.array_equal(alive(env.worlds, over), health[over] > 0)
-    told = info["statistics"]
-    own = agent_statistics(env.worlds, told)
-    assert np.array_equal(own["return"], told["return"])
-    assert np.array_equal(own["kills"], told["kills"][:, [0, 0, 1, 1]])
-    assert np.array_equal(own["length"], np.repeat(told["length"][:, None], 4, 1))
+    reported = info["statistics"]
+    own = agent_statistics(env.worlds, reported)
+    assert np.array_equal(own["return"], reported["return"])
+    assert np.array_equal(own["kills"], reported["kills"][:, [0, 0, 1, 1]])
+    assert np.array_equal(own["length"], np.repeat(reported["length"][:, None], 4, 1))
     assert {values.shape for values in own.values()} == {(WORLDS, 4)}
-    some = agent_statistics(env.worlds, told, over)
+    some = agent_statistics(env.worlds, reported, over)
     assert all(np.array_equal(values[over], some[key]) for key, values in own.items())
 
 
