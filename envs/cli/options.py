@@ -64,11 +64,11 @@ def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVecto
 
 
 def saved(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
-    """The scenario in which agents are told what that saved policy was trained with, and the policy.
+    """The scenario whose observations are those that the saved policy was trained with, and the policy.
 
     Raises TrainingError if it cannot play there, or if there is no PyTorch.
     """
-    import outlast  # here: the package knows of training, envs do not
+    import outlast  # here, as the package imports the environments
 
     try:
         player = outlast.load_policy(path, seed)

@@ -45,7 +45,7 @@ class Scenario:
         self._check_names()
 
     def _check_names(self) -> None:
-        """ScenarioError if two mechanics, or two numbers, have one name: nothing could tell them apart."""
+        """ScenarioError if two mechanics, or two numbers, have one name: they could not be distinguished."""
         owners: dict[str, Module] = {}
         for module in self.modules:
             for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
@@ -132,7 +132,7 @@ class Scenario:
 
 
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
-    """Its copy with other numbers; who wants none of what it counts is told how to get that."""
+    """Its copy with other numbers; a count of 0 is refused with the way to get none."""
     try:
         return module.replace(**numbers)
     except NumberError as error:

@@ -69,7 +69,7 @@ def test_all_names_of_a_variant_are_of_one_version() -> None:
         assert known == {f"outlast/{environment(name)}"}
 
 
-def test_the_file_tells_of_versions_that_were() -> None:
+def test_the_file_has_earlier_versions() -> None:
     """Those of today and older ones; each with the ticks of MARKS."""
     for entries in golden().values():
         for key, found in entries.items():

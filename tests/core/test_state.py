@@ -33,8 +33,8 @@ def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
     digests = []
     for step in range(first, last):
         observations, reward, terminated, truncated, _ = env.step(draw_actions(env, np.random.default_rng(step)))
-        told = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
-        digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in told)).hexdigest())
+        observed = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
+        digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in observed)).hexdigest())
     return digests
 
 
@@ -58,10 +58,10 @@ def test_going_on_is_never_having_stopped(autoreset: str) -> None:
 def test_set_state_returns_the_observations_of_the_state() -> None:
     env = make()
     play(env, 0, STEPS // 2)
-    state, told = env.get_state(), {key: array.copy() for key, array in env.observe().items()}
+    state, observed = env.get_state(), {key: array.copy() for key, array in env.observe().items()}
     play(env, 0, 3)
     for key, array in env.set_state(state).items():
-        np.testing.assert_array_equal(array, told[key])
+        np.testing.assert_array_equal(array, observed[key])
 
 
 CHILD = """

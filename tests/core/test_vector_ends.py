@@ -83,7 +83,7 @@ def test_disabled_waits_for_a_reset_of_what_ended() -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
+def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
     """Lengths and returns as counted here; rows of worlds that go on are zero."""
     env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode)
     env.reset()
@@ -143,10 +143,10 @@ def test_episodes_that_are_stopped_early_end_as_others_do(mode: str) -> None:
         each.reset()
     for tick in range(20):
         actions = numbered_actions(env, tick)
-        (_, *mine, info), (_, *theirs, told) = env.step(actions), limited.step(actions)
+        (_, *mine, info), (_, *theirs, expected) = env.step(actions), limited.step(actions)
         assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
-        assert info.keys() == told.keys()
-        assert "statistics" not in info or equal(info["statistics"], told["statistics"])
+        assert info.keys() == expected.keys()
+        assert "statistics" not in info or equal(info["statistics"], expected["statistics"])
         assert equal(env.observe(), limited.observe())
         if mode == "Disabled" and (over := mine[1] | mine[2]).any():
             with pytest.raises(NotResetError, match=r"worlds \[0, 1, 2\] have ended"):
