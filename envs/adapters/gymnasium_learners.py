@@ -14,9 +14,8 @@ from ..core.validation import Array, check_choice, check_count
 from ..rendering.lazy_frames import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, check_others
-from .per_agent import PerAgentVectorEnv, renamed, requested
+from .per_agent import DEAD, PerAgentVectorEnv, renamed, requested
 
-DEAD = ("end", "keep")
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 
 

@@ -21,6 +21,8 @@ from ..scenarios.scenario import Number, Scenario
 from ..scenarios.variants import resolve
 from ..snapshots.state import State
 
+DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until its world ends
+
 
 def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spaces.MultiDiscrete]]:
     """The observation and the action space of each agent: row i of the spaces of a world, in objects of their own."""

@@ -17,8 +17,7 @@ from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .global_state import GlobalState
-from .gymnasium_learners import DEAD
-from .per_agent import agent_spaces, requested
+from .per_agent import DEAD, agent_spaces, requested
 
 try:
     from pettingzoo import ParallelEnv
