@@ -1,6 +1,7 @@
 """Replays: the same bits as what was recorded, whatever was done; where they are not, run and component are named."""
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import outlast
 from outlast.components import Body, Fault, Health, Told
 from outlast.ecs import Action, Clock, Entity, Signal
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
@@ -19,6 +21,7 @@ from outlast.envs.recording.digests import Digests
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.ways import short
 
 WORLDS, STEPS = 5, scaled(90, least=12)
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
@@ -90,13 +93,18 @@ def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
     assert replayed(tmp_path / "a.rec") == watched.states
 
 
-def test_adapters_are_recorded_by_their_base_env(tmp_path: Path) -> None:
-    env = outlast.make_agents("ffa_1", 3, seed=0)
-    watched = Watched(env.base_env)
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("learners", [False, True])
+def test_adapters_are_recorded_by_their_base_env(tmp_path: Path, learners: bool, mode: str) -> None:
+    """Also where episodes end with the learner, before their world does."""
+    scenario = short("ffa_3").replace(n_agents=4)
+    make = partial(SurvivalLearnerVectorEnv, 3) if learners else partial(outlast.make_agents, num_worlds=3)
+    env = make(scenario=scenario, autoreset_mode=mode)
+    watched, rng = Watched(env.base_env), np.random.default_rng(0)
     with outlast.record(env.base_env, tmp_path / "a.rec"):
-        env.reset()
-        for _ in range(5):
-            env.step(np.ones((6, 6), int))
+        env.reset(seed=0)
+        for _ in range(scaled(40, least=15)):
+            env.step(rng.integers(0, env.base_env.action_sizes, (env.num_envs, 6)))
     assert replayed(tmp_path / "a.rec") == watched.states
 
 
