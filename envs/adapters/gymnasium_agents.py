@@ -6,41 +6,41 @@ from gymnasium.vector import AutoresetMode
 
 from ..core.spaces import statistics
 from ..core.validation import Array
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from .per_agent import PerAgentVectorEnv, renamed, requested
 
 
 class SurvivalAgentVectorEnv(PerAgentVectorEnv):
     """All agents of `num_worlds` worlds as a gymnasium VectorEnv; made by `outlast.make_agents`.
 
-    Description:
-        Sub-environment w * num_agents + i is agent i of world w; num_envs = num_worlds * num_agents.
+    ## Description
+    Sub-environment w * num_agents + i is agent i of world w; num_envs = num_worlds * num_agents.
 
-    Action Space:
-        MultiDiscrete (num_envs, actions), in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0,
-        +1), attack, use, give. What the dead do is ignored.
+    ## Action Space
+    MultiDiscrete (num_envs, actions), in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0,
+    +1), attack, use, give. What the dead do is ignored.
 
-    Observation Space:
-        Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare.
+    ## Observation Space
+    Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare.
 
-    Rewards:
-        float32 (num_envs,), each agent's own.
+    ## Rewards
+    float32 (num_envs,), each agent's own.
 
-    Starting State:
-        World w of seed s is keyed by (s, w): it is world w of `outlast.make_vec` with that seed.
+    ## Starting State
+    World w of seed s is keyed by (s, w): it is world w of `outlast.make_vec` with that seed.
 
-    Episode End:
-        terminated and truncated, bool (num_envs,), are those of the agent's world. As in the paper's training, the dead
-        stay until their world ends: this is dead="keep" of the adapters that offer a choice.
+    ## Episode End
+    terminated and truncated, bool (num_envs,), are those of the agent's world. As in the paper's training, the dead
+    stay until their world ends: this is dead="keep" of the adapters that offer a choice.
 
-    Info:
-        info["alive"], bool (num_envs,), with its mask info["_alive"]: whether the agent of this observation is alive; a
-        learner may drop the steps of those that were not. Where worlds end, info["statistics"] has their episodes,
-        (num_envs,) by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is
-        info["_statistics"].
+    ## Info
+    info["alive"], bool (num_envs,), with its mask info["_alive"]: whether the agent of this observation is alive; a
+    learner may drop the steps of those that were not. Where worlds end, info["statistics"] has their episodes,
+    (num_envs,) by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is
+    info["_statistics"].
 
-    Version History:
-        v1: the rules of the paper's runs.
+    ## Version History
+    v1: the rules of the paper's runs.
     """
 
     def _report(self, done: Array) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def make_agents(
     copy: bool = True,
     check_actions: bool = True,
     render_mode: str | None = None,
-    **numbers: Any,
+    **numbers: Number,
 ) -> SurvivalAgentVectorEnv:
     """All agents of `num_worlds` worlds as a gymnasium VectorEnv of single agents.
 
@@ -79,9 +79,7 @@ def make_agents(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalAgentVectorEnv(

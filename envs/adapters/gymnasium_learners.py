@@ -12,7 +12,7 @@ from ..core.agents import alive
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..rendering.lazy_frames import RENDER_MODES
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, check_others
 from .per_agent import PerAgentVectorEnv, renamed, requested
 
@@ -25,41 +25,41 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
 
     >>> envs = gymnasium.make_vec("outlast/Teams3-v1", num_envs=64, others="scripted")
 
-    Description:
-        Sub-environment w, seeded s, is bit for bit `SurvivalEnv` seeded s, in observations, rewards, ends and infos
-        (which have a mask for each key).
+    ## Description
+    Sub-environment w, seeded s, is bit for bit `SurvivalEnv` seeded s, in observations, rewards, ends and infos
+    (which have a mask for each key).
 
-    Action Space:
-        MultiDiscrete (num_envs, actions), see `SurvivalEnv`.
+    ## Action Space
+    MultiDiscrete (num_envs, actions), see `SurvivalEnv`.
 
-    Observation Space:
-        Dict of float32 (num_envs, ...), see `SurvivalEnv`.
+    ## Observation Space
+    Dict of float32 (num_envs, ...), see `SurvivalEnv`.
 
-    Rewards:
-        float32 (num_envs,), the learner's own.
+    ## Rewards
+    float32 (num_envs,), the learner's own.
 
-    Starting State:
-        An int seed s gives sub-environment w the seed s + w, as Gymnasium's own vector environments do: seeds 0 and 1
-        have all worlds but one in common. For independent samples take seeds that are num_envs or more apart.
+    ## Starting State
+    An int seed s gives sub-environment w the seed s + w, as Gymnasium's own vector environments do: seeds 0 and 1
+    have all worlds but one in common. For independent samples take seeds that are num_envs or more apart.
 
-    Episode End:
-        As in `SurvivalEnv`; terminated and truncated are bool (num_envs,).
+    ## Episode End
+    As in `SurvivalEnv`; terminated and truncated are bool (num_envs,).
 
-    Info:
-        After every call info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
+    ## Info
+    After every call info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
 
-    Arguments:
-        num_envs: How many worlds.
-        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
-        threads: How many threads step the worlds.
-        copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
-            overwrites them (also under tensors that share their memory, as those of jax.device_put do).
-        scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
-            as gymnasium's TimeLimit does.
-        render_mode: None, "rgb_array" or "ansi".
+    ## Arguments
+    num_envs: How many worlds.
+    autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
+    threads: How many threads step the worlds.
+    copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
+        overwrites them (also under tensors that share their memory, as those of jax.device_put do).
+    scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
+        as gymnasium's TimeLimit does.
+    render_mode: None, "rgb_array" or "ansi".
 
-    Version History:
-        v1: the rules of the paper's runs.
+    ## Version History
+    v1: the rules of the paper's runs.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
-        **numbers: Any,
+        **numbers: Number,
     ) -> None:
         scenario = renamed(numbers, "variant", "scenario", scenario)
         autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
@@ -92,6 +92,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             threads=threads,
             autoreset_mode=autoreset_mode,
             copy=copy,
+            check_joint=True,
             render_mode=render_mode,
         )
         self.base_env.stop_when(self._stops)

@@ -9,7 +9,7 @@ from ..core.validation import Array, check_choice, checked_actions
 from ..errors import NotResetError
 from ..rendering.lazy_frames import FPS, RENDER_MODES
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
 from .opponents import Others
@@ -23,41 +23,41 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
 
     >>> env = gymnasium.make("outlast/Teams3-v1", others="scripted", melee_damage=20)
 
-    Description:
-        Agents in a shrinking safe zone strike each other, fetch heals and push boxes, as the scenario says. One of them
-        is the environment's agent, the learner; the others follow a policy.
+    ## Description
+    Agents in a shrinking safe zone strike each other, fetch heals and push boxes, as the scenario says. One of them
+    is the environment's agent, the learner; the others follow a policy.
 
-    Action Space:
-        MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
+    ## Action Space
+    MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
 
-    Observation Space:
-        Dict of float32 arrays, by the keys that the scenario's mechanics declare. What is returned is a copy.
+    ## Observation Space
+    Dict of float32 arrays, by the keys that the scenario's mechanics declare. What is returned is a copy.
 
-    Rewards:
-        A float, the agent's own, as the scenario's rewards_* numbers say.
+    ## Rewards
+    A float, the agent's own, as the scenario's rewards_* numbers say.
 
-    Starting State:
-        reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
+    ## Starting State
+    reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
-    Episode End:
-        Terminated: the world ended by its rule, or the learner died; with dead="keep" it stays, with its rewards, until
-        its world ends. Truncated: at the time limit, the scenario's (ending_limit) or max_episode_steps.
+    ## Episode End
+    Terminated: the world ended by its rule, or the learner died; with dead="keep" it stays, with its rewards, until
+    its world ends. Truncated: at the time limit, the scenario's (ending_limit) or max_episode_steps.
 
-    Info:
-        The same keys after every call: "alive", bool, and the statistics of the episode so far, Python's numbers
-        ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
+    ## Info
+    The same keys after every call: "alive", bool, and the statistics of the episode so far, Python's numbers
+    ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
 
-    Arguments:
-        scenario: Name of a variant, or a Scenario.
-        learner: Index of the agent that learns.
-        others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
-        dead: "end" or "keep", see above.
-        max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
-        render_mode: None, "rgb_array", "ansi" or "human".
-        numbers: Other numbers of the scenario, as in Scenario.replace.
+    ## Arguments
+    scenario: Name of a variant, or a Scenario.
+    learner: Index of the agent that learns.
+    others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
+    dead: "end" or "keep", see above.
+    max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
+    render_mode: None, "rgb_array", "ansi" or "human".
+    numbers: Other numbers of the scenario, as in Scenario.replace.
 
-    Version History:
-        v1: the rules of the paper's runs.
+    ## Version History
+    v1: the rules of the paper's runs.
 
     Copies and pickles hold how an environment was made, not where it is: what comes out has not been reset. `get_state`
     and `set_state` are for the rest.
@@ -74,7 +74,7 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         dead: str = "end",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
-        **numbers: Any,
+        **numbers: Number,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
         scenario = renamed(numbers, "variant", "scenario", scenario)

@@ -1,5 +1,6 @@
 """What adapters share in which every agent, and not every world, is an environment."""
 
+import sys
 import warnings
 from collections.abc import Callable
 from functools import cached_property
@@ -14,9 +15,9 @@ from ..core.agents import agent_statistics, alive
 from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
-from ..rendering.lazy_frames import Frames
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..scenarios.variants import resolve
 from ..snapshots.state import State
 
@@ -32,9 +33,12 @@ def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[s
 
 
 def requested(
-    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Any], max_episode_steps: int | None = None
+    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
 ) -> Scenario:
     """The scenario that the factory `make` was asked for; its time limit is called ending_limit in scenarios."""
+    if (dead := numbers.pop("dead", "keep")) != "keep":  # of those that have no such keyword
+        cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
+        raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
     if max_episode_steps is not None:
         check_count("max_episode_steps", max_episode_steps, 1)
         if "ending_limit" in numbers:
@@ -63,6 +67,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
         copy: Whether observations are copies, and not views of the engine's memory.
         check_actions: Whether to check the range of actions.
+        check_joint: Whether base_env checks the range of the actions of all agents.
         options: Further arguments of base_env: seed, threads, render_mode.
     """
 
@@ -74,11 +79,14 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         check_actions: bool = True,
+        check_joint: bool = False,
         **options: Any,
     ) -> None:
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
         inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
-        self.base_env = SurvivalVectorEnv(resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, **options)
+        self.base_env = SurvivalVectorEnv(
+            resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, check_actions=check_joint, **options
+        )
         self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
         self.render_mode = self.base_env.render_mode
         self.num_worlds, self.num_agents = self.base_env.num_worlds, self.base_env.num_agents
@@ -117,7 +125,9 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
 
         Raises:
             ValueError: No such seed or option, or agents of one world that disagree.
+            TypeError: A wrapper is around that cannot work with observations in a dict.
         """
+        refuse_dicts(sys._getframe(1))
         mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
         self.base_env.reset(seed=self._seeds(seed), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):
@@ -153,14 +163,15 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         info |= self._info(np.ones(self.num_worlds, bool))
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
-    def render(self) -> Frames | None:  # type: ignore[override]
-        """A sequence of num_envs frames, uint8 (height, width, 3), or texts, each drawn when it is read.
+    def render(self) -> tuple[Any, ...] | None:
+        """Draw the world of every sub-environment: a tuple of uint8 (height, width, 3), RGB, or of texts.
 
-        Read it before the next step or reset; list(env.render()) draws everything at once.
+        Agents of a world share one frame. None, with a warning, without a render_mode.
         """
         if self.render_mode is not None:
             self._check_running("render")
-        return self.base_env._painter.frames(self.num_envs, self._each)
+        frames = self.base_env.render()
+        return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""

@@ -14,7 +14,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError
 from ..rendering import lazy_frames
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .global_state import GlobalState
 from .gymnasium_learners import DEAD
@@ -37,30 +37,30 @@ METADATA = {"render_modes": list(RENDER_MODES), "render_fps": lazy_frames.FPS, "
 class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
 
-    Description:
-        With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves
-        `agents`, as PettingZoo has it. Rewards after death and those of a team for its dead members are then lost. With
-        dead="keep", all stay until the world ends, with their rewards; the masks in observations of the dead are 0.
+    ## Description
+    With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves
+    `agents`, as PettingZoo has it. Rewards after death and those of a team for its dead members are then lost. With
+    dead="keep", all stay until the world ends, with their rewards; the masks in observations of the dead are 0.
 
-    Action Space:
-        MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
-        attack, use, give.
+    ## Action Space
+    MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
+    attack, use, give.
 
-    Observation Space:
-        Dict of float32 arrays for each agent, new in every step.
+    ## Observation Space
+    Dict of float32 arrays for each agent, new in every step.
 
-    Rewards:
-        A float for each agent.
+    ## Rewards
+    A float for each agent.
 
-    Starting State:
-        reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
+    ## Starting State
+    reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
-    Episode End:
-        When the world ends by its rule, terminated is True for everybody left; at the time limit, truncated is True for
-        everybody reported.
+    ## Episode End
+    When the world ends by its rule, terminated is True for everybody left; at the time limit, truncated is True for
+    everybody reported.
 
-    Info:
-        {"alive": 1 or 0} for each agent, after every call.
+    ## Info
+    {"alive": 1 or 0} for each agent, after every call.
 
     Attributes:
         statistics: Of the episode that ended last, by key; {} before that.
@@ -247,7 +247,7 @@ def parallel_env(
     dead: str = "end",
     max_episode_steps: int | None = None,
     max_cycles: int | None = None,
-    **numbers: Any,
+    **numbers: Number,
 ) -> SurvivalParallelEnv:
     """One world for PettingZoo's learners and wrappers.
 
@@ -263,9 +263,7 @@ def parallel_env(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     if max_cycles is not None:
         check_count("max_cycles", max_cycles, 1)
@@ -287,14 +285,14 @@ def aec_env(
     dead: str = "end",
     max_episode_steps: int | None = None,
     max_cycles: int | None = None,
-    **numbers: Any,
+    **numbers: Number,
 ) -> Any:
     """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
 
-    Args and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
+    Arguments and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
     """
-    options = {"max_episode_steps": max_episode_steps, "max_cycles": max_cycles, **numbers}
-    return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, seed=seed, dead=dead, **options))
+    rest: Any = {"max_episode_steps": max_episode_steps, "max_cycles": max_cycles, **numbers}
+    return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, seed=seed, dead=dead, **rest))
 
 
 env = aec_env  # the name that PettingZoo's modules have for it

@@ -9,7 +9,7 @@ from ..core.agents import alive
 from ..core.validation import Array, check_choice, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..rendering.lazy_frames import RENDER_MODES, painter
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from .per_agent import agent_spaces, requested
 
 try:
@@ -35,7 +35,7 @@ def make_puffer(
     check_actions: bool = True,
     render_mode: str | None = None,
     buf: dict[str, Array] | None = None,
-    **numbers: Any,
+    **numbers: Number,
 ) -> "SurvivalPufferEnv":
     """All agents of `num_worlds` worlds for PufferLib, alone or made by its vector.make.
 
@@ -55,9 +55,7 @@ def make_puffer(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     scenario = requested(make_puffer, scenario, numbers, max_episode_steps)

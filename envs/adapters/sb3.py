@@ -9,7 +9,7 @@ from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays
 from ..errors import PendingError
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from .gymnasium_agents import SurvivalAgentVectorEnv
 from .per_agent import requested
 
@@ -32,7 +32,7 @@ def make_sb3(
     check_actions: bool = True,
     render_mode: str | None = None,
     render_worlds: int = 1,
-    **numbers: Any,
+    **numbers: Number,
 ) -> "SurvivalVecEnv":
     """All agents of `num_worlds` worlds for Stable-Baselines3.
 
@@ -50,9 +50,7 @@ def make_sb3(
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
-        ScenarioError: There is no such variant.
-        NumberError: The scenario has no number of that name, or not of that value.
-        ValueError: Any other argument that cannot be.
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_count("render_worlds", render_worlds, 1)
     if render_mode not in (None, "rgb_array"):

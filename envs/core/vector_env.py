@@ -25,7 +25,7 @@ from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .validation import autoreset_mode as checked_autoreset_mode
 from .validation import check_choice, check_count, checked_actions, keys, reset_mask
-from .wrappers import refuse_reward_sums
+from .wrappers import refuse_dicts, refuse_reward_sums
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -153,6 +153,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
         refuse_reward_sums(sys._getframe(2))
+        refuse_dicts(sys._getframe(2))
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)

@@ -90,10 +90,10 @@ def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
     assert replayed(tmp_path / "a.rec") == watched.states
 
 
-def test_other_faces_are_recorded_by_their_core(tmp_path: Path) -> None:
+def test_adapters_are_recorded_by_their_base_env(tmp_path: Path) -> None:
     env = outlast.make_agents("ffa_1", 3, seed=0)
-    watched = Watched(env.core)
-    with outlast.record(env.core, tmp_path / "a.rec"):
+    watched = Watched(env.base_env)
+    with outlast.record(env.base_env, tmp_path / "a.rec"):
         env.reset()
         for _ in range(5):
             env.step(np.ones((6, 6), int))

@@ -64,7 +64,7 @@ def test_random_others_play_as_they_do_against_a_learner():
     for _ in range(50):
         play(game, 1)
         env.step([1, 1, 2, 0, 0, 0])
-    assert digest(game.worlds) == digest(env.batch.core.worlds)
+    assert digest(game.worlds) == digest(env.base_env.worlds)
     game.close()
     env.close()
 
