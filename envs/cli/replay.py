@@ -101,12 +101,14 @@ def _film(options: argparse.Namespace, replay: Replay) -> int:
 
 
 def _page(options: argparse.Namespace, replay: Replay) -> int:
-    from ..web.replay import write
+    from ..web.replay import write_page
 
     chosen, recording = _chosen(options, replay, PAGES), replay.recording
     count = _last(options, replay) - options.first + 1
     ticks = tqdm(_shown(options, replay, chosen), total=count, unit="run", disable=options.quiet)
-    write(options.html, replay.worlds, ticks, chosen, title=f"{recording.scenario.name}: {Path(options.file).name}")
+    write_page(
+        options.html, replay.worlds, ticks, chosen, title=f"{recording.scenario.name}: {Path(options.file).name}"
+    )
     print(options.html)
     return 0
 

@@ -54,15 +54,14 @@ def shoot(
     chosen: numbers of the worlds to show; None: all, or as many as the mosaic has room for.
     """
     from ..rendering.layers import select
-    from ..rendering.video.footage import footage
-    from ..rendering.video.writer import write  # here, as OpenCV takes a while to load
+    from ..rendering.video import footage, write_film
 
     room = worlds.count if options.mosaic is None else options.mosaic[0] * options.mosaic[1]
     shown = range(min(room, worlds.count)) if chosen is None else chosen
-    looks = {"size": options.size, "views": select(options.views), "mosaic": options.mosaic, "every": options.every}
+    looks = {"size": options.size, "layers": select(options.views), "mosaic": options.mosaic, "every": options.every}
     frames = footage(worlds, ticks, shown, **looks)
     try:
-        count = write(options.out, _watched(frames, total // options.every + 1, options.quiet), options.fps)
+        count = write_film(options.out, _watched(frames, total // options.every + 1, options.quiet), options.fps)
     except KeyboardInterrupt:
         print(f"stopped; {options.out} was not written", file=sys.stderr)
         return 130

@@ -9,26 +9,26 @@ from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shap
 from outlast.ecs import Component, Worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
-from .layers import VIEWS, Scene, View
-from .layers.palette import WALL
-from .layers.view import paint
+from .layers import LAYERS, Layer, Scene
+from .layers.layer import paint
+from .style import WALL
 
 COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
 SIGNS: tuple[tuple[type[Component], str], ...] = ((Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
 NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
-def draw(worlds: Worlds, w: int, size: int = 512, views: Iterable[View] | None = None) -> Image:
+def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None = None) -> Image:
     """World `w` as a picture: uint8 (size, size, 3), RGB, a new array. The same state gives the same bits.
 
-    size: pixels, 64 to 4096. views: what to draw (default: VIEWS), in any order; those that this scenario has nothing
-    for stay out. Raises ValueError for a size or world that cannot be, TypeError for what is not a view.
+    size: pixels, 64 to 4096. layers: what to draw (default: LAYERS), in any order; those that this scenario has
+    nothing for are left out. Raises ValueError for a size or world that cannot be, TypeError for what is no layer.
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
     canvas = Canvas(int(size), scene.half)
     canvas.clear(WALL)
-    return paint(canvas, [view for view in _checked(views) if view.fits(scene)], scene)
+    return paint(canvas, [layer for layer in _checked(layers) if layer.fits(scene)], scene)
 
 
 def text(worlds: Worlds, w: int) -> str:
@@ -64,11 +64,11 @@ def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
         raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
 
 
-def _checked(views: Iterable[View] | None) -> list[View]:
-    found = list(VIEWS if views is None else views)
-    for view in found:
-        if not isinstance(view, View):
-            raise TypeError(f"{view!r} is not a view: pass instances, as in views=[*VIEWS, Cameras()]")
+def _checked(layers: Iterable[Layer] | None) -> list[Layer]:
+    found = list(LAYERS if layers is None else layers)
+    for layer in found:
+        if not isinstance(layer, Layer):
+            raise TypeError(f"{layer!r} is not a layer: pass instances, as in layers=[*LAYERS, CamerasLayer()]")
     return found
 
 
@@ -116,7 +116,7 @@ def _agents(scene: Scene) -> Iterator[str]:
         elif Health in scene:
             words.append(f"health {scene[Health].points[e]}")
         if e in alive and Bag in scene:
-            words += [_kind(scene, thing) for thing in scene[Bag].items[e] if thing >= 0]
+            words += [_kind(scene, item) for item in scene[Bag].items[e] if item >= 0]
         yield " ".join(words)
 
 

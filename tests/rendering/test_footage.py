@@ -11,7 +11,7 @@ from outlast import make_vec
 from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.layers import VIEWS, Agents, Room
+from outlast.envs.rendering.layers import LAYERS, AgentsLayer, RoomLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video.footage import footage, near_square
 from outlast.envs.rollout.local import ticks
@@ -93,12 +93,12 @@ def test_frames_are_new_arrays() -> None:
         assert not np.array_equal(one, other)
 
 
-def test_views_are_those_that_are_asked_for() -> None:
+def test_layers_are_those_that_are_asked_for() -> None:
     """Also where they come from an iterator."""
     (env := played()).reset()
-    [frame] = footage(env.worlds, [0], [0], size=SIZE, views=iter([Room(), Agents()]))
-    assert np.array_equal(frame, draw(env.worlds, 0, SIZE, [Room(), Agents()]))
-    assert not np.array_equal(frame, draw(env.worlds, 0, SIZE, VIEWS))
+    [frame] = footage(env.worlds, [0], [0], size=SIZE, layers=iter([RoomLayer(), AgentsLayer()]))
+    assert np.array_equal(frame, draw(env.worlds, 0, SIZE, [RoomLayer(), AgentsLayer()]))
+    assert not np.array_equal(frame, draw(env.worlds, 0, SIZE, LAYERS))
 
 
 def test_grids_are_nearly_square() -> None:

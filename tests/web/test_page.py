@@ -18,11 +18,11 @@ from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import PageError
 from outlast.envs.inspect.trace import describe, snapshot
-from outlast.envs.rendering.layers import palette
+from outlast.envs.rendering import style
 from outlast.envs.rollout.policies import scripted_policy
-from outlast.envs.web.replay import write
-from outlast.envs.web.replay.pack import Episode, pack
-from outlast.envs.web.replay.write import record
+from outlast.envs.web.replay import write_page
+from outlast.envs.web.replay.pack import EpisodeTrack, pack
+from outlast.envs.web.replay.write import record_ticks
 from tests.conftest import COMPILED, scaled
 
 Json = dict[str, Any]
@@ -76,7 +76,7 @@ def seen() -> tuple[Json, list[Json], list[Any]]:
             states.append({c: c.Table(*(column.copy() for column in env.worlds[c])) for c in kept})
             yield
 
-    return unpacked(pack("a title", record(env.worlds, watched(), [0, 1]))), finished, states
+    return unpacked(pack("a title", record_ticks(env.worlds, watched(), [0, 1]))), finished, states
 
 
 def test_what_is_packed_comes_out_again(seen: tuple[Json, list[Json], list[Any]]) -> None:
@@ -99,13 +99,13 @@ def check_row(episode: Json, k: int, state: Any, w: int) -> None:
     assert numbers["agent.health"].tolist() == state[Health].points[w, agents].tolist()
     rows = np.r_[agents, [e for e in range(len(state[Body].x[w])) if e not in agents]]  # agents first, then things
     for name, scale in (("x", 1000), ("y", 1000), ("angle", 10000)):
-        packed = np.r_[numbers[f"agent.{name}"], numbers[f"thing.{name}"]] / scale
+        packed = np.r_[numbers[f"agent.{name}"], numbers[f"object.{name}"]] / scale
         np.testing.assert_allclose(packed, getattr(state[Body], name)[w, rows], atol=0.6 / scale)
     bags = numbers["agent.bag"].reshape(4, -1)
     for i, e in enumerate(agents):
         carried = state[Bag].items[w, e, : state[Bag].count[w, e]]
         assert [rows[4 + thing] for thing in bags[i] if thing >= 0] == carried.tolist()
-    here = np.r_[numbers["agent.alive"], numbers["thing.here"]]
+    here = np.r_[numbers["agent.alive"], numbers["object.here"]]
     assert here.tolist() == state[Entity].alive[w, rows].tolist()
 
 
@@ -137,7 +137,7 @@ def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]
 def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
     env = outlast.make_vec("teams_3", 1, seed=1)
     steps = scaled(1000, 30)
-    write(tmp_path / "page.html", env.worlds, ticks(env, steps), [0], title="small")
+    write_page(tmp_path / "page.html", env.worlds, ticks(env, steps), [0], title="small")
     assert (tmp_path / "page.html").stat().st_size < 150_000
 
 
@@ -151,12 +151,12 @@ def test_every_variant_is_described(variant: str) -> None:
     told, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
     json.dumps([told, now], allow_nan=False)
     boxes = 8 if "boxes" in outlast.variant(variant) else 0
-    kinds = Counter(thing["role"] for thing in told["things"])
+    kinds = Counter(thing["role"] for thing in told["objects"])
     assert kinds == Counter({"heal": 15, "box": boxes, "box_item": boxes, "wall": 4})
     assert told["teams"] == variant.startswith("teams")
     assert [agent["side"] for agent in told["agents"]] == ([0, 0, 1, 1] if told["teams"] else [0, 1])
-    assert told["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*palette.VERMILLION)
-    assert sum(thing["here"] for thing in now["things"]) == 15 + boxes + 4
+    assert told["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*style.VERMILLION)
+    assert sum(thing["here"] for thing in now["objects"]) == 15 + boxes + 4
     assert len(now["zone"]) == 6
 
 
@@ -167,14 +167,14 @@ def told_of(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
     """Description, snapshot and packed episode of a world that nothing was run in yet."""
     worlds = Worlds(scenario.modules, 1, 1)
     told, now = describe(worlds, 0), snapshot(worlds, 0)
-    episode = Episode(told, 1, 0)
+    episode = EpisodeTrack(told, 1, 0)
     episode.add(now, [])
     return told, now, unpacked(pack("", {0: [episode]}))["worlds"][0]["episodes"][0]
 
 
 def test_what_a_scenario_lacks_is_left_out() -> None:
     told, now, episode = told_of(outlast.variant("ffa_1").without(*BARE))
-    assert [thing["role"] for thing in told["things"]] == ["wall"] * 4
+    assert [thing["role"] for thing in told["objects"]] == ["wall"] * 4
     assert (told["zone"], told["cone"], told["slots"], told["reach"]) == (False, None, 0, 0)
     assert now["zone"] is None
     assert [(agent["bag"], agent["strike"], agent["target"]) for agent in now["agents"]] == [([], 0, -1)] * 2
@@ -184,11 +184,11 @@ def test_what_a_scenario_lacks_is_left_out() -> None:
 
 def test_an_item_of_a_new_kind_is_told_by_its_name() -> None:
     told, now, episode = told_of(outlast.variant("teams_3").with_(Poison(count=3)))
-    vials = [j for j, thing in enumerate(told["things"]) if thing["kind"] == "vial"]
-    assert [told["things"][j]["role"] for j in vials] == ["item"] * 3
-    assert all(now["things"][j]["here"] for j in vials)
-    assert told["causes"] == ["melee", "poison", "zone"]
-    assert episode["numbers"]["thing.here"][0, vials].tolist() == [1, 1, 1]
+    vials = [j for j, thing in enumerate(told["objects"]) if thing["kind"] == "vial"]
+    assert [told["objects"][j]["role"] for j in vials] == ["item"] * 3
+    assert all(now["objects"][j]["here"] for j in vials)
+    assert told["damage_types"] == ["melee", "poison", "zone"]
+    assert episode["numbers"]["object.here"][0, vials].tolist() == [1, 1, 1]
 
 
 # ---- what is refused
@@ -199,13 +199,13 @@ def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> No
     pulled: list[int] = []
     frames = (pulled.append(k) for k in range(3))
     with pytest.raises(PageError, match=r"worlds \[5\]; choose among 0 to 1"):
-        write(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
+        write_page(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
     with pytest.raises(PageError, match="none; choose among 0 to 1"):
-        write(tmp_path / "page.html", env.worlds, frames, [], title="")
+        write_page(tmp_path / "page.html", env.worlds, frames, [], title="")
     with pytest.raises(PageError, match="in a folder that is there"):
-        write(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
+        write_page(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
     with pytest.raises(PageError, match="not one tick"):
-        write(tmp_path / "page.html", env.worlds, [], [0], title="")
+        write_page(tmp_path / "page.html", env.worlds, [], [0], title="")
     assert not pulled
     assert not list(tmp_path.iterdir())
 
@@ -220,7 +220,7 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write(target, env.worlds, broken(), [0], title="")
+        write_page(target, env.worlds, broken(), [0], title="")
     assert target.read_text() == "the one before"
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
@@ -228,7 +228,7 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_a_page_is_nothing_but_itself(tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_3", 1, seed=0)
     title = "</title></script><script>alert(1)</script> $data & more"
-    write(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
+    write_page(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert html.escape(title) in page
     assert title not in page

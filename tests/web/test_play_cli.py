@@ -11,7 +11,7 @@ import pytest
 
 from outlast.ecs import Clock
 from outlast.envs.cli import main as cli
-from tests.players import Page
+from tests.web.clients import Page
 
 
 @pytest.mark.parametrize(

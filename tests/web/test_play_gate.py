@@ -9,7 +9,7 @@ import pytest
 
 import outlast
 from outlast.envs.web.play.game import Game
-from tests.players import HANDSHAKE, answer, served
+from tests.web.clients import HANDSHAKE, answer, served
 
 
 @pytest.fixture

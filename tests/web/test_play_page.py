@@ -10,8 +10,8 @@ import pytest
 import outlast
 from outlast.components import Body, Heal, Health, Side
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import Game, Phase
-from tests.players import enemy_shown, heals_shown, picture, served
+from outlast.envs.web.play.game import Game, GamePhase
+from tests.web.clients import enemy_shown, heals_shown, picture, served
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'outlast[test]'")
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -157,7 +157,7 @@ def test_the_end_is_told_and_r_goes_on(page, game):
     told = card(page, "over")
     assert "You lost" in told
     assert "1 ticks" in told
-    assert game.phase is Phase.OVER
+    assert game.phase is GamePhase.OVER
     page.keyboard.press("r")
     assert "You are agent 0" in card(page, "ready")
     assert game.worlds[Clock].episode[0, 0] == 2

@@ -10,9 +10,9 @@ from websockets.exceptions import ConnectionClosed
 
 import outlast
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import Game, Phase
-from outlast.envs.web.play.session import PAGES
-from tests.players import FPS, HANDSHAKE, MALFORMED, Page, answer, served
+from outlast.envs.web.play.game import Game, GamePhase
+from outlast.envs.web.play.session import MAX_PAGES
+from tests.web.clients import FPS, HANDSHAKE, MALFORMED, Page, answer, served
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_the_first_page_steers_and_the_next_one_takes_over(address, game):
         third.say(command="restart")
         assert not third.hear()["steers"]
         time.sleep(0.1)
-        assert (game.phase, int(game.worlds[Clock].episode[0, 0])) == (Phase.READY, 1)
+        assert (game.phase, int(game.worlds[Clock].episode[0, 0])) == (GamePhase.READY, 1)
         second.say(held={"ahead": 1}, tapped={})
         third.until(lambda state: state["snapshot"]["tick"] > 3)
         second.socket.close()
@@ -113,11 +113,11 @@ def test_the_first_page_steers_and_the_next_one_takes_over(address, game):
 
 def test_a_crowd_is_refused_politely(address):
     with contextlib.ExitStack() as crowd:
-        for _ in range(PAGES):
+        for _ in range(MAX_PAGES):
             crowd.enter_context(Page(address)).hear()
         with Page(address) as late, pytest.raises(ConnectionClosed) as closed:
             late.hear()
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, f"{PAGES} pages are open already")
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, f"{MAX_PAGES} pages are open already")
 
 
 def test_a_page_that_does_not_listen_holds_nobody_up(address):

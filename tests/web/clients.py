@@ -14,7 +14,7 @@ import pytest
 
 from outlast.components import Body, Heal, Side
 from outlast.ecs import Entity
-from outlast.envs.rendering.layers.palette import HEAL, of_side
+from outlast.envs.rendering.style import HEAL, of_side
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
 from websockets.sync.client import connect

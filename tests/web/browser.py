@@ -12,7 +12,7 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Death, Health, Zone
 from outlast.ecs import Clock, Entity
-from outlast.envs.web.replay import write
+from outlast.envs.web.replay import write_page
 from tests.conftest import COMPILED
 from tests.web.test_page import ticks
 
@@ -31,7 +31,7 @@ def environment() -> Any:
 def file(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("page") / "page.html"
     env = environment()
-    write(target, env.worlds, ticks(env, STEPS), WORLDS, title=TITLE)
+    write_page(target, env.worlds, ticks(env, STEPS), WORLDS, title=TITLE)
     return target
 
 

@@ -1,4 +1,4 @@
-// Strokes in metres, y up. A stage is what World.draw works on: {context, description, snapshot, options, colors, scale,
+// Strokes in metres, y up. A scene is what World.draw works on: {context, description, snapshot, options, colors, scale,
 // show, pixel}; scale: CSS pixels in a metre, pixel: metres in a CSS pixel.
 const Brush = (() => {
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif";
@@ -24,9 +24,21 @@ const Brush = (() => {
     context.stroke();
   }
 
+  function cross(scene, x, y, arm) {
+    line(scene, x - arm, y - arm, x + arm, y + arm);
+    line(scene, x - arm, y + arm, x + arm, y - arm);
+  }
+
   function square({ context }, x, y, half, color) {
     context.fillStyle = color;
     context.fillRect(x - half, y - half, 2 * half, 2 * half);
+  }
+
+  // Adds a closed polygon to a path; corners: [ahead, left] of a body {x, y, angle}, times `unit` metres.
+  function outline(path, corners, { x, y, angle }, unit = 1) {
+    const cosine = unit * Math.cos(angle), sine = unit * Math.sin(angle);
+    corners.forEach(([a, b], k) => path[k ? "lineTo" : "moveTo"](x + a * cosine - b * sine, y + a * sine + b * cosine));
+    path.closePath();
   }
 
   // Words whose middle is at (x, y); left out where nobody could read them.
@@ -48,24 +60,29 @@ const Brush = (() => {
     return description.sides[description.agents[i].side];
   }
 
-  // An item's sign, on the ground or in a bag: heals have a cross, broken boxes are squares, others are plain discs.
-  function glyph(stage, kind, owner, x, y, radius) {
-    const { context, description, colors, pixel } = stage;
+  // The colour of a box, or of the item that it became.
+  const boxColor = ({ description, colors }, owner) => (owner < 0 ? colors.box : description.sides[owner].box);
+
+  // An item, on the ground or in a bag: heals have a cross, broken boxes are squares, others are plain discs.
+  function item(scene, kind, owner, x, y, radius) {
+    const { context, colors, pixel } = scene;
     const rim = Math.max(0.1 * radius, pixel);
     if (kind.role === "box_item") {
-      square(stage, x, y, 0.85 * radius, colors.outline);
-      square(stage, x, y, 0.85 * radius - rim, owner < 0 ? colors.box : description.sides[owner].box);
-      square(stage, x, y, 0.3 * radius, colors.outline);
+      const half = SIZES.box_item * radius;
+      square(scene, x, y, half, colors.outline);
+      square(scene, x, y, half - rim, boxColor(scene, owner));
+      square(scene, x, y, half / 3, colors.outline);
       return;
     }
-    circle(stage, x, y, radius, colors.outline);
-    circle(stage, x, y, radius - rim, kind.role === "heal" ? colors.heal : colors.box);
+    circle(scene, x, y, radius, colors.outline);
+    circle(scene, x, y, radius - rim, kind.role === "heal" ? colors.heal : colors.box);
     if (kind.role !== "heal") return;
+    const arm = SIZES.cross * radius;
     context.strokeStyle = colors.white;
-    context.lineWidth = 0.3 * radius;
-    line(stage, x - 0.5 * radius, y, x + 0.5 * radius, y);
-    line(stage, x, y - 0.5 * radius, x, y + 0.5 * radius);
+    context.lineWidth = SIZES.cross_width * radius;
+    line(scene, x - arm, y, x + arm, y);
+    line(scene, x, y - arm, x, y + arm);
   }
 
-  return { circle, ring, line, square, label, side, glyph };
+  return { circle, ring, line, cross, square, outline, label, side, boxColor, item };
 })();
