@@ -108,7 +108,7 @@ class Canvas:
             cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
 
     def text(self, x: float, y: float, words: str, height: float, color: Color, anchor: float = 0.5) -> None:
-        """Words with digits `height` metres high around y; left out where nobody could read them.
+        """Words with digits `height` metres high around y; left out where they would be unreadable.
 
         anchor: which part of their ink is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
         """

@@ -1,4 +1,4 @@
-"""Pictures of a world: RGB for people and videos, characters for terminals. Nothing is changed by looking."""
+"""Pictures of a world: RGB for people and videos, characters for terminals."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -19,10 +19,20 @@ NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None = None) -> Image:
-    """World `w` as a picture: uint8 (size, size, 3), RGB, a new array. The same state gives the same bits.
+    """Draw a world. The same state gives the same bits, and the world is not changed.
 
-    size: pixels, 64 to 4096. layers: what to draw (default: LAYERS), in any order; those that this scenario has
-    nothing for are left out. Raises ValueError for a size or world that cannot be, TypeError for what is no layer.
+    Args:
+        worlds: All worlds.
+        w: The number of the one to draw.
+        size: Pixels, side of the picture, 64 to 4096.
+        layers: What to draw (default: LAYERS), in any order; those that this scenario has nothing for are left out.
+
+    Returns:
+        The picture, uint8 (size, size, 3), RGB, a new array.
+
+    Raises:
+        ValueError: For a size or world that cannot be.
+        TypeError: For a layer that is none.
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
@@ -32,10 +42,13 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
 
 
 def text(worlds: Worlds, w: int) -> str:
-    """World `w` as a map of 40 x 20 characters in a frame, and a line for every agent.
+    """Draw world `w` as a map of 40 x 20 characters in a frame, with a line for every agent.
 
-    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. The colons are
-    where it is not safe. Raises ValueError for a world that is not there.
+    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. Colons are
+    outside of the safe zone.
+
+    Raises:
+        ValueError: For a world that is not there.
     """
     scene = _scene(worlds, w)
     grid = [[" "] * COLUMNS for _ in range(LINES)]

@@ -1,7 +1,7 @@
 // How bodies look: objects, agents, what is written over them, and marks of what happened. SIZES: see style.py.
 const Bodies = (() => {
   const { circle, ring, line, cross, square, outline, label, side, boxColor } = Brush;
-  const FADE = 1.2; // seconds that a mark stays
+  const FADE = 1; // seconds that a mark stays
   const STAR = [0, 1, 2, 3].map((k) => [Math.cos(k * Math.PI / 2), Math.sin(k * Math.PI / 2)]);
 
   function item(scene, kind, { x, y, owner }) {
@@ -117,7 +117,6 @@ const Bodies = (() => {
     const { context, pixel } = scene, alpha = context.globalAlpha;
     context.strokeStyle = color;
     context.lineWidth = Math.max(radius / 5, 2 * pixel);
-    context.globalAlpha = 0.9 * alpha;
     ring(scene, agent.x, agent.y, 1.75 * radius);
     context.globalAlpha = 0.2 * alpha;
     circle(scene, agent.x, agent.y, 1.75 * radius, color);
@@ -132,7 +131,7 @@ const Bodies = (() => {
   // The colour of a bar by its name.
   const healthColor = (share) => (share > SIZES.hurt ? "whole" : share > SIZES.dying ? "hurt" : "dying");
 
-  // Above a body; full at the hit points of birth, what is beyond those lies over it in another colour.
+  // Above a body; full at the hit points of birth, more lies over it in another colour.
   function bar(scene, x, y, radius, share) {
     const { context, colors, pixel } = scene, { bar_length: length, bar_height: height } = SIZES;
     const left = x - length / 2, lower = y + Math.min(radius, SIZES.bar_lift) + SIZES.bar_gap * height;

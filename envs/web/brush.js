@@ -41,7 +41,7 @@ const Brush = (() => {
     path.closePath();
   }
 
-  // Words whose middle is at (x, y); left out where nobody could read them.
+  // Words whose middle is at (x, y); left out where they would be unreadable.
   function label({ context, scale }, words, x, y, height, color, weight = 600) {
     if (height * scale < READABLE) return;
     context.save();
@@ -66,7 +66,7 @@ const Brush = (() => {
   // An item, on the ground or in a bag: heals have a cross, broken boxes are squares, others are plain discs.
   function item(scene, kind, owner, x, y, radius) {
     const { context, colors, pixel } = scene;
-    const rim = Math.max(0.1 * radius, pixel);
+    const rim = Math.max(radius / 10, pixel);
     if (kind.role === "box_item") {
       const half = SIZES.box_item * radius;
       square(scene, x, y, half, colors.outline);

@@ -111,8 +111,8 @@ def test_an_mp4_plays_everywhere(tmp_path: Path) -> None:
     """H.264, 4:2:0, colours tagged, its index in front: what browsers ask for."""
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     write_film(path := tmp_path / "film.mp4", frames())
-    told = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True).stderr
-    assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", told)
+    output = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True).stderr
+    assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", output)
     content = path.read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")
 

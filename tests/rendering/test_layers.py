@@ -29,7 +29,7 @@ from tests.conftest import scaled
 from tests.stage import Stage, duel
 
 SIZE = 512
-HALF = 1.1 * 12.5  # metres from the middle of the picture to its edge
+HALF = colors.SIZES.margin * 12.5  # metres from the middle of the picture to its edge
 DARK = 320  # the sum of red, green and blue is below that of anything but ink
 Picture = np.ndarray[Any, Any]
 

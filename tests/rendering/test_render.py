@@ -1,5 +1,8 @@
 """Pictures and maps: looking changes nothing, the same state looks the same, and every scenario can be looked at."""
 
+import subprocess
+import sys
+import textwrap
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,6 +92,19 @@ def test_what_is_no_number_or_far_away_is_left_out() -> None:
         stage.column(Body).x[0, rows] = value
         assert np.array_equal(draw(stage.env.worlds, 0, 256, EVERYTHING), expected[0])
         assert text(stage.env.worlds, 0).splitlines()[:22] == expected[1]
+
+
+def test_opencv_is_loaded_by_the_first_picture() -> None:
+    """It takes longer to import than everything else, and those who train need none."""
+    code = """
+        import sys, outlast, outlast.envs.cli.main, outlast.envs.rendering.video
+        texts = outlast.make_vec("ffa_1", 1, render_mode="ansi").render()
+        env = outlast.make_vec("ffa_1", 1, render_mode="rgb_array")
+        assert "cv2" not in sys.modules
+        env.render()
+        assert "cv2" in sys.modules
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True)
 
 
 # ---- arguments

@@ -7,14 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast.envs.inspect.trace import MARGIN
 from outlast.envs.rendering import style
-from tests.web import browser as browser_
 from tests.web.browser import TITLE, Screen, Truth
 
-browser, file, truths, look = browser_.browser, browser_.file, browser_.truths, browser_.look
-
-HALF = MARGIN * 12.5  # metres from the middle of the stage to its edge
+HALF = style.SIZES.margin * 12.5  # metres from the middle of the stage to its edge
 
 
 def check(screen: Screen, truth: Truth, episode: int) -> None:

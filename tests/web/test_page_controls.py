@@ -7,13 +7,10 @@ import pytest
 
 import outlast
 from outlast.envs.web.replay import write_page
-from tests.web import browser as browser_
-from tests.web.browser import WORLDS, Screen, Truth
-from tests.web.test_page import ticks
+from tests.web.browser import WORLDS, Screen, Truth, ticks
 from tests.web.test_page_browser import HALF, check
 
 pytestmark = pytest.mark.nightly  # each of them loads a page of its own
-browser, file, truths, look = browser_.browser, browser_.file, browser_.truths, browser_.look
 
 LEFT, RIGHT = 30, 10  # pixels of the timeline beside its strips
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}

@@ -1,4 +1,4 @@
-"""Events of single ticks, as pages and games tell them."""
+"""Events of single ticks, as pages and games show them."""
 
 from typing import Any
 

@@ -15,7 +15,7 @@ FRAMED = 1.0  # pixels, height of the lowest bar with a frame
 
 @dataclass(frozen=True)
 class HealthBarsLayer(Layer):
-    """A bar is full at the hit points of birth; what is beyond that lies over it in another colour."""
+    """A bar is full at the hit points at birth; more lies over it in another colour."""
 
     zorder = ZOrder.MARKS
     needs = (Health,)

@@ -25,10 +25,11 @@ class ZOrder(IntEnum):
 
 
 class Layer:
-    """Base of all layers. Subclasses declare what they need and their order, and draw; instances hold options.
+    """Base of all layers. Instances hold options.
 
-    needs: components and mechanics without which there is nothing to draw; where one is missing, the layer is left out.
-    zorder: layers with a lower one are drawn first.
+    Attributes:
+        zorder: Layers with a lower one are drawn first.
+        needs: Components and mechanics without which there is nothing to draw; without one the layer is left out.
     """
 
     zorder: ClassVar[float] = ZOrder.BODIES

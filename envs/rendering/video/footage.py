@@ -28,12 +28,22 @@ def footage(
     mosaic: Grid | None = None,
     every: int = 1,
 ) -> Iterator[Image]:
-    """Frames of the worlds with the numbers `chosen`: uint8 (height, width, 3), RGB, each a new array.
+    """Draw some worlds while they run, side by side in each frame.
 
-    ticks: each item that is asked for runs the worlds once more; the first one means that they were just reset. The
-    first state is drawn, and after it every `every`-th one. size: pixels, side of one world's picture. layers: see
-    rgb.draw. mosaic: rows and columns of pictures, filled row by row, cells without a world black; None: a grid
-    that is nearly a square. Raises FilmError for worlds, grids, sizes and numbers that cannot be.
+    Args:
+        worlds: All worlds.
+        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset.
+        chosen: Numbers of the worlds to draw.
+        size: Pixels, side of one world's picture.
+        layers: See rgb.draw.
+        mosaic: Rows and columns of pictures, filled row by row, cells without a world black; None: nearly a square.
+        every: The first state is drawn, and after it every `every`-th one.
+
+    Returns:
+        Frames, uint8 (height, width, 3), RGB, each a new array, drawn when they are asked for.
+
+    Raises:
+        FilmError: For worlds, grids, sizes and numbers that cannot be.
     """
     grid = near_square(len(chosen)) if mosaic is None else mosaic
     _check(worlds, chosen, size, grid, every)
@@ -42,7 +52,7 @@ def footage(
 
 
 def near_square(count: int) -> Grid:
-    """Rows and columns of the smallest grid for `count` pictures that is a square, or a row short of one."""
+    """Rows and columns of the smallest grid for `count` pictures that is a square, or has one row less."""
     columns = max(1, math.isqrt(max(0, count - 1)) + 1)
     return max(1, -(-count // columns)), columns
 

@@ -20,15 +20,25 @@ NUMBERED = re.compile(r"frame_\d{6,}\.png")
 
 
 def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
-    """Write frames, uint8 (height, width, 3) RGB, all of one size, at least one; returns their number.
+    """Write a film, or a folder of pictures.
 
-    path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`; .webm
-    (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder of pictures,
-    frame_000000.png and so on, of which those of an earlier film are replaced. Odd sizes get one more row or column in
-    .mp4 and .webm. Frames are written as they come; for a .gif they wait on disk.
+    It is written to a temporary file, read back, and moved to its place: after an error, Ctrl-C or a full disk there is
+    what was there before.
 
-    It is written beside its place, read back whole, and moved there: after an error, Ctrl-C or a full disk there is
-    what was there before. Raises FilmError.
+    Args:
+        path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`;
+            .webm (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder
+            of pictures, frame_000000.png and so on, of which those of an earlier film are replaced.
+        frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
+            they wait on disk. Odd sizes get one more row or column in .mp4 and .webm.
+        fps: Frames a second.
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        FilmError: For paths, frames and rates that cannot be, without FFmpeg where it is needed, and if the disk is
+            full.
     """
     target, codec = _checked(Path(path), fps)
     try:

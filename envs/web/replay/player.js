@@ -140,7 +140,7 @@
     $("timeline").setAttribute("aria-valuetext", `tick ${tick}`);
   }
 
-  // What lies or stands around is counted by kind, as far as this scenario has it.
+  // Objects in the world by kind, as far as this scenario has them.
   function count({ objects, zone }) {
     const roles = [["heal", "Heals"], ["box", "Boxes"], ["box_item", "Broken"], ["item", "Items"]];
     $("facts").querySelectorAll("[data-role]").forEach((fact) => fact.closest("div").remove());

@@ -55,9 +55,7 @@ const Views = (() => {
       Dom.make("kbd", "", Dom.make("td", "", row), key);
       Dom.make("td", "", row, about);
     }
-    const form = Dom.make("form", "", dialog);
-    form.method = "dialog";
-    Dom.make("button", "", form, "Close");
+    Dom.make("button", "", Dom.make("p", "", dialog), "Close").addEventListener("click", () => dialog.close());
     dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
   }
 

@@ -21,11 +21,18 @@ SCRIPTS = ("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "
 def write_page(
     path: str | os.PathLike[str], worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], *, title: str
 ) -> None:
-    """Run through `ticks` and write what happens in the `chosen` worlds as a page; whole or not at all.
+    """Write what happens in some worlds as a page that needs no server and no network; whole or not at all.
 
-    ticks: each item that is asked for runs the worlds once more; before the first one they were reset. The page opens
-    without a server and without a network. Memory: a kilobyte for each tick of a world of 4 agents. Raises
-    PageError for worlds or folders that are not there, if there are no ticks, and if the disk is full.
+    Args:
+        path: The file.
+        worlds: All worlds.
+        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset. Takes a
+            kilobyte of memory for each tick of a world of 4 agents.
+        chosen: Numbers of the worlds to show.
+        title: Of the page.
+
+    Raises:
+        PageError: For worlds or folders that are not there, if there are no ticks, and if the disk is full.
     """
     target = _checked(path)
     recorded = record_ticks(worlds, ticks, chosen)
