@@ -95,8 +95,8 @@ class States:
             assert digest(self.env.worlds) == before, "a refused state has changed the worlds"
             raise
         for _ in range(3):
-            if not self.env._progress.started.all():
-                self.env.reset(options={"reset_mask": ~self.env._progress.started})
+            if not self.env._tracker.running.all():
+                self.env.reset(options={"reset_mask": ~self.env._tracker.running})
             try:
                 self.env.step(draw_actions(self.env, self.rng))
             except FaultError:

@@ -27,6 +27,7 @@ _LAZY: dict[str, str] = {  # names whose modules need a library that is loaded w
     "make_puffer": "envs.adapters.puffer",
     "make_sb3": "envs.adapters.sb3",
     "parallel_env": "envs.adapters.pettingzoo",
+    "record": "envs.recording",
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
 }
 

@@ -1,4 +1,4 @@
-"""Worlds that cannot begin, or cannot go on."""
+"""The episodes of worlds: where they begin and end, and worlds that cannot begin or go on."""
 
 import contextlib
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ Array = np.ndarray[Any, Any]
 
 
 def check_playable(worlds: Worlds, name: str) -> None:
-    """ScenarioError unless the worlds of the scenario of that name tell rewards and ends."""
+    """ScenarioError unless the worlds of the scenario of that name have rewards and ends."""
     if missing := [signal.__name__ for signal in (Reward, End) if signal not in worlds]:
         raise ScenarioError(
             f"{name}: no module brings {' and '.join(missing)}; an environment needs the modules rewards and ending"
@@ -33,67 +33,77 @@ def check_faults(worlds: Worlds) -> None:
         )
 
 
-class Progress:
-    """How far the worlds are: which have started, and which have ended since and wait for a reset. Masks (worlds,).
+class EpisodeTracker:
+    """Which worlds are in an episode, and which have ended and wait for a reset. Masks, bool (worlds,).
 
+    running: started, and not interrupted in mid-tick. ended: by their scenario's rule or at its time limit.
+    stopped: by the `stops` of `SurvivalVectorEnv.stop_when`. done: ended or stopped.
     at_once: the step that ends an episode also begins the next one, and is cut short without that.
     """
 
     def __init__(self, worlds: Worlds, at_once: bool) -> None:
         self._worlds, self._end, self._at_once = worlds, worlds[End], at_once
-        self.over, self.started = np.zeros(worlds.count, bool), np.zeros(worlds.count, bool)
+        self.running, self.ended, self.stopped = (np.zeros(worlds.count, bool) for _ in range(3))
         self._buffers = [
             column for component in worlds.components if not component.packed for column in worlds[component]
         ]
 
-    def run(self, runner: Any, mode: Array, some: Array | None = None, keys: tuple[Array, Array] | None = None) -> None:
-        """Take the worlds through the tick. Those of a run that is cut short, as by Ctrl-C, have not started.
+    @property
+    def done(self) -> Array:
+        """Which episodes are over, a new array."""
+        done: Array = self.ended | self.stopped
+        return done
 
-        some: the worlds that run, bool (worlds,); without it, all, which have started. keys: seeds and worlds,
+    def run(self, runner: Any, mode: Array, some: Array | None = None, keys: tuple[Array, Array] | None = None) -> None:
+        """Take the worlds through the tick. If it is cut short, as by Ctrl-C, those that took part no longer run.
+
+        some: the worlds that take part, bool (worlds,); without it, all, which are running. keys: seeds and worlds,
         (worlds,) each, that key their random numbers from now on.
         """
-        before, ran = self.started.copy(), slice(None) if some is None else some
+        before, ran = self.running.copy(), slice(None) if some is None else some
         if some is not None and not before[some].all():
             self._clear(some & ~before)
-        self.started[ran] = False
+        self.running[ran] = False
         try:
             if keys:
                 self._worlds.seed(keys[0][ran], keys[1][ran], ran)
             runner.run(mode)
         except RecordingError:  # ahead of the run, or after it
-            self.started[:] = before
+            self.running[:] = before
             raise
         finally:
-            np.logical_or(self._end.terminated[:, 0], self._end.truncated[:, 0], out=self.over)
-        self.started[ran] = ~self.over[ran] if self._at_once else True
+            np.logical_or(self._end.terminated[:, 0], self._end.truncated[:, 0], out=self.ended)
+        self.stopped[ran] = False
+        self.running[ran] = ~self.ended[ran] if self._at_once else True
 
     def _clear(self, where: Array) -> None:
-        """What systems write only where it changes (see components.sight.Told) begins with nothing."""
+        """Zero the buffers that systems write only where something changes (see components.sight)."""
         for column in self._buffers:
             column[where] = 0
 
     @contextlib.contextmanager
     def overwritten(self, where: Any) -> Iterator[None]:
-        """While the worlds `where` are, these two masks included, none has started: Ctrl-C may leave half of one."""
-        before = self.started.copy()
-        self.started[:] = False
+        """While the worlds `where` and their masks are overwritten, none is running: Ctrl-C may leave half a world."""
+        before = self.running.copy()
+        self.running[:] = False
         try:
             yield
         except Exception:  # a refusal, ahead of it
-            self.started[:] = before
+            self.running[:] = before
             raise
-        before[where] = self.started[where]
-        self.started[:] = before
+        before[where] = self.running[where]
+        self.running[:] = before
+        self.stopped[where] = False
 
     def check(self, resets: bool) -> None:
         """NotResetError unless a step can be taken. resets: worlds that have ended are reset in it."""
-        if not self.started.all():
+        if not self.running.all():
             raise NotResetError(
-                f"step() before reset(): {int((~self.started).sum())} worlds have not started; reset them "
+                f"step() before reset(): {int((~self.running).sum())} worlds have not started; reset them "
                 "(worlds whose last step was interrupted have to start again, too)"
             )
-        if not resets and self.over.any():
+        if not resets and (done := self.done).any():
             raise NotResetError(
-                f"worlds {np.flatnonzero(self.over)[:8].tolist()} have ended and autoreset is disabled; "
+                f"worlds {np.flatnonzero(done)[:8].tolist()} have ended and autoreset is disabled; "
                 'reset them first: reset(options={"reset_mask": terminated | truncated})'
             )

@@ -67,23 +67,46 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
     return mask
 
 
-def checked_actions(given: Any, shape: tuple[int, ...], sizes: Array, ranges: bool) -> Array:
-    """`given` as an integer array of `shape` = (worlds, agents, actions). ranges: check that each is below its size.
+def checked_actions(
+    given: Any,
+    shape: tuple[int, ...],
+    sizes: Array,
+    ranges: bool = True,
+    *,
+    what: str = "actions",
+    axes: str = "(worlds, agents, actions)",
+    who: str = "agent {1} in world {0}",
+) -> Array:
+    """Actions that a caller gave, as an array.
 
-    Raises ActionError.
+    Args:
+        given: Integers of any type, as an array or nested lists.
+        shape: The shape they must have; the actions of one agent are the last axis.
+        sizes: How many values each of those actions has.
+        ranges: Whether to check that each action is from 0 to its size - 1.
+        what: What `given` is called in errors ("others").
+        axes: What `shape` is called in errors.
+        who: What the agent of the indices ahead of the last one is called in errors ("sub-environment {0}").
+
+    Returns:
+        `given` as an integer array of that shape.
+
+    Raises:
+        ActionError: The wrong shape or type, or an action that is out of range.
     """
     actions: Array = as_array(given)
     if actions.shape != shape:
-        raise ActionError(f"actions have shape {actions.shape}: (worlds, agents, actions) = {shape} is needed")
+        raise ActionError(f"{what} have shape {actions.shape}: {axes} = {shape} is needed")
     if actions.dtype.kind not in "iu":
-        raise ActionError(f"actions are {actions.dtype}: integers are needed")
+        raise ActionError(f"{what} are {actions.dtype}: integers are needed")
     if not ranges:
         return actions
     unsigned = np.dtype(actions.dtype.str.replace("i", "u"))  # in which negative numbers are large ones
     bad = actions.view(unsigned) >= sizes.astype(unsigned)
     if bad.any():
-        w, i, k = (int(index[0]) for index in np.nonzero(bad))
-        raise ActionError(f"action {k} of agent {i} in world {w} is {actions[w, i, k]}: 0 to {sizes[k] - 1} is allowed")
+        *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
+        name = who.format(*agent)
+        raise ActionError(f"action {k} of {name} is {actions[index]}: 0 to {sizes[k] - 1} is allowed")
     return actions
 
 

@@ -1,8 +1,9 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import os
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -18,7 +19,7 @@ from ..snapshots.state import State, put, take
 from .buffers import copies, flat_size, locked, write
 from .concurrency import Background, alone, check_callable
 from .deaths import log_deaths
-from .lifecycle import Progress, check_faults, check_playable
+from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .validation import autoreset_mode, check_choice, check_count, checked_actions, keys, reset_mask
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
+Stops = Callable[[], tuple[Actions, Actions]]
+Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
 
 
 class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
@@ -39,7 +42,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     Randomness is a function of (seed, world, episode): world i of a batch is the world i of any other batch, so
     `first_world=i` gives it alone. Observations are read-only and overwritten by the next call, unless copy=True.
     check_actions=False leaves out the range check (out-of-range actions then mean nothing in particular, but harm
-    nothing).
+    nothing). noop: the action of an agent that does nothing, read-only integers (actions,).
 
     One call at a time: PendingError refuses a thread while another one is in a call. Ctrl-C leaves a step not begun or
     whole, or else worlds that a step refuses (NotResetError) until they are reset.
@@ -77,15 +80,16 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.single_action_space = action_space(self.worlds)
         actions = published(self.worlds, Action)
         self.action_columns = [(key, int(column.low)) for key, _, _, column in actions]
-        self._lows = np.array([low for _, low in self.action_columns]).reshape(-1, 1, 1)
+        self.noop = np.array([-low for _, low in self.action_columns])
+        self.noop.flags.writeable = False
         self.action_sizes = self.single_action_space.nvec[0]
         self._observations = {
             k: locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }
         self._mode = np.zeros(self.num_worlds, np.int8)
-        self._progress = Progress(self.worlds, self.autoreset is AutoresetMode.SAME_STEP)
-        self._over = self._progress.over
-        self._faces = {"over": self._over, "started": self._progress.started}
+        self._tracker = EpisodeTracker(self.worlds, self.autoreset is AutoresetMode.SAME_STEP)
+        self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
+        self._stops: Stops | None = None
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
         with announce_compilation(self.worlds, scenario.name):
@@ -126,17 +130,18 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self._step(actions)
 
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        self._progress.check(resets=self.autoreset is not AutoresetMode.DISABLED)
+        self._tracker.check(resets=self.autoreset is not AutoresetMode.DISABLED)
         self._take(actions)
         self._run()
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
+        self._stop(slice(None), terminated, truncated)
         log_deaths(self.worlds, self.first_world)
         reward = self.worlds[Reward].reward.copy()
         try:
             check_faults(self.worlds)
         finally:  # the other worlds go on
-            info = self._finish() if self._over.any() else {}
+            info = self._finish(done) if (done := self._tracker.done).any() else {}
         return self._observe(), reward, terminated, truncated, info
 
     def send(self, actions: Actions) -> None:
@@ -176,7 +181,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     @alone
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
-        return take(self.scenario, self.worlds, self._faces, where)
+        return take(self.scenario, self.worlds, self._masks, where)
 
     @alone
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
@@ -186,22 +191,35 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         as they would have: copies of a world see the same.
         """
         self._check_unrecorded("set_state")
-        with self._progress.overwritten(where):
-            put(state, self.scenario, self.worlds, self._faces, where)
+        with self._tracker.overwritten(where):
+            put(state, self.scenario, self.worlds, self._masks, where)
+        self._stop(where)
         return self._observe()
 
-    @alone
-    def record(self, path: str | os.PathLike[str]) -> "Recorder":
-        """Record all that happens from the next reset on, which must be one of all worlds, in a new file.
+    def stop_when(self, stops: Stops) -> None:
+        """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.
 
-        Close what this returns (`with env.record("duel.rec"):`), or the environment. Meanwhile set_state is refused,
-        and actions are checked. Raises RecordingError, also later, if the file cannot be written.
+        The worlds that it names are treated as those that ended by themselves: reported in terminated, truncated and
+        info, and reset as autoreset_mode says.
+
+        Args:
+            stops: Called after every tick; returns who terminates and who is truncated, bool (worlds,) each, as a
+                function of the worlds' state alone.
         """
-        from ..recording import Recorder
+        self._stops = stops
 
+    def record(self, path: str | os.PathLike[str]) -> "Recorder":
+        """See outlast.record, which takes the place of this."""
+        from ..recording import record
+
+        return record(self, path)
+
+    @alone
+    def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
+        """Run the worlds through what make_runner() returns; for outlast.record. Raises RecordingError if one does."""
         self._check_unrecorded("record")
-        self._runner = recorder = Recorder(path, self.scenario, self.worlds, self.first_world)
-        return recorder
+        self._runner = runner = make_runner()
+        return runner
 
     def __reduce__(self) -> Any:
         raise TypeError(
@@ -216,21 +234,30 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             self.worlds.close()
             self._runner.close()
 
-    def _finish(self) -> dict[str, Any]:
+    def _finish(self, done: Actions) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
-        info: dict[str, Any] = {"statistics": statistics(self.worlds, self._over), "_statistics": self._over.copy()}
+        info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
         if self.autoreset is AutoresetMode.SAME_STEP:
-            info |= {"final_obs": copies(self._observations, self._over), "_final_obs": self._over.copy()}
-            info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": self._over.copy()}
-            self._run(self._over.copy())
+            info |= {"final_obs": copies(self._observations, done), "_final_obs": done.copy()}
+            info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": done.copy()}
+            self._run(done)
         return info
+
+    def _stop(self, where: Any, *reported: Actions) -> None:
+        """Ask `stop_when` about the worlds `where`; it is added to what is reported of them."""
+        if self._stops is None:
+            return
+        stops = self._stops()
+        self._tracker.stopped[where] = np.logical_or(*stops)[where]
+        for mask, more in zip(reported, stops):
+            mask |= more
 
     def _run(self, resets: Actions | None = None, given: tuple[Actions, Actions] | None = None) -> None:
         """Reset these worlds, keyed as given; or take a step everywhere, which is a reset where an episode is over."""
-        self._mode[:] = STEP + self._over if resets is None else np.where(resets, RESET, SKIP)
+        self._mode[:] = STEP + self._tracker.done if resets is None else np.where(resets, RESET, SKIP)
         if given is not None and self._recording:
             self._runner.check(self._mode)  # ahead of new seeds
-        self._progress.run(self._runner, self._mode, resets, given)
+        self._tracker.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:
         return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
@@ -246,4 +273,4 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def _take(self, actions: Any) -> None:
         shape = (self.num_worlds, self.num_agents, len(self.action_sizes))
         actions = checked_actions(actions, shape, self.action_sizes, self.check_actions or self._recording)
-        np.add(actions.transpose(2, 0, 1), self._lows, out=self.worlds.actions, casting="unsafe")
+        np.subtract(actions.transpose(2, 0, 1), self.noop[:, None, None], out=self.worlds.actions, casting="unsafe")

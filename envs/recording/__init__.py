@@ -1,11 +1,38 @@
 """Recordings: what decides an episode, in about one byte an agent-step, and replays of it that are the same bits.
 
-Read in this order: recorder (what is kept of a run of the tick), file (how it lies on the disk), replay (how it is run
-again), digests (how a difference is found), samples (what a learner wants of it).
+Read in this order: recorder (what is kept of a tick), container (the layout of the file), reader, replay (the ticks
+repeated), digests (how a difference is found).
 """
 
+import os
+
+from ..core.vector_env import SurvivalVectorEnv
 from .reader import Recording
 from .recorder import Recorder
 from .replay import Replay
 
-__all__ = ["Recorder", "Recording", "Replay"]
+__all__ = ["Recorder", "Recording", "Replay", "record"]
+
+
+def record(env: SurvivalVectorEnv, path: str | os.PathLike[str]) -> Recorder:
+    """Record all that `env` does from its next reset on, which must be one of all worlds.
+
+    Meanwhile `set_state` is refused, and actions are checked whatever check_actions says.
+
+    Args:
+        env: The environment itself: `wrapper.unwrapped` of a gymnasium wrapper.
+        path: A new file.
+
+    Returns:
+        The recorder. Close it (`with outlast.record(env, "duel.rec"):`) or the environment.
+
+    Raises:
+        RecordingError: The file exists or cannot be written, or `env` is recorded already.
+        TypeError: `env` is no SurvivalVectorEnv.
+    """
+    if not isinstance(env, SurvivalVectorEnv):
+        raise TypeError(
+            f"record() needs what make_vec returns, not {type(env).__name__}: give env.unwrapped of a gymnasium "
+            "wrapper, or env.base_env of an adapter"
+        )
+    return env.run_with(lambda: Recorder(path, env.scenario, env.worlds, env.first_world))

@@ -34,8 +34,7 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Do nothing: motors idle, nothing attacked, used or given."""
-    idle = [-low for _, low in env.action_columns]
-    actions = np.broadcast_to(np.array(idle, np.int8), (env.num_worlds, env.num_agents, len(idle)))
+    actions = np.broadcast_to(env.noop.astype(np.int8), (env.num_worlds, env.num_agents, len(env.noop)))
     return lambda observations: actions
 
 

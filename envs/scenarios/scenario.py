@@ -2,7 +2,7 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,10 +95,18 @@ class Scenario:
             prefix = module.name + "_"
             if key.startswith(prefix) and any(f.name == key[len(prefix) :] for f in dataclasses.fields(module)):
                 return module.name, key[len(prefix) :]
-        known = [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-        near = difflib.get_close_matches(asked, known, 3)
+        raise self.unknown_number(asked)
+
+    def known_numbers(self) -> list[str]:
+        """Every name that `replace` takes."""
+        return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
+
+    def unknown_number(self, asked: str, options: Iterable[str] = ()) -> NumberError:
+        """The error for a name that is no number here; it may be meant for one of the `options` of a function."""
+        known = self.known_numbers()
+        near = difflib.get_close_matches(asked, [*options, *known], 3)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
+        return NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
 
 
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:

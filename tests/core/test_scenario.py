@@ -29,6 +29,7 @@ from outlast.ecs import (
 from outlast.envs.core.spaces import action_space, observation_space
 from outlast.envs.scenarios.fingerprint import difference, identity
 from outlast.envs.scenarios.scenario import ScenarioError
+from outlast.envs.scenarios.variants import resolve
 from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled
 
@@ -437,3 +438,17 @@ def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
         health.points[0] = points
         assert hurt(health, guard, 0, amount, 0, -1, 1)
         assert int(health.points[0]) == left
+
+
+def test_a_factory_resolves_names_scenarios_and_numbers_in_one_way() -> None:
+    """An unknown name is compared with the factory's own keywords, too."""
+    assert resolve("ffa_1") is VARIANTS["ffa_1"]
+    assert resolve("ffa_1", {"melee_damage": 20, "n_agents": 3}) == variant("ffa_1").replace(
+        melee_damage=20, n_agents=3
+    )
+    with pytest.raises(NumberError, match="ffa_1 has no number 'mele_damage'; did you mean melee_damage"):
+        resolve("ffa_1", {"mele_damage": 20})
+    with pytest.raises(NumberError, match="ffa_1 has no number 'thread'; did you mean threads"):
+        resolve("ffa_1", {"thread": 2}, options=("seed", "threads"))
+    with pytest.raises(ScenarioError, match="3: the name of a variant or a Scenario is needed"):
+        resolve(3)  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ import pytest
 from outlast import VARIANTS, make_vec, variant
 from outlast.components import Body, Episode, Reward
 from outlast.ecs import Clock
+from outlast.envs.core.agents import agent_statistics, alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError
 from tests.conftest import digest, draw_actions, scaled
@@ -171,3 +172,42 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
     env.step(np.ones((3, 2, 6), int))
     twin.step(np.ones((3, 2, 6), int))
     assert digest(env.worlds, [0, 2]) == digest(twin.worlds, [0, 2])
+
+
+# ---- agents
+
+
+def test_who_lives_on_which_side_and_with_which_share() -> None:
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env.reset()
+    assert alive(env.worlds).all()
+    assert side(env.worlds).tolist() == [[0, 0, 1, 1]] * WORLDS
+    assert side(env.worlds, 0).tolist() == [0, 0, 1, 1]
+    for tick in range(80):
+        *_, terminated, truncated, info = env.step(numbered_actions(env, tick))
+        if (over := terminated | truncated).any():
+            break
+    health = env.observe()["self"][..., 2]
+    assert np.array_equal(alive(env.worlds), health > 0)
+    assert np.array_equal(alive(env.worlds, over), health[over] > 0)
+    told = info["statistics"]
+    own = agent_statistics(env.worlds, told)
+    assert np.array_equal(own["return"], told["return"])
+    assert np.array_equal(own["kills"], told["kills"][:, [0, 0, 1, 1]])
+    assert np.array_equal(own["length"], np.repeat(told["length"][:, None], 4, 1))
+    assert {values.shape for values in own.values()} == {(WORLDS, 4)}
+    some = agent_statistics(env.worlds, told, over)
+    assert all(np.array_equal(values[over], some[key]) for key, values in own.items())
+
+
+def test_the_noop_moves_nobody() -> None:
+    env = make_vec("teams_3", 2, seed=0)
+    env.reset()
+    body = env.worlds[Body]
+    before = [body.x.copy(), body.y.copy(), body.angle.copy()]
+    assert env.noop.tolist() == [1, 1, 1, 0, 0, 0]
+    for _ in range(5):
+        env.step(np.tile(env.noop, (2, 4, 1)))
+    agents = env.worlds.span("agent")
+    for was, now in zip(before, (body.x, body.y, body.angle), strict=True):
+        assert np.array_equal(was[:, agents], now[:, agents])

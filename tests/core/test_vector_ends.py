@@ -127,3 +127,31 @@ def test_the_time_limit_truncates() -> None:
         assert not cut.any()
     assert terminated.any()
     assert truncated.any()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_episodes_that_are_stopped_early_end_as_others_do(mode: str) -> None:
+    """Bit for bit those of a scenario that has the same limit."""
+    scenario = variant("teams_3")
+    limited = make_vec(scenario.replace(ending_limit=7), 3, seed=0, autoreset=mode)
+    env = make_vec(scenario, 3, seed=0, autoreset=mode)
+    env.stop_when(lambda: (np.zeros(3, bool), env.worlds[Clock].tick[:, 0] >= 7))
+    for each in (env, limited):
+        each.reset()
+    for tick in range(20):
+        actions = numbered_actions(env, tick)
+        (_, *mine, info), (_, *theirs, told) = env.step(actions), limited.step(actions)
+        assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
+        assert info.keys() == told.keys()
+        assert not info or equal(info["statistics"], told["statistics"])
+        assert equal(env.observe(), limited.observe())
+        if mode == "Disabled" and (over := mine[1] | mine[2]).any():
+            with pytest.raises(NotResetError, match=r"worlds \[0, 1, 2\] have ended"):
+                env.step(actions)
+            for each in (env, limited):
+                each.reset(options={"reset_mask": over})
+    state = env.get_state()
+    for _ in range(7):
+        env.set_state(state)
+        env.step(actions)
+    assert env.get_state().arrays["over"].tolist() == [False] * 3  # the scenario's own ends, for whoever loads it

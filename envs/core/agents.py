@@ -1,0 +1,50 @@
+"""The agents of every world as arrays: who is alive, which side each one is on, and its share of a statistic."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Side
+from outlast.ecs import Entity, Statistic, Worlds
+
+from .spaces import published
+
+Array = np.ndarray[Any, Any]
+
+
+def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
+    """Which agents are alive: bool (worlds, agents), a new array. where: an index of worlds; 0 gives (agents,)."""
+    living: Array = worlds[Entity].alive[where, worlds.span("agent")] != 0
+    return living
+
+
+def side(worlds: Worlds, where: Any = slice(None)) -> Array:
+    """The side that each agent is on: int32 (worlds, agents), a new array. where: see `alive`."""
+    sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
+    return sides
+
+
+def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any = slice(None)) -> dict[str, Array]:
+    """Statistics of episodes as each agent is told of them: its own, its side's, or those of its world.
+
+    Args:
+        worlds: The worlds that the statistics are of.
+        statistics: What `spaces.statistics` returned, or info["statistics"]: (worlds,) or (worlds, n).
+        where: An index of worlds, if those of some are enough.
+
+    Returns:
+        By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
+        side, and of all others what its world has.
+    """
+    dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
+    sides, agents, own = side(worlds, where), worlds.dims["agents"], {}
+    for key, values in statistics.items():
+        rows = values[where]
+        if dims.get(key) == ("agents",):
+            own[key] = rows.copy()
+        elif dims.get(key) == ("sides",):
+            own[key] = np.take_along_axis(rows, sides, 1)
+        else:
+            own[key] = np.repeat(rows[:, None], agents, axis=1)
+    return own
