@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Side
 from outlast.components.score import End, Episode
-from outlast.ecs import Action, Clock, Entity
+from outlast.ecs import Action, Clock
 
+from ... import recording
 from ...adapters.opponents import Opponents, Others
+from ...core.agents import alive, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
@@ -38,7 +39,7 @@ class GamePhase(StrEnum):
 class Game:
     """World 0 of `scenario`, seeded. agent: number of the one that a person steers. others: see opponents.Opponents.
 
-    record: a new file for a recording of the game, see SurvivalVectorEnv.record. Keys are actions by name, in
+    record: a new file for a recording of the game, see outlast.record. Keys are actions by name, in
     the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is no such agent, RecordingError if the file
     cannot be, and what make_vec raises.
     """
@@ -56,14 +57,13 @@ class Game:
         try:
             self._choose(agent)
             if record is not None:
-                self.env.record(record)
+                recording.record(self.env, record)
         except BaseException:
             self.env.close()
             raise
         self.worlds = self.env.worlds
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
         self._opponents = Opponents(others, self.env, agent)
-        self._rows = self.worlds.layout.rows(Side)
         self.restart()
 
     def restart(self) -> None:
@@ -74,7 +74,7 @@ class Game:
         self._recent: deque[Json] = deque(maxlen=RECENT)
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
-        self._last = dict.fromkeys(self._sides().tolist(), 0)  # the last tick after which each side was alive
+        self._last = dict.fromkeys(side(self.worlds, 0).tolist(), 0)  # the last tick after which each side was alive
         world = {"name": self.env.scenario.name, "agent": self.agent, "actions": self.ranges}
         self.world = describe(self.worlds, 0) | world
 
@@ -141,13 +141,10 @@ class Game:
             raise PlayError(f"agent {agent}: {self.env.scenario.name} has the agents 0 to {last}")
         self.agent = agent
 
-    def _sides(self) -> Any:
-        return self.worlds[Side].side[0, self._rows]
-
     def _note_events(self) -> None:
         """Keep who is alive, and the events of the tick."""
-        tick, alive = int(self.worlds[Clock].tick[0, 0]), self.worlds[Entity].alive[0, self._rows]
-        self._last.update(dict.fromkeys(self._sides()[alive > 0].tolist(), tick))
+        tick, sides = int(self.worlds[Clock].tick[0, 0]), side(self.worlds, 0)
+        self._last.update(dict.fromkeys(sides[alive(self.worlds, 0)].tolist(), tick))
         for event in events(self.worlds, 0):
             self._recent.append(event | {"tick": tick})
             if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
@@ -155,8 +152,8 @@ class Game:
 
     def _result(self) -> Json:
         """verdict: won by the side that lived longest, drawn if several did, "over" if there is no other side."""
-        episode, mine = self.worlds[Episode], int(self._sides()[self.agent])
-        others = [tick for side, tick in self._last.items() if side != mine]
+        episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
+        others = [tick for other, tick in self._last.items() if other != mine]
         best, own = max(others, default=-1), self._last[mine]
         return {
             "verdict": "over" if not others else "won" if own > best else "drawn" if own == best else "lost",
