@@ -9,7 +9,9 @@
         ...
 
 On and off means in the scenario's list of modules, or not. A mechanic's name is its class's in snake case ("poison"),
-or what the class attribute `name` says; its numbers are "poison_dose" and its systems "poison.sicken".
+or what the class attribute `name` says; its numbers are "poison_dose" and its systems "poison.sicken". The random
+numbers of a system are those of the stream "poison.sicken": a subclass draws what its base draws, and the class
+attribute `stream` keeps the draws of a mechanic that gets another name.
 """
 
 import dataclasses
@@ -40,6 +42,7 @@ class Module:
 
     name: ClassVar[str] = ""  # unique in a scenario; by default the class's name in snake case
     registered: ClassVar[list[System]] = []  # the systems of this class, without those of its bases
+    stream: ClassVar[str] = ""  # prefix of its systems' random streams; by default its base mechanic's, or its name
     cause: ClassVar[str] = ""  # the name of the harm this module does, if it does any
 
     def __init_subclass__(cls) -> None:
@@ -51,11 +54,13 @@ class Module:
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
             cls.name = _snake_case(cls.__name__)
-        if not re.fullmatch("[a-z][a-z0-9_]*", str(cls.name)):
-            raise DeclarationError(
-                f"{cls.__module__}.{cls.__qualname__} has the name {cls.name!r}: a text of small letters, digits and "
-                'underscores is needed, such as name = "swamp"'
-            )
+        for attribute in ("name", "stream"):
+            value = vars(cls).get(attribute, "default")
+            if not isinstance(value, dataclasses.Field) and not re.fullmatch("[a-z][a-z0-9_]*", str(value)):
+                raise DeclarationError(
+                    f"{cls.__module__}.{cls.__qualname__} has the {attribute} {value!r}: a text of small letters, "
+                    f'digits and underscores is needed, such as {attribute} = "swamp"'
+                )
 
     def __post_init__(self) -> None:
         annotations = vars(type(self)).get("__annotations__", {})
@@ -78,8 +83,20 @@ class Module:
     @classmethod
     def slot(cls) -> type["Module"]:
         """Modules of one slot exclude each other (free-for-all and teams, say). By default: a class and its heirs."""
+        base = cls._base()
+        return base.slot() if base else cls
+
+    @classmethod
+    def _base(cls) -> type["Module"] | None:
+        """The mechanic that this class extends; None if its base is no mechanic, that is, has no systems."""
         base = cls.__mro__[1]
-        return base.slot() if issubclass(base, Module) and base._all_systems() else cls
+        return base if any(vars(each).get("registered") for each in base.__mro__) else None
+
+    @classmethod
+    def _stream(cls) -> str:
+        """`stream`, or its default. Not settled with the class, as systems of the base may be registered later."""
+        base = None if cls.stream else cls._base()
+        return base._stream() if base else cls.stream or cls.name
 
     @classmethod
     def system(
@@ -106,7 +123,16 @@ class Module:
             check_random(function, label)
             inner = kernel(function) if compiled else function
             system = System(
-                cls.name, function.__name__, phase, function, inner, declared, _names(after), _names(before), compiled
+                module=cls.name,
+                name=function.__name__,
+                phase=phase,
+                function=function,
+                kernel=inner,
+                parameters=declared,
+                after=_names(after),
+                before=_names(before),
+                compiled=compiled,
+                stream=f"{cls._stream()}.{function.__name__}",
             )
             cls.registered.append(system)
             return inner
@@ -127,7 +153,9 @@ class Module:
             if issubclass(base, Module):
                 own = {system.name for system in base.registered}
                 found = [system for system in found if system.name not in own] + base.registered
-        return [system if system.module == cls.name else system.inherited(cls.name) for system in found]
+        found = [system if system.module == cls.name else system.inherited(cls.name) for system in found]
+        stream = cls._stream()
+        return [dataclasses.replace(system, stream=f"{stream}.{system.name}") for system in found]
 
     @classmethod
     def labels(cls) -> set[str]:

@@ -37,8 +37,8 @@ def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Sche
     """Put systems in order. The order in which they are given never matters.
 
     Raises ScheduleError when two systems have one label, when a system needs a component that nothing brings, when
-    `after`/`before` names an unknown system or runs in a circle, and when two systems of a phase touch a component in
-    conflicting ways without saying who goes first.
+    `after`/`before` names an unknown system or runs in a circle, when two systems have one random stream, and when two
+    systems of a phase touch a component in conflicting ways without saying who goes first.
     """
     systems = sorted(systems, key=lambda system: system.label)
     for one, two in pairwise(systems):
@@ -48,6 +48,7 @@ def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Sche
                 "name decides their order and their random numbers; rename one of the functions or its mechanic"
             )
     _check_present(systems, set(present))
+    _check_streams(systems)
     phases: dict[Phase, list[System]] = {}
     for system in systems:
         phases.setdefault(system.phase, []).append(system)
@@ -70,6 +71,18 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
                         f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
                         f"this scenario brings it; add the module that does, or leave {system.module} out"
                     )
+
+
+def _check_streams(systems: Sequence[System]) -> None:
+    owners: dict[str, System] = {}
+    for system in systems:
+        if any(parameter.kind == "random" for parameter in system.parameters):
+            other = owners.setdefault(system.stream, system)
+            if other is not system:
+                raise ScheduleError(
+                    f"{other.label} and {system.label} have one random stream, {system.stream}, and would draw the "
+                    f"same numbers: give {system.module} a stream of its own, or rename one of the functions"
+                )
 
 
 def _order_phase(systems: Sequence[System]) -> list[System]:

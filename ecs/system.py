@@ -22,7 +22,7 @@ class System:
     after: tuple[str, ...]
     before: tuple[str, ...]
     compiled: bool
-
+    stream: str  # its random stream: the stream of its mechanic and its own name
     aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
 
     @property

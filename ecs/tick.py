@@ -106,7 +106,7 @@ class Writer:
             case "random":
                 clock = self._table(Clock, "r")
                 key = [f"{clock}.{column}[0]" for column in Clock.columns]
-                return f"({', '.join(key)}, np.uint64({stream_number(system.label)}))"
+                return f"({', '.join(key)}, np.uint64({stream_number(system.stream)}))"
             case "scratch":
                 return self._scratch(module, parameter.name, name)
             case "damage_type":

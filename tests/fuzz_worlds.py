@@ -20,8 +20,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, RecordingError, StateError
 from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RUNS, frame, frames
-from outlast.envs.recording.container import content as stored
+from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_stored
 from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
 from tests.fuzz_mutations import (
@@ -140,15 +139,15 @@ def _file(scenario: dict[str, Any], arrays: dict[str, Any]) -> bytes:
 
 
 class Recordings:
-    """Recordings of two worlds, in several frames; replayed, shown as a page and made data of."""
+    """Recordings of two worlds, in several chunks; replayed, shown as a page and made data of."""
 
     refusals: ClassVar = (RecordingError,)
 
     def __init__(self) -> None:
         self.folder = folder_of(self)
-        largest, recorder.LARGEST = recorder.LARGEST, 400
+        limit, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 400
         self.seeds = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
-        recorder.LARGEST = largest
+        recorder.MAX_PENDING_BYTES = limit
         self.valid = self.seeds[0]
         self.ready: dict[Any, bool] = {}
 
@@ -173,16 +172,16 @@ class Recordings:
         content = dice.choice(self.seeds)
         parts = [*_parts(content)]
         k = dice.randrange(len(parts))
-        tag, inner, runs, first = parts[k]
+        tag, inner, ticks, first = parts[k]
         match dice.randrange(9):
             case 0:
                 return mutated(content, dice)
             case 1:
                 parts = [dice.choice(parts) for _ in range(dice.randrange(9))]
             case 2:
-                parts[k] = (tag, mutated(inner, dice), runs, first)
+                parts[k] = (tag, mutated(inner, dice), ticks, first)
             case 3:
-                parts[k] = (dice.choice((HEAD, RUNS, b"DONE", b"WHAT")), inner, dice.choice(INTEGERS) % 2**32, first)
+                parts[k] = (dice.choice((HEAD, RECORDS, b"DONE", b"WHAT")), inner, dice.choice(INTEGERS) % 2**32, first)
             case 4:
                 return _refitted(content, dice)
             case 5:
@@ -193,14 +192,14 @@ class Recordings:
                 for name in dice.sample([*numbers], dice.choice((1, 1, 2, 6))):
                     numbers[name] = dice.choice((*REALS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
                 parts[0] = (HEAD, text(head), 0, 0)
-        return MAGIC + b"".join(frame(*part) for part in parts)
+        return MAGIC + b"".join(encode_chunk(*part) for part in parts)
 
     def changed(self, content: bytes, changes: dict[str, Any] | None = None, **numbers: Any) -> bytes:
         """A recording with another header, and other numbers of its scenario."""
         first, *rest = _parts(content)
         head = json.loads(first[1]) | (changes or {})
         head["scenario"]["numbers"] |= numbers
-        return MAGIC + b"".join(frame(*part) for part in [(HEAD, text(head), 0, 0), *rest])
+        return MAGIC + b"".join(encode_chunk(*part) for part in [(HEAD, text(head), 0, 0), *rest])
 
     def use(self, path: Path) -> None:
         """Replay it, as `outlast replay` does; some of them as a page, as data or as pictures."""
@@ -219,15 +218,15 @@ class Recordings:
 
 
 def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int]]:
-    """The frames of a recording as what `frame` makes them of."""
+    """The chunks of a recording as what `encode_chunk` makes them of."""
     file = io.BytesIO(content)
-    for each in frames(file, "", len(content)):
-        yield each.tag, zlib.decompress(stored(file, "", each)), each.runs, each.first
+    for chunk in read_chunks(file, "", len(content)):
+        yield chunk.tag, zlib.decompress(read_stored(file, "", chunk)), chunk.ticks, chunk.first
 
 
 def _refitted(content: bytes, dice: Dice) -> bytes:
-    """The recording with a number in the fields of a frame that cannot be, their checksum right."""
-    at = dice.choice([*frames(io.BytesIO(content), "", len(content))]).offset
+    """The recording with a number in the fields of a chunk that cannot be, their checksum right."""
+    at = dice.choice([*read_chunks(io.BytesIO(content), "", len(content))]).offset
     fields = list(FIELDS.unpack_from(content, at))
     k = dice.choice((1, 2, 3, 4))
     fields[k] = dice.choice((fields[k] + 1, *INTEGERS)) % 2 ** (64 if k == 4 else 32)

@@ -11,7 +11,7 @@ from outlast.ecs import Clock
 from ..core.agents import alive
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
-from ..rendering.lazy_frames import RENDER_MODES
+from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, check_others
 from .per_agent import DEAD, PerAgentVectorEnv, renamed, requested

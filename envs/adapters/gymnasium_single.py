@@ -7,7 +7,7 @@ import gymnasium
 
 from ..core.validation import Array, check_choice, checked_actions
 from ..errors import NotResetError
-from ..rendering.lazy_frames import FPS, RENDER_MODES
+from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State

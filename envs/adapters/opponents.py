@@ -9,7 +9,7 @@ from outlast.ecs import Clock
 
 from ..core.validation import Array, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
-from ..rollout.policies import GOLDEN, Policy, joint_actions, mixed, noop_policy, scripted_policy
+from ..rollout.policies import GOLDEN, Policy, joint_action_sampler, mix64, noop_policy, scripted_policy
 
 Others = str | Policy
 NAMES = ("noop", "random", "scripted")
@@ -63,7 +63,7 @@ class Opponents:
 
     def _random(self, ids: Array) -> Policy:
         """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-        draw, clock = joint_actions(self.base_env.action_sizes), self.base_env.worlds[Clock]
+        draw, clock = joint_action_sampler(self.base_env.action_sizes), self.base_env.worlds[Clock]
         return lambda observations: draw(_hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
 
 
@@ -83,5 +83,5 @@ def _hashed(*parts: Array) -> Array:
     """A uniform uint64 for each combination of the parts."""
     word = np.zeros((1, 1), np.uint64)
     for part in parts:
-        word = mixed((word ^ part) + GOLDEN)
+        word = mix64((word ^ part) + GOLDEN)
     return word

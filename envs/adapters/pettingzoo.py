@@ -12,7 +12,7 @@ from ..core.agents import alive
 from ..core.validation import Array, check_choice, check_count, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError
-from ..rendering import lazy_frames
+from ..rendering import modes
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
@@ -29,8 +29,8 @@ except ModuleNotFoundError as error:
 Observations = dict[str, dict[str, Array]]
 Infos = dict[str, dict[str, int]]
 
-RENDER_MODES = (*lazy_frames.RENDER_MODES, "human")
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": lazy_frames.FPS, "is_parallelizable": True}
+RENDER_MODES = (*modes.RENDER_MODES, "human")
+METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -75,7 +75,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         check_choice("dead", dead, DEAD)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
-        self._window = Window("outlast", lazy_frames.FPS) if render_mode == "human" else None
+        self._window = Window("outlast", modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
             scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False, check_actions=False

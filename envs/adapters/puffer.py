@@ -8,7 +8,7 @@ from gymnasium.spaces import flatten_space
 from ..core.agents import alive
 from ..core.validation import Array, check_choice, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
-from ..rendering.lazy_frames import RENDER_MODES, painter
+from ..rendering.modes import RENDER_MODES, render_world
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import agent_spaces, requested
 
@@ -130,7 +130,7 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
-        return painter(self.render_mode)(self.base_env.worlds, 0)
+        return render_world(self.base_env.worlds, 0, self.render_mode)
 
     def close(self) -> None:
         """Close the worlds and their threads; again does no harm."""

@@ -1,10 +1,8 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
-import contextlib
-import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from outlast.ecs import EngineError
@@ -12,6 +10,7 @@ from outlast.ecs import EngineError
 from ..errors import (
     ClusterError,
     EndlessError,
+    FaultError,
     FilmError,
     PageError,
     PlayError,
@@ -21,11 +20,12 @@ from ..errors import (
     TrainingError,
 )
 from . import frames, listing, play, replay, rollout
+from .options import messages_shown
 
 COMMANDS = (rollout, replay, play, frames, listing)
 # Reported in one line, without a traceback.
 MISTAKES = (
-    *(ScenarioError, EngineError, EndlessError, ClusterError, FilmError, PageError),
+    *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
     *(PlayError, RecordingError, StateError, TrainingError),
 )
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
@@ -35,10 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
     options = parser().parse_args(arguments)
     try:
-        with _messages():
+        with messages_shown():
             return int(options.run(options))
     except MISTAKES as error:
         print(f"outlast: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        print(f"outlast: there is not enough memory, take fewer --worlds: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)
@@ -57,22 +60,6 @@ def parser() -> argparse.ArgumentParser:
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
     return top
-
-
-@contextlib.contextmanager
-def _messages() -> Iterator[None]:
-    """Show what the logger "outlast" says, such as that a tick is being compiled, on stderr."""
-    logger, handler = logging.getLogger("outlast"), logging.StreamHandler()
-    level = logger.level
-    handler.setFormatter(logging.Formatter("outlast: %(message)s"))
-    handler.addFilter(lambda record: record.name == "outlast")
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(level)
 
 
 if __name__ == "__main__":

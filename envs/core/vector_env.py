@@ -13,7 +13,7 @@ from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from ..errors import RecordingError
-from ..rendering.lazy_frames import FPS, RENDER_MODES, Painter
+from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from .agents import alive
@@ -100,7 +100,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         self._runner: Any = self.worlds  # or what also records it
-        self._guard, self._painter = CallGuard(), Painter(self.worlds, render_mode)
+        self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
         self.num_envs = self.num_worlds = int(num_worlds)
@@ -217,8 +217,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
         None, with a warning, without a render_mode. `outlast.draw(env.worlds, w)` draws one of many worlds.
         """
-        frames = self._painter.frames(self.num_worlds)
-        return None if frames is None else tuple(frames)
+        return render_worlds(self.worlds, self.render_mode)
 
     @exclusive
     def observe(self, out: Any = None) -> Arrays:
@@ -267,7 +266,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         with self._tracker.overwritten(where):
             restore(state, self.scenario, self.worlds, self._masks, where)
         self._stop(where)
-        self._painter.moved()
         return self._observe()
 
     def stop_when(self, stops: Stops) -> None:
@@ -329,7 +327,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._mode[:] = STEP + self._tracker.done if resets is None else np.where(resets, RESET, SKIP)
         if given is not None and self._recording:
             self._runner.check(self._mode)  # ahead of new seeds
-        self._painter.moved()
         self._tracker.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:

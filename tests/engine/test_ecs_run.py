@@ -4,8 +4,9 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import pytest
 
-from outlast.ecs import Random, Worlds, Write
+from outlast.ecs import Module, Random, ScheduleError, Worlds, Write
 from outlast.ecs.random import uniform
 from tests import toy
 from tests.conftest import digest, scaled
@@ -100,27 +101,55 @@ def test_seed_world_episode_and_tick_each_change_every_draw() -> None:
     assert np.array_equal(walkers(make(count=2)), first)
 
 
-def throw(wind: Write[Wind], key: Random) -> None:
+def draw(wind: Write[Wind], key: Random) -> None:
     wind.push[0] = uniform(key, 0)
+
+
+def drawing(name: str, base: type[Module] = Toy, **attributes: Any) -> Module:
+    """A mechanic of that name; with Toy as its base it has a system of its own, which draws."""
+    attributes |= {"name": name, "singletons": lambda self: [Wind()]}
+    mechanic = type(name.title(), (base,), attributes)
+    if base is Toy:
+        mechanic.system(Phase.BEGIN)(draw)
+    return mechanic()
 
 
 def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
     """The first draw of two systems in one tick, and draws of entities of one kind and of two kinds."""
 
-    class Dice(Toy):
-        def singletons(self) -> list[Wind]:
-            return [Wind()]
-
-    class Coin(Dice):
-        pass
-
-    Dice.system(Phase.BEGIN)(throw)
-    Coin.system(Phase.BEGIN)(throw)
-    thrown, tossed = (make(Walkers(), game, count=50)[Wind].push for game in (Dice(), Coin()))
-    assert not np.isin(thrown, tossed).any()
+    first, second = (make(Walkers(), drawing(name), count=50)[Wind].push for name in ("dice", "coin"))
+    assert not np.isin(first, second).any()
     x = make(count=50)[Place].x
     assert len(np.unique(x)) > 248  # of 250 draws of 24 bits
     assert abs(np.corrcoef(x.T) - np.eye(5)).max() < 0.6
+
+
+def test_a_subclass_draws_what_its_base_draws() -> None:
+    """Under its own name, and also where it replaces the system that draws."""
+    drop = drawing("drop")
+    replaced = drawing("late_drop", type(drop))
+    type(replaced).system(Phase.BEGIN)(draw)
+    expected = make(Walkers(), drop)[Wind].push
+    for other in (drawing("death_drop", type(drop)), drawing("later", type(replaced)), replaced):
+        worlds = make(Walkers(), other)
+        assert worlds.schedule.systems[0].module == other.name
+        assert np.array_equal(worlds[Wind].push, expected)
+
+
+def test_a_mechanic_of_another_name_may_keep_its_stream() -> None:
+    """Renamed, it plays the same games; `stream` of a subclass comes before that of its base."""
+    expected = make(Walkers(), drawing("drop"))[Wind].push
+    renamed = drawing("death_drop", stream="drop")
+    apart = drawing("own", type(renamed), stream="own")
+    assert np.array_equal(make(Walkers(), renamed)[Wind].push, expected)
+    assert np.array_equal(make(Walkers(), drawing("heir", type(renamed)))[Wind].push, expected)
+    assert np.array_equal(make(Walkers(), apart)[Wind].push, make(Walkers(), drawing("own"))[Wind].push)
+
+
+def test_two_systems_that_would_draw_the_same_are_refused() -> None:
+    words = r"death_drop\.draw and drop\.draw have one random stream, drop\.draw, .*give drop a stream of its own"
+    with pytest.raises(ScheduleError, match=words):
+        Worlds([Walkers(), drawing("drop"), drawing("death_drop", stream="drop")], 1)
 
 
 def test_leaving_a_module_out_moves_no_draw_of_another() -> None:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -324,8 +325,9 @@ def test_a_mechanic_is_called_as_its_class_in_snake_case_or_as_it_says() -> None
     assert [kind.name for kind in (Walkers, HTTPServerOf2, Named, Heir)] == [
         "walkers", "http_server_of2", "other", "heir",
     ]  # fmt: skip
-    with pytest.raises(DeclarationError, match="has the name 'Big Swamp': a text of small letters"):
-        type("Swamp", (Toy,), {"name": "Big Swamp"})
+    for attribute, value in product(("name", "stream"), ("Big Swamp", "", 3)):
+        with pytest.raises(DeclarationError, match=f"has the {attribute} {value!r}: a text of small letters"):
+            type("Swamp", (Toy,), {attribute: value})
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, NotResetError, RecordingError
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.recording.container import RUNS
+from outlast.envs.recording.container import RECORDS
 from tests.conftest import COMPILED, draw_actions
 from tests.histories import digest_of_episode
 
@@ -46,18 +46,18 @@ import sys
 sys.path.insert(0, {tests!r})
 import outlast
 from tests.recording.test_recording import make, play
-from outlast.envs.recording import recorder
-recorder.LARGEST = 2000
+from outlast.envs.recording import record, recorder
+recorder.MAX_PENDING_BYTES = 2000
 env = make()
-outlast.record(env, {path!r})
+record(env, {path!r})
 env.reset()
 print("ready", flush=True)
 play(env, {steps})
 """
 
 
-def ran(recording: Recording) -> int:
-    """Replay all of it, digests compared; the number of runs."""
+def replayed_ticks(recording: Recording) -> int:
+    """Replay all of it, digests compared; the number of ticks."""
     return sum(1 for _ in Replay(recording).ticks())
 
 
@@ -86,11 +86,11 @@ def test_a_byte_an_agent_step(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not COMPILED, reason="takes minutes")
-def test_long_recordings_have_many_frames(tmp_path: Path) -> None:
-    """With the smallest runs there are: each frame is as large as a reader takes."""
+def test_long_recordings_have_many_chunks(tmp_path: Path) -> None:
+    """With the smallest tick records there are: each chunk is as large as a reader takes."""
     path = recorded(tmp_path / "a.rec", 12_000, worlds=1)
-    assert path.read_bytes().count(RUNS) >= 2
-    assert ran(Recording.open(path)) == 12_001
+    assert path.read_bytes().count(RECORDS) >= 2
+    assert replayed_ticks(Recording.open(path)) == 12_001
 
 
 def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
@@ -100,10 +100,10 @@ def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
     with outlast.record(env, tmp_path / "a.rec") as recorder:
         env.reset()
         play(env, 5)
-        assert recorder.runs == 6
+        assert recorder.ticks == 6
     found = Recording.open(tmp_path / "a.rec")
-    assert {run.codes.dtype for run in found.runs()} == {np.dtype("<u2")}
-    assert ran(found) == 6
+    assert {record.codes.dtype for record in found.tick_records()} == {np.dtype("<u2")}
+    assert replayed_ticks(found) == 6
 
 
 # ---- when it can be begun, and what is refused meanwhile
@@ -122,7 +122,7 @@ def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     env.reset()
     play(env, 3)
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 4
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 4
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
@@ -136,6 +136,15 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert path.read_text() == "precious"
     outlast.record(env, tmp_path / "b.rec")  # the environment is as it was
     env.close()
+
+
+def test_what_is_no_environment_is_not_recorded(tmp_path: Path) -> None:
+    env = outlast.make_agents("ffa_1", 1, seed=0)
+    with pytest.raises(
+        TypeError, match=r"record\(\) needs what make_vec returns, not SurvivalAgentVectorEnv: give env\.un"
+    ):
+        outlast.record(env, tmp_path / "a.rec")
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
@@ -153,7 +162,7 @@ def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
         play(env, 2)
     env.set_state(state)
     play(env, 2)
-    assert ran(Recording.open(tmp_path / "a.rec")) == 3
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 3
     assert not (tmp_path / "b.rec").exists()
 
 
@@ -166,12 +175,12 @@ def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
             env.reset()
             play(env, 4)
         play(env, 3)
-    assert [ran(Recording.open(tmp_path / name)) for name in ("a.rec", "b.rec")] == [5, 5]
-    (run,) = (run for run in Recording.open(tmp_path / "b.rec").runs() if len(run.keys))
-    assert run.keys[:, 3].tolist() == episodes[1] != episodes[0]
+    assert [replayed_ticks(Recording.open(tmp_path / name)) for name in ("a.rec", "b.rec")] == [5, 5]
+    (keyed,) = (record.keys for record in Recording.open(tmp_path / "b.rec").tick_records() if len(record.keys))
+    assert keyed[:, 3].tolist() == episodes[1] != episodes[0]
 
 
-def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_tick_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     env, path = make(), tmp_path / "a.rec"
     outlast.record(env, path)
     env.reset()
@@ -188,12 +197,12 @@ def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: 
             play(env, 1)
     with pytest.raises(NotResetError, match="interrupted"):
         play(env, 1)
-    with pytest.raises(RecordingError, match="a run was interrupted"):
+    with pytest.raises(RecordingError, match="a tick was interrupted"):
         env.reset(options={"reset_mask": np.array([True, False, False])})
     env.reset()
     play(env, 3)
     env.close()
-    assert ran(Recording.open(path)) == 9
+    assert replayed_ticks(Recording.open(path)) == 9
 
 
 def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
@@ -204,7 +213,7 @@ def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
         env.send(np.ones((3, 2, 6), int))
         env.recv()
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 5
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 5
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
@@ -223,7 +232,7 @@ def test_a_forked_process_leaves_it_alone(tmp_path: Path) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
     play(env, 2)
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 3
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 3
 
 
 def test_who_forgets_to_close_loses_nothing(tmp_path: Path) -> None:
