@@ -8,6 +8,7 @@ the value of the expression over the numbers of teams_4, which has every mechani
 """
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -67,8 +68,9 @@ def value(
 
 
 def plain(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are plain text: a bar in them is a bar, not one of docutils' substitutions."""
-    lines[:] = [line if line.startswith(">>>") else line.replace("|", "\\|") for line in lines]
+    """Docstrings are plain text: a bar is no substitution of docutils. Gymnasium's headings, "## Rewards", are bold."""
+    text = "\n".join(line if line.startswith(">>>") else line.replace("|", "\\|") for line in lines)
+    lines[:] = re.sub(r"^## (.+)$", r"**\1**\n", text, flags=re.MULTILINE).split("\n")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

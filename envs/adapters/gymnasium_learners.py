@@ -48,14 +48,14 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     After every call info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
 
     ## Arguments
-    num_envs: How many worlds.
-    autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
-    threads: How many threads step the worlds.
-    copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
-        overwrites them (also under tensors that share their memory, as those of jax.device_put do).
-    scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
-        as gymnasium's TimeLimit does.
-    render_mode: None, "rgb_array" or "ansi".
+    * num_envs: How many worlds.
+    * autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
+    * threads: How many threads step the worlds.
+    * copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
+      overwrites them (also under tensors that share their memory, as those of jax.device_put do).
+    * scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
+      as gymnasium's TimeLimit does.
+    * render_mode: None, "rgb_array" or "ansi".
 
     ## Version History
     v1: the rules of the paper's runs.

@@ -48,13 +48,13 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
 
     ## Arguments
-    scenario: Name of a variant, or a Scenario.
-    learner: Index of the agent that learns.
-    others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
-    dead: "end" or "keep", see above.
-    max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
-    render_mode: None, "rgb_array", "ansi" or "human".
-    numbers: Other numbers of the scenario, as in Scenario.replace.
+    * scenario: Name of a variant, or a Scenario.
+    * learner: Index of the agent that learns.
+    * others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
+    * dead: "end" or "keep", see above.
+    * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
+    * render_mode: None, "rgb_array", "ansi" or "human".
+    * numbers: Other numbers of the scenario, as in Scenario.replace.
 
     ## Version History
     v1: the rules of the paper's runs.

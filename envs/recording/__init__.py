@@ -24,7 +24,7 @@ def record(env: SurvivalVectorEnv, path: str | os.PathLike[str]) -> Recorder:
         path: A new file.
 
     Returns:
-        The recorder. Close it (`with outlast.record(env, "duel.rec"):`) or the environment.
+        The recorder. Use it as a context manager, or close it or the environment.
 
     Raises:
         RecordingError: The file exists or cannot be written, or `env` is recorded already.
