@@ -109,7 +109,20 @@ class Module:
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
 
-        after, before: labels of systems of the same phase. compiled=False: stays Python and splits the tick there.
+        A function that is defined again, as where a notebook's cell is run twice, replaces what it was before.
+
+        Args:
+            phase: The phase of the tick that the system runs in.
+            after: What it runs after, within the phase: labels of systems ("zone.shrink"), or names of mechanics
+                ("zone"), which stand for all systems of that mechanic, or of the one in its slot.
+            before: What it runs before, likewise.
+            compiled: False for a system that stays Python, which splits the tick there.
+
+        Returns:
+            A decorator that returns the function as a kernel.
+
+        Raises:
+            DeclarationError: The phase is none, or a parameter is annotated with what ecs.access lacks.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
@@ -133,7 +146,9 @@ class Module:
                 before=_names(before),
                 compiled=compiled,
                 stream=f"{cls._stream()}.{function.__name__}",
+                slot=cls,
             )
+            cls.registered[:] = [other for other in cls.registered if not _redefines(function, other.function)]
             cls.registered.append(system)
             return inner
 
@@ -154,14 +169,13 @@ class Module:
                 own = {system.name for system in base.registered}
                 found = [system for system in found if system.name not in own] + base.registered
         found = [system if system.module == cls.name else system.inherited(cls.name) for system in found]
-        stream = cls._stream()
-        return [dataclasses.replace(system, stream=f"{stream}.{system.name}") for system in found]
+        stream, slot = cls._stream(), cls.slot()
+        return [dataclasses.replace(system, stream=f"{stream}.{system.name}", slot=slot) for system in found]
 
     @classmethod
-    def labels(cls) -> set[str]:
-        """The systems of all mechanics that are imported, to tell a typo from a mechanic that is left out."""
-        found = {system.label for system in cls._all_systems()}
-        return found.union(*(heir.labels() for heir in cls.__subclasses__()))
+    def imported_systems(cls) -> list[System]:
+        """The systems of all mechanics that are imported, in a scenario or not."""
+        return sum((subclass.imported_systems() for subclass in cls.__subclasses__()), cls._all_systems())
 
     def archetypes(self) -> Iterable[Archetype]:
         """The entities this module brings or extends."""
@@ -214,6 +228,12 @@ class Module:
                 value = getattr(self, name)
                 return choices.index(value) if choices else value
         raise DeclarationError(f"{self.name} has no number '{name}', which one of its systems asks for")
+
+
+def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
+    """Whether both are one definition, run twice. Functions within functions may differ in what encloses them."""
+    same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
+    return same and "<locals>" not in new.__qualname__
 
 
 def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:

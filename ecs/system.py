@@ -23,6 +23,7 @@ class System:
     before: tuple[str, ...]
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
+    slot: type  # of its mechanic: see Module.slot
     aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
 
     @property

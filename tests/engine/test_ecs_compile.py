@@ -187,6 +187,34 @@ def test_two_systems_of_one_name_never_share_machine_code() -> None:
     assert gains == [1, 2, 20]
 
 
+CELL = """
+@Local.system(Phase.FEED)
+def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] += np.int32({gain})
+"""
+
+
+def test_a_cell_that_is_run_again_replaces_its_systems() -> None:
+    """Another function of that name is refused: one of another module, or one that differs in what encloses it."""
+
+    class Local(Toy):
+        pass
+
+    notebook = globals() | {"Local": Local, "__name__": "notebook"}
+    for gain in (1, 2):
+        exec(CELL.format(gain=gain), notebook)
+        worlds = run(make(Walkers(), Local()), STEP)
+        assert int(worlds[Energy].left[0, 0]) - 20 == gain
+    exec(CELL.format(gain=3), notebook | {"__name__": "other"})
+    with pytest.raises(ScheduleError, match=r"two systems are called local\.act \(notebook and other\)"):
+        make(Walkers(), Local())
+    enclosed = system_of(adder(one))
+    type(enclosed).system(Phase.FEED)(adder(two))
+    with pytest.raises(ScheduleError, match=r"two systems are called local\.act"):
+        make(Walkers(), enclosed)
+
+
 SCRIPT = """
 import sys
 sys.path[:0] = [{game!r}, {root!r}]
