@@ -1,4 +1,4 @@
-"""The order of a tick: phases in time, systems within a phase by what they declare; ambiguity is an error."""
+"""The schedule: phases in order of time, systems within a phase by what they declare; ambiguity is an error."""
 
 import difflib
 from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ class Schedule:
         for system in self.systems:
             if system.phase is not phase:
                 phase = system.phase
-                lines.append(f"{phase.name:<9} {phase.when.value:<12} # {phase.says}")
+                lines.append(f"{phase.name:<9} {phase.when.value:<12} # {phase.postcondition}")
             reads, writes, adds = (_touched(system, kind) for kind in ("read", "write", "add"))
             python = "" if system.compiled else "  (python)"
             lines.append(f"{'':<22} {system.label:<22} {reads:<34} {writes:<30} {adds}{python}".rstrip())
@@ -35,7 +35,7 @@ class Schedule:
 
 
 def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Schedule:
-    """Put systems in order. The order in which they are given never matters.
+    """Put systems in order. The order of `systems` does not matter.
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
@@ -102,17 +102,17 @@ def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[Sys
             for later in _named(name, system, systems, known):
                 earlier[later].add(system.label)
     ordered: list[System] = []
-    reach: dict[str, set[str]] = {}
+    predecessors: dict[str, set[str]] = {}
     waiting = list(systems)
     while waiting:
-        ready = next((s for s in waiting if earlier[s.label] <= reach.keys()), None)
+        ready = next((s for s in waiting if earlier[s.label] <= predecessors.keys()), None)
         if ready is None:
             names = ", ".join(s.label for s in waiting)
             raise ScheduleError(f"the after/before of these systems run in a circle: {names}")
-        reach[ready.label] = set().union(*({name} | reach[name] for name in earlier[ready.label]))
+        predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
         ordered.append(ready)
         waiting.remove(ready)
-    _check_conflicts(ordered, reach)
+    _check_conflicts(ordered, predecessors)
     return ordered
 
 
@@ -142,11 +142,11 @@ def _named(name: str, asking: System, systems: Sequence[System], known: Sequence
     return {system.label for system in systems if system.slot in slots} - {asking.label}
 
 
-def _check_conflicts(systems: Sequence[System], reach: dict[str, set[str]]) -> None:
+def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]]) -> None:
     for k, second in enumerate(systems):
         for first in systems[:k]:
             shared = _conflict(first, second)
-            if shared and first.label not in reach[second.label]:
+            if shared and first.label not in predecessors[second.label]:
                 raise ScheduleError(
                     f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both "
                     f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} '

@@ -25,7 +25,7 @@ class Watch:
         self.core, self.behaviour = core, Behaviour(core)
         self.agents = core.worlds.span("agent")
         self.sides = core.worlds[Side].side[0, self.agents].copy()
-        names = ["life", *(f"deaths_{cause}" for cause in core.worlds.layout.causes)]
+        names = ["life", *(f"deaths_{cause}" for cause in core.worlds.layout.damage_types)]
         names += ["heals_given"] * (self.behaviour.heals is not None)
         self.totals = {name: np.zeros((core.num_worlds, core.num_agents)) for name in names}
         self.rates: dict[str, Array] = {}
@@ -49,7 +49,7 @@ class Watch:
         now, cause = death.now[:, self.agents] != 0, death.cause[:, self.agents]
         self.totals["life"] += self.core.worlds[Score].alive[:, self.sides] > 0
         if now.any():
-            for k, name in enumerate(self.core.worlds.layout.causes):
+            for k, name in enumerate(self.core.worlds.layout.damage_types):
                 self.totals[f"deaths_{name}"] += now & (cause == k)
         if self.behaviour.heals is not None:
             self.totals["heals_given"] += self.behaviour.gifts()

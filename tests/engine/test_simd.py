@@ -1,4 +1,4 @@
-"""Sixteen rows at a time: lanes against numpy, sets of rows against plain lists, compiled and not."""
+"""SIMD: vectors against numpy, bitsets against plain lists, compiled and not."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def in_numpy(a: Any, b: Any, scalar: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("round_", range(20))
-def test_lanes_compute_what_numpy_computes(round_: int) -> None:
+def test_vectors_compute_what_numpy_computes(round_: int) -> None:
     """Each lane rounded as if alone; infinities, NaN, denormals and signed zeros among them."""
     a, b = (RNG.normal(0, 3, SIMD_WIDTH).astype(np.float32) for _ in range(2))
     if round_ % 2:
@@ -40,21 +40,21 @@ def test_lanes_compute_what_numpy_computes(round_: int) -> None:
     with np.errstate(all="ignore"):
         arithmetic(a, b, scalar, out)
         expected = in_numpy(a, b, scalar)
-    for word, truths in zip(out, expected, strict=True):
-        assert [bool(word >> j & 1) for j in range(SIMD_WIDTH)] == truths.tolist()
+    for bits, booleans in zip(out, expected, strict=True):
+        assert [bool(bits >> j & 1) for j in range(SIMD_WIDTH)] == booleans.tolist()
 
 
 @kernel
 def positions(alive: Any, start: int, out: Any) -> int:
-    left, count = to_bits(load_flags(alive, start)), 0
-    while left:
-        out[count] = start + trailing_zeros(left)
-        left &= left - 1
+    pending, count = to_bits(load_flags(alive, start)), 0
+    while pending:
+        out[count] = start + trailing_zeros(pending)
+        pending &= pending - 1
         count += 1
     return count
 
 
-def test_flags_and_the_bits_of_a_set() -> None:
+def test_flags_and_the_bits_of_a_mask() -> None:
     alive = (RNG.random(5 * SIMD_WIDTH) < 0.3).astype(np.uint8) * 200  # any nonzero number is true
     out = np.zeros(SIMD_WIDTH, np.int64)
     for start in range(0, alive.size - SIMD_WIDTH, 7):  # from anywhere
@@ -64,34 +64,34 @@ def test_flags_and_the_bits_of_a_set() -> None:
     assert positions(np.ones(SIMD_WIDTH, np.uint8), 0, out) == SIMD_WIDTH
 
 
-def test_bits_and_rank_say_what_rows_says() -> None:
+def test_bitset_and_row_index_agree_with_rows() -> None:
     """In a scenario of more than sixteen rows, of which some in the middle do not belong."""
     layout = Worlds([Walkers(count=21), Food(count=14), Weather()], 1).layout
     for parts in ((Place,), (Energy,), (Place, Energy), (Entity,)):
-        rows, words, rank = layout.rows(*parts), layout.bitset(*parts), layout.row_index(*parts)
-        assert words.dtype == rank.dtype == np.int32
-        assert [e for e in range(35) if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1] == rows.tolist()
-        assert rank[rows].tolist() == list(range(len(rows)))
-        assert (np.delete(rank, rows) == -1).all()
+        rows, bitset, index = layout.rows(*parts), layout.bitset(*parts), layout.row_index(*parts)
+        assert bitset.dtype == index.dtype == np.int32
+        assert [e for e in range(35) if bitset[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1] == rows.tolist()
+        assert index[rows].tolist() == list(range(len(rows)))
+        assert (np.delete(index, rows) == -1).all()
 
 
 class Feast(toy.Toy):
-    """Everybody gets a thousand, found by sets of rows."""
+    """Every walker gets a thousand, found by a bitset."""
 
 
 @Feast.system(toy.Phase.FEED)
 def feed(
     energy: Add[Energy], entities: Read[Entity], rows: Rows[Energy], eaters: Bitset[Energy], index: RowIndex[Energy]
 ) -> None:
-    for g in range(eaters.size):
-        left = to_bits(load_flags(entities.alive, SIMD_WIDTH * g)) & eaters[g]
-        while left:
-            e = SIMD_WIDTH * g + trailing_zeros(left)
-            left &= left - 1
+    for b in range(eaters.size):
+        pending = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & eaters[b]
+        while pending:
+            e = SIMD_WIDTH * b + trailing_zeros(pending)
+            pending &= pending - 1
             energy.left[e] += np.int32(1000 * (rows[index[e]] == e))
 
 
-def test_a_system_can_go_through_sets_of_rows() -> None:
+def test_a_system_can_iterate_a_bitset() -> None:
     game = (Walkers(count=21), Food(count=14), Weather())
     plain, fed = toy.run(toy.make(*game), toy.STEP), toy.run(toy.make(*game, Feast()), toy.STEP)
     gained = fed[Energy].left - plain[Energy].left

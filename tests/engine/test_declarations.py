@@ -12,6 +12,7 @@ from outlast.ecs import (
     Action,
     Archetype,
     Component,
+    DamageType,
     DeclarationError,
     Entity,
     Module,
@@ -40,7 +41,7 @@ class Lost(Singleton):
 
 
 def parts(name: str, *components: Component, count: int = 0) -> Module:
-    """A module that only says something of an archetype."""
+    """A module that only extends or declares an archetype."""
 
     class Parts(Toy):
         def archetypes(self) -> list[Archetype]:
@@ -62,12 +63,12 @@ def test_tables_have_the_declared_shapes_types_and_fills() -> None:
         ("Clock", "episode"): ((6, 1), "u8"), ("Clock", "tick"): ((6, 1), "u8"),
         ("Entity", "alive"): ((6, 5), "u1"), ("Entity", "identity"): ((6, 5), "i8"),
         ("Place", "x"): ((6, 5), "f4"), ("Place", "trail"): ((6, 5, 3), "i2"), ("Energy", "left"): ((6, 5), "i4"),
-        ("Wind", "push"): ((6, 1), "f8"), ("Wind", "cause"): ((6, 1), "i4"), ("Wind", "felt"): ((6, 3, 2), "i4"),
+        ("Wind", "push"): ((6, 1), "f8"), ("Wind", "damage_type"): ((6, 1), "i4"), ("Wind", "felt"): ((6, 3, 2), "i4"),
         ("Pace", "pace"): ((6, 3), "i1"), ("Line", "line"): ((6, 3), "f4"), ("Pay", "pay"): ((6, 3), "f4"),
         ("Meals", "meals"): ((6, 1), "i4"),
     }  # fmt: skip
     assert (worlds.span("food"), worlds.span("walker"), worlds.span("ghost")) == (slice(0, 2), slice(2, 5), slice(0, 0))
-    assert worlds.dims == {"rows": 5, "groups": 1, "causes": 2, "walkers": 3, "memory": 3}
+    assert worlds.dims == {"rows": 5, "blocks": 1, "damage_types": 2, "walkers": 3, "memory": 3}
     assert worlds[Entity].alive.tolist() == [[0, 0, 1, 1, 1]] * 6
     assert worlds[Place].x.tolist() == [[-1, -1, 0, 0, 0]] * 6
     assert (worlds[Place].trail == -1).all()
@@ -90,7 +91,7 @@ def test_columns_are_aligned_and_do_not_overlap() -> None:
 
 
 def test_columns_are_the_same_objects_for_life() -> None:
-    """P10: no allocation after build. Faces and learners may keep them."""
+    """No allocation after build: adapters and learners may keep them."""
 
     def columns() -> list[tuple[int, int]]:
         return [(id(a), a.ctypes.data) for c in worlds.components for a in worlds[c]]
@@ -103,7 +104,7 @@ def test_columns_are_the_same_objects_for_life() -> None:
     assert columns() == before
 
 
-def test_identities_tell_entities_apart_whatever_else_is_there() -> None:
+def test_identities_of_entities_do_not_depend_on_other_archetypes() -> None:
     """They index random draws, so they must not depend on rows, which other archetypes move."""
     alone, among = Worlds([Walkers()], 1), Worlds(toy.GAME, 1)
     mine = alone[Entity].identity[0, alone.span("walker")]
@@ -143,7 +144,7 @@ def test_a_fill_may_be_a_row_of_values() -> None:
         ([Walkers(), parts("walker", Place())], "two modules give 'walker' the component Place"),
         ([parts("ghost", Mark())], "extend the archetype 'ghost', but none declares how many"),
         ([parts("ghost", Wind(), count=1)], "Wind is per world and cannot be part of 'ghost'"),
-        ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: causes, groups, rows"),
+        ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: blocks, damage_types"),
     ],
     ids=["component twice", "only extended", "singleton inside", "unknown dimension"],
 )
@@ -162,7 +163,7 @@ def test_an_unknown_dimension_of_a_singleton_is_refused() -> None:
         def singletons(self) -> list[Singleton]:
             return [Lost()]
 
-    with pytest.raises(DeclarationError, match="no module defines the dimension 'planets'; known: causes, "):
+    with pytest.raises(DeclarationError, match="no module defines the dimension 'planets'; known: blocks, "):
         Worlds([Walkers(), Astronomy()], 1)
 
 
@@ -219,7 +220,7 @@ def test_numbers_take_the_type_of_their_annotation() -> None:
     assert (Weather(sky="black").value("sky"), Weather(wild=False).value("wild")) == (2, False)
 
 
-# ---- declarations that mean nothing are refused
+# ---- impossible declarations are refused
 
 
 @pytest.mark.parametrize(
@@ -277,18 +278,18 @@ def test_a_system_without_a_phase_is_refused(given: Any) -> None:
     ("base", "made", "words"),
     [
         (Observation, column("i4", "walkers"), "Odd.seen is int32: observations are float32"),
-        (Observation, column("f4", "walkers", fill=1), "Odd.seen: columns with memory of their own begin as 0"),
+        (Observation, column("f4", "walkers", fill=1), "Odd.seen: columns with buffers of their own begin as 0"),
         (Action, column("f4", "walkers", low=0, high=1), "Odd.seen is float32 from 0 to 1"),
         (Action, column("i1", "walkers"), "finite low below a finite high"),
     ],
 )
-def test_columns_that_could_not_be_what_they_say_are_refused(base: Any, made: Any, words: str) -> None:
+def test_impossible_columns_are_refused(base: Any, made: Any, words: str) -> None:
     with pytest.raises(DeclarationError, match=re.escape(words)):
         type("Odd", (base,), {"seen": made})
 
 
-def test_a_birth_value_of_what_has_memory_of_its_own_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"Line\(line=\.\.\.\): it has memory of its own, which begins as 0"):
+def test_a_prefab_value_of_a_component_with_buffers_is_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"):
         toy.Line(line=1)
 
 
@@ -297,36 +298,36 @@ def test_two_columns_of_one_key_are_refused(base: Any) -> None:
     """Only one of them would be seen."""
     kind, key = {Action: ("i1", "pace"), Observation: ("f4", "line"), Statistic: ("i4", "meals")}[base]
     bounds = {"low": 0, "high": 1} if base is Action else {}
-    twin = type("Twin", (base,), {"mine": column(kind, "walkers", key=key, **bounds)})
+    other = type("Other", (base,), {"mine": column(kind, "walkers", key=key, **bounds)})
 
     class Brings(Toy):
         def singletons(self) -> Any:
-            return [twin()]
+            return [other()]
 
     with pytest.raises(DeclarationError, match=rf"are both the \w+ '{key}'; rename one") as raised:
         Worlds([*toy.GAME, Brings()], 1)
     assert re.search(r"tests\.toy\.\w+\.\w+", str(raised.value))
-    assert "Twin.mine" in str(raised.value)
+    assert "Other.mine" in str(raised.value)
 
 
-# ---- mechanics have names, and heirs
+# ---- names of mechanics, and subclasses
 
 
-def test_a_mechanic_is_called_as_its_class_in_snake_case_or_as_it_says() -> None:
+def test_the_name_of_a_mechanic_is_its_class_in_snake_case_or_the_attribute_name() -> None:
     class HTTPServerOf2(Toy):
         pass
 
     class Named(Toy):
         name = "other"
 
-    class Heir(Named):
+    class Subclass(Named):
         pass
 
-    assert [kind.name for kind in (Walkers, HTTPServerOf2, Named, Heir)] == [
-        "walkers", "http_server_of2", "other", "heir",
+    assert [kind.name for kind in (Walkers, HTTPServerOf2, Named, Subclass)] == [
+        "walkers", "http_server_of2", "other", "subclass",
     ]  # fmt: skip
     for attribute, value in product(("name", "stream"), ("Big Swamp", "", 3)):
-        with pytest.raises(DeclarationError, match=f"has the {attribute} {value!r}: a text of small letters"):
+        with pytest.raises(DeclarationError, match=f"has the {attribute} {value!r}: it must be lower-case"):
             type("Swamp", (Toy,), {attribute: value})
 
 
@@ -357,7 +358,7 @@ def test_a_subclass_has_the_systems_of_its_base_and_replaces_those_that_it_names
     assert (worlds[toy.Line].line == -1).all()
 
 
-def test_a_name_of_a_system_stands_for_those_that_inherit_it() -> None:
+def test_a_label_stands_for_systems_that_inherit_it() -> None:
     """weather.blow is after="walkers.walk": also where marchers walk in the place of walkers."""
     labels = [system.label for system in Worlds([Marchers(), Food(), Weather()], 1).schedule.systems]
     assert labels.index("marchers.walk") < labels.index("weather.blow")
@@ -386,9 +387,9 @@ def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
         pass
 
     @Asks.system(Phase.MOVE)
-    def wish(energy: Read[Energy], wishes: int) -> None: ...
+    def select(energy: Read[Energy], choice: int) -> None: ...
 
-    with pytest.raises(DeclarationError, match="asks has no number 'wishes', which one of its systems asks for"):
+    with pytest.raises(DeclarationError, match="asks has no number 'choice', which one of its systems asks for"):
         Worlds([Walkers(), Asks()], 1)
 
     class Forgets(Toy):
@@ -401,13 +402,25 @@ def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
         run(Worlds([Walkers(), Forgets()], 1), toy.STEP)
 
 
+def test_a_damage_type_that_the_module_does_not_name_is_refused() -> None:
+    class Burns(Toy):
+        pass
+
+    @Burns.system(Phase.MOVE)
+    def burn(energy: Write[Energy], kind: DamageType) -> None: ...
+
+    words = r"burns\.burn has the DamageType parameter 'kind', .* damage_type = \"burns\""
+    with pytest.raises(DeclarationError, match=words):
+        Worlds([*toy.GAME, Burns()], 1)
+
+
 def test_kernels_get_what_they_declare() -> None:
-    """Rows by components, numbers in their types, causes in alphabetical order, choices as indices."""
+    """Rows by components, numbers in their types, damage types in alphabetical order, choices as indices."""
     worlds = make()
     assert worlds.layout.rows(Energy).tolist() == [2, 3, 4]
     assert worlds.layout.rows(Place).tolist() == [0, 1, 2, 3, 4]
     assert worlds.layout.rows(Place, Mark).tolist() == []
-    assert worlds.layout.causes == ["cold", "hunger"]
+    assert worlds.layout.damage_types == ["cold", "hunger"]
     run(worlds, toy.STEP)
-    assert (worlds[Wind].cause == 0).all()
+    assert (worlds[Wind].damage_type == 0).all()
     assert (worlds[Wind].felt[:, 0, 1] == 1).all()

@@ -1,4 +1,4 @@
-"""From systems to machine code: one function a tick, compiled once, kept on disk, and never the wrong one."""
+"""From systems to machine code: one function a tick, compiled once, cached on disk, and never the wrong one."""
 
 import os
 import random
@@ -59,7 +59,7 @@ def test_a_tick_is_one_function_of_one_signature() -> None:
     assert len(functions[0].signatures) == 1
 
 
-def test_what_no_system_touches_moves_columns_but_nothing_else() -> None:
+def test_a_component_without_systems_changes_no_other() -> None:
     """Two games that differ in an idle component only: stored ahead of the others in one, behind them in the other."""
     places = []
     for module in ("a", "z"):
@@ -228,7 +228,7 @@ worlds.close()
 
 
 def in_process(cache: Path, game: Path = ROOT, module: str = "tests.toy", **variables: str) -> list[str]:
-    """What a new process says of its first ticks: cache hits, cache misses, cached now, digest."""
+    """A new process and its first ticks: cache hits, cache misses, cached now, digest."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     script = SCRIPT.format(game=str(game), root=str(ROOT), module=module)
     environment |= {"OUTLAST_CACHE_DIR": str(cache), **variables}
@@ -251,7 +251,7 @@ def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) ->
     assert folder.exists()
 
 
-RULES = {  # ways in which a kernel comes by a number that stands in another file: that file, what is imported, and how
+REFERENCES = {  # how a kernel refers to a number in another file: that file, the import and the expression
     "a function": ("@kernel\ndef speed():\n    return 1\n", "from their.rules import speed", "speed()"),
     "a member of a module in a package": ("SPEED = 1\n", "import their.rules", "their.rules.SPEED"),
     "a member of an enumeration": (
@@ -278,23 +278,23 @@ RULES = {  # ways in which a kernel comes by a number that stands in another fil
 }
 
 
-def their_game(folder: Path, rules: str, line: str, use: str) -> Path:
-    """The toy game with a speed from the file that comes back."""
+def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
+    """The toy game with a speed from another file, whose path is returned."""
     (folder / "their").mkdir(parents=True)
     (folder / "their" / "__init__.py").write_text("")
     file = folder / "their" / "rules.py"
     file.write_text(f"from outlast.ecs import kernel\n\n\n{rules}")
-    text = Path(toy.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {use}")
+    text = Path(toy.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {expression}")
     (folder / "their_game.py").write_text(f"{line}\n{text}")
     return file
 
 
 @compiled_only
-@pytest.mark.parametrize("way", RULES)
-def test_an_edited_game_is_compiled_anew(tmp_path: Path, way: str) -> None:
+@pytest.mark.parametrize("kind", REFERENCES)
+def test_an_edited_game_is_compiled_anew(tmp_path: Path, kind: str) -> None:
     """Also where the edit is in another file than the systems', which numba's own key misses."""
     game, cache = tmp_path / "game", tmp_path / "cache"
-    rules = their_game(game, *RULES[way])
+    rules = their_game(game, *REFERENCES[kind])
     first = in_process(cache, game, "their_game")
     rules.write_text(re.sub(r"\b1\b", "3", rules.read_text()))
     shutil.rmtree(rules.parent / "__pycache__", ignore_errors=True)
@@ -320,7 +320,7 @@ def stepping(energy: Add[Energy], rows: Rows[Energy]) -> None:
 
 
 def test_a_constant_that_changes_in_a_running_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As when a cell of a notebook that sets it is run again: new worlds play by the new one, old worlds by the old."""
+    """As when a cell of a notebook that sets it is run again: new worlds have the new one, old worlds the old."""
 
     class Local(Toy):
         pass
@@ -361,7 +361,7 @@ def calls_what_is_no_kernel(energy: Add[Energy], rows: Rows[Energy]) -> None:
         (calls_what_is_no_kernel, "bare, function", "@outlast.ecs.kernel"),
     ],
 )
-def test_what_cannot_be_followed_is_refused(function: Callable[..., None], named: str, cure: str) -> None:
+def test_references_that_cannot_be_followed_are_refused(function: Callable[..., None], named: str, cure: str) -> None:
     class Local(Toy):
         pass
 
@@ -370,34 +370,34 @@ def test_what_cannot_be_followed_is_refused(function: Callable[..., None], named
         make(Walkers(), Local())
 
 
-def rolls(place: Write[Place], rows: Rows[Place]) -> None:
+def draws(place: Write[Place], rows: Rows[Place]) -> None:
     place.x[rows[0]] = np.random.random()  # noqa: NPY002
 
 
-def rolls_in_a_nested_function(place: Write[Place], rows: Rows[Place]) -> None:
+def draws_in_a_nested_function(place: Write[Place], rows: Rows[Place]) -> None:
     place.x[rows[0]] = (lambda: random.random())()
 
 
 @kernel
-def dice() -> float:
+def draw() -> float:
     return float(np.random.normal())  # noqa: NPY002
 
 
-def rolls_in_a_helper(place: Write[Place], rows: Rows[Place]) -> None:
-    place.x[rows[0]] = dice()
+def draws_in_a_helper(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[rows[0]] = draw()
 
 
 GENERATOR = np.random.default_rng(0)
 
 
-def rolls_a_generator(place: Write[Place], rows: Rows[Place]) -> None:
+def draws_from_a_generator(place: Write[Place], rows: Rows[Place]) -> None:
     place.x[rows[0]] = GENERATOR.random()
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("function", [rolls, rolls_in_a_nested_function, rolls_in_a_helper, rolls_a_generator])
+@pytest.mark.parametrize("function", [draws, draws_in_a_nested_function, draws_in_a_helper, draws_from_a_generator])
 def test_generators_with_a_state_are_refused(function: Callable[..., None], compiled: bool) -> None:
-    """The same seed would not give the same bits. outlast.ecs.random has a name like theirs, and is meant."""
+    """The same seed would not give the same bits. outlast.ecs.random is not one of them, in spite of its name."""
 
     class Local(Toy):
         pass
@@ -412,8 +412,8 @@ def test_generators_with_a_state_are_refused(function: Callable[..., None], comp
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_fork_goes_on_by_itself() -> None:
-    """With threads of its own; what it does does not show in the parent."""
+def test_a_fork_is_independent_of_its_parent() -> None:
+    """It has threads of its own, and changes nothing in the parent."""
     worlds = make(count=100, threads=3)
     run(worlds, STEP)
     before = digest(worlds)
@@ -437,10 +437,10 @@ def test_a_fork_goes_on_by_itself() -> None:
     worlds.close()
 
 
-def test_the_cache_folder_is_where_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_folder_is_a_setting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OUTLAST_CACHE_DIR", str(tmp_path / "deep" / "folder"))
     worlds = Worlds(toy.GAME, 1)
     sources = list((tmp_path / "deep" / "folder").glob("*/tick_*.py"))
     assert [path.read_text() for path in sources] == [segment.source for segment in worlds._segments]
     assert worlds.compiled == (not COMPILED)
-    assert "def tick(frame, start, stop)" in sources[0].read_text()
+    assert "def tick(arguments, start, stop)" in sources[0].read_text()

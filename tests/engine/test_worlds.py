@@ -1,6 +1,9 @@
-"""Running worlds: modes, resets and random streams give each world what it would have alone."""
+"""Running worlds: each gets what it would have alone, and errors and Ctrl-C leave no thread at work."""
 
 import dataclasses
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -8,8 +11,9 @@ import pytest
 
 from outlast.ecs import Module, Random, ScheduleError, Worlds, Write
 from outlast.ecs.random import uniform
+from outlast.ecs.workers import Job, Workers
 from tests import toy
-from tests.conftest import digest, scaled
+from tests.conftest import COMPILED, digest, scaled
 from tests.toy import (
     RESET,
     SKIP,
@@ -31,6 +35,7 @@ from tests.toy import (
     walked,
 )
 
+threaded = pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
 MANY = scaled(200, least=40)  # more than a thread takes at a time
 
 
@@ -60,22 +65,22 @@ def test_modes_are_per_world() -> None:
 def test_resetting_some_worlds_leaves_the_others_untouched() -> None:
     """Any subset, at any tick, bit for bit."""
     rng = np.random.default_rng(0)
-    worlds, twin = make(count=7), make(count=7)
+    worlds, other = make(count=7), make(count=7)
     untouched = np.ones(7, bool)
     for tick in range(30):
         modes = rng.choice([STEP, RESET], 7, p=[0.9, 0.1])
         modes[rng.integers(7)] = STEP
         untouched &= modes == STEP
-        worlds[Pace].pace[:] = twin[Pace].pace[:] = rng.integers(-1, 2, (7, 3))
+        worlds[Pace].pace[:] = other[Pace].pace[:] = rng.integers(-1, 2, (7, 3))
         run(worlds, modes)
-        run(twin, STEP)
-        assert digest(worlds, untouched) == digest(twin, untouched)
+        run(other, STEP)
+        assert digest(worlds, untouched) == digest(other, untouched)
         if tick == 5:
             assert 0 < untouched.sum() < 7
 
 
 def test_a_reset_world_is_as_good_as_new() -> None:
-    """Whatever happened before: only the clock tells that it is not the first episode."""
+    """Whatever happened before: only the clock has another episode."""
     used, new = walked(make(seed=9), 20), make(seed=1)
     used.seed(1, np.arange(4))
     used.block[:, 32:] = 0xAA  # and whatever was written into it, behind the clock
@@ -130,7 +135,8 @@ def test_a_subclass_draws_what_its_base_draws() -> None:
     replaced = drawing("late_drop", type(drop))
     type(replaced).system(Phase.BEGIN)(draw)
     expected = make(Walkers(), drop)[Wind].push
-    for other in (drawing("death_drop", type(drop)), drawing("later", type(replaced)), replaced):
+    mixed = type("Mixed", (type("Mixin", (), {}), type(drop)), {})()
+    for other in (drawing("death_drop", type(drop)), drawing("later", type(replaced)), replaced, mixed):
         worlds = make(Walkers(), other)
         assert worlds.schedule.systems[0].module == other.name
         assert np.array_equal(worlds[Wind].push, expected)
@@ -142,7 +148,7 @@ def test_a_mechanic_of_another_name_may_keep_its_stream() -> None:
     renamed = drawing("death_drop", stream="drop")
     apart = drawing("own", type(renamed), stream="own")
     assert np.array_equal(make(Walkers(), renamed)[Wind].push, expected)
-    assert np.array_equal(make(Walkers(), drawing("heir", type(renamed)))[Wind].push, expected)
+    assert np.array_equal(make(Walkers(), drawing("subclass", type(renamed)))[Wind].push, expected)
     assert np.array_equal(make(Walkers(), apart)[Wind].push, make(Walkers(), drawing("own"))[Wind].push)
 
 
@@ -187,3 +193,103 @@ def test_changed_numbers_reach_the_kernels() -> None:
     before = walkers(worlds).copy()
     run(worlds, STEP)
     assert np.allclose(walkers(worlds) - before, 0.5 * worlds[Wind].push, atol=1e-5)
+
+
+# ---- threads
+
+
+def test_a_world_among_many_is_what_it_is_alone() -> None:
+    batch = walked(make(count=64), 10)
+    for w in (0, 1, 31, 63):
+        assert digest(walked(make(count=1, first=w), 10)) == digest(batch, slice(w, w + 1))
+    part = walked(make(count=7, first=20), 10)
+    assert digest(part) == digest(batch, slice(20, 27))
+
+
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_threads_give_the_same_bits(threads: int) -> None:
+    worlds = make(count=MANY, threads=threads)
+    assert digest(walked(worlds, 20)) == digest(walked(make(count=MANY), 20))
+    worlds.close()
+    worlds.close()
+    assert digest(run(worlds, STEP)) != ""  # after close the threads come back when needed
+    worlds.close()
+
+
+@threaded
+def test_scratch_memory_belongs_to_one_thread() -> None:
+    """The toy's Weather counts in it the ticks of its thread: together, each world's once."""
+    made: list[Any] = []
+
+    class Gale(Weather):
+        name = "weather"
+
+        def scratch(self, name: str, dims: dict[str, int]) -> Any:
+            made.append(super().scratch(name, dims))
+            return made[-1]
+
+    worlds = Worlds([Walkers(), Food(), Gale()], MANY, 3)
+    made.clear()  # one was made for its type only
+    run(worlds, RESET, STEP, STEP)
+    worlds.close()
+    assert 1 <= len(made) <= 3
+    assert sum(memory[0, 0] for memory in made) == 2 * MANY
+    assert len({memory.ctypes.data for memory in made}) == len(made)
+
+
+def test_an_error_in_one_thread_reaches_the_caller() -> None:
+    """And the worlds go on afterwards."""
+    worlds = make(count=MANY, threads=3)
+    call, name = worlds._call, threading.current_thread().name
+
+    def fail(*arguments: Any) -> None:
+        raise RuntimeError(f"not in {name}")
+
+    worlds._call = fail  # type: ignore[method-assign]
+    with pytest.raises(RuntimeError, match="not in"):
+        run(worlds, STEP)
+    worlds._call = call  # type: ignore[method-assign]
+    run(worlds, STEP)
+    worlds.close()
+
+
+@threaded
+def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in `submit`, when a thread has begun."""
+    worlds, submit, running = make(count=MANY, threads=3), Workers.submit, []
+    call = worlds._call
+
+    def slowly(*arguments: Any) -> None:
+        running.append(True)
+        time.sleep(0.2)
+        call(*arguments)
+        running.pop()
+
+    def interrupted(workers: Workers, jobs: list[Job]) -> None:
+        submit(workers, jobs)
+        while not running:
+            time.sleep(0.001)
+        raise KeyboardInterrupt
+
+    worlds._call = slowly  # type: ignore[method-assign]
+    with monkeypatch.context() as patch:
+        patch.setattr(Workers, "submit", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(worlds, STEP)
+    assert not running
+    worlds._call = call  # type: ignore[method-assign]
+    run(worlds, [RESET] * MANY, STEP)
+    worlds.close()
+
+
+def test_several_python_threads_may_run_worlds_of_their_own() -> None:
+    expected = digest(walked(make(count=MANY), 10))
+
+    def play(threads: int) -> str:
+        worlds = make(count=MANY, threads=threads)
+        found = digest(walked(worlds, 10))
+        worlds.close()
+        return found
+
+    with ThreadPoolExecutor(6) as pool:
+        assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}

@@ -32,7 +32,7 @@ class Nowhere(Component):
 
 
 class Placeless(Toy):
-    """Food's systems without its entities, and without rows to be dormant for."""
+    """Food's systems without its entities, and without rows that could be empty."""
 
     def systems(self) -> Any:
         return [module("food.grow", reads).registered[0]]
@@ -179,7 +179,7 @@ def test_a_missing_component_is_named_with_the_cure() -> None:
         Worlds([Placeless()], 1)
 
 
-def test_a_system_without_rows_is_dormant() -> None:
+def test_a_system_without_rows_is_inactive() -> None:
     """It has nothing to do, so it is not scheduled, and needs nothing."""
     assert labels(module("ape.act", needs_nobody), module("zebra.act", writes)) == ["zebra.act"]
 
@@ -207,20 +207,20 @@ def test_two_systems_of_one_label_are_refused() -> None:
         labels(module("ape.act", reads), module("ape.act", adds))
 
 
-def test_components_of_one_name_are_told_apart() -> None:
+def test_components_of_one_name_are_distinguished() -> None:
     """Two files may both have an Energy."""
-    twin = type("Energy", (Component,), {"spent": column("i4", fill=7)})
+    other = type("Energy", (Component,), {"spent": column("i4", fill=7)})
 
-    def spend(energy: Write[Energy], other: Write[twin], stones: Rows[Energy, twin]) -> None:  # type: ignore[valid-type]
+    def spend(energy: Write[Energy], mine: Write[other], stones: Rows[Energy, other]) -> None:  # type: ignore[valid-type]
         for e in stones:
             energy.left[e] -= 1
-            other.spent[e] += 10
+            mine.spent[e] += 10
 
     class Stones(Toy):
         def archetypes(self) -> list[Any]:
-            return [toy.Archetype("stone", (Energy(left=3), twin()), 2)]
+            return [toy.Archetype("stone", (Energy(left=3), other()), 2)]
 
     worlds = make(Stones(), module("ape.act", spend))
     run(worlds, toy.STEP, toy.STEP)
     assert worlds[Energy].left[0].tolist() == [1, 1]
-    assert worlds[twin].spent[0].tolist() == [27, 27]
+    assert worlds[other].spent[0].tolist() == [27, 27]
