@@ -89,6 +89,9 @@ class Worlds:
         """All components, in the order of storage."""
         return self.layout.components
 
+    def __repr__(self) -> str:
+        return f"Worlds({self.count} worlds, {len(self.components)} components)"
+
     @property
     def dims(self) -> dict[str, int]:
         """Named dimensions of this scenario: "rows", and what its modules define."""

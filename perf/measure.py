@@ -23,7 +23,7 @@ DRAWS = 50  # different actions, drawn ahead of the clock
 
 def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
     """Calls of env.step with random actions: checks, autoreset and statistics included."""
-    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads)
+    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads, copy=False)
     policy = random_policy(env)
     observations, _ = env.reset()
     actions = [policy(observations) for _ in range(DRAWS)]

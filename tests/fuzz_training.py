@@ -168,7 +168,10 @@ class Results:
         self.folder = folder_of(self)
         rows = [f"{tag},{step},{step * k / 7}\n" for step in range(9, 400, 9) for k, tag in enumerate(TAGS)]
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
-        header = {"version": 1, "scenario": checkpoint.identity(preset("paper").scenario(outlast.variant("teams_3")))}
+        header = {
+            "version": 1,
+            "scenario": checkpoint.fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
+        }
         self.header = json.dumps(header | PLAN.about()).encode()
         (self.folder / "log.csv").write_bytes(self.log)
         (self.folder / "run.json").write_bytes(self.header)

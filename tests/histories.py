@@ -80,7 +80,8 @@ class Player:
 
     def reset(self, seed: Any = None, mask: Array | None = None) -> None:
         told, info = self.env.reset(seed=seed, options=None if mask is None else {"reset_mask": mask})
-        assert info == {}
+        assert info.keys() == {"alive"}
+        assert info["alive"][slice(None) if mask is None else mask].all()
         count = self.env.num_worlds
         if np.ndim(seed):
             keys = [History(int(one), 0, 0) for one in seed]
@@ -93,7 +94,7 @@ class Player:
 
     def step(self, act: int, sent: bool = False) -> None:
         """One step, or one in the background. What cannot be stepped must say so."""
-        before, actions, mode = self.over, self.actions(act), self.env.autoreset
+        before, actions, mode = self.over, self.actions(act), self.env.autoreset_mode
         if not self.started or (mode is AutoresetMode.DISABLED and before.any()):
             self.refused(lambda: self.env.step(actions), NotResetError)
             return
@@ -154,7 +155,7 @@ class Player:
             assert info["_statistics"].tolist() == over.tolist()
             values = [np.asarray(info["statistics"][key][w]).tobytes() for key in sorted(info["statistics"])]
             self.memory.note(self.all[w], "statistics", values)
-            if self.env.autoreset is AutoresetMode.SAME_STEP:
+            if self.env.autoreset_mode is AutoresetMode.SAME_STEP:
                 self.memory.note(self.all[w], "told", _bytes(info["final_obs"][w]))
                 self._begin(w)
 
@@ -186,7 +187,7 @@ def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
 
 def alone(memory: Memory, scenario: outlast.Scenario, history: History) -> None:
     """Live through a history again, in an environment of one world."""
-    player = Player(memory, scenario, 1, history.seed, first_world=history.world, autoreset="Disabled")
+    player = Player(memory, scenario, 1, history.seed, first_world=history.world, autoreset_mode="Disabled")
     for _ in range(history.episode):
         player.reset()
     for act in history.acts:

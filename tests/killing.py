@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from outlast.envs.storage.atomic_write import is_draft
+from outlast.envs.storage.atomic_write import is_temporary
 from tests.killing_process import Ended, Moment, execute
 
 NOTHING, WHOLE = "nothing", "whole"  # is left
@@ -57,12 +57,12 @@ class Writer:
 
 def drafts(place: Path) -> list[Path]:
     """What is in a folder under names of drafts, at any depth."""
-    return [path for path in place.rglob("*") if is_draft(path)]
+    return [path for path in place.rglob("*") if is_temporary(path)]
 
 
 def visible(place: Path) -> list[Path]:
     """Everything in a folder but drafts, in order of names."""
-    return sorted(path for path in place.iterdir() if not is_draft(path))
+    return sorted(path for path in place.iterdir() if not is_temporary(path))
 
 
 @dataclass

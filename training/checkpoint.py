@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.snapshots import state
 from outlast.envs.snapshots.state import State
-from outlast.envs.storage.atomic_write import draft
+from outlast.envs.storage.atomic_write import atomic_write
 
 from . import header, tensors
 from .policy import Policy
@@ -39,7 +39,7 @@ def capture(model: SharedPPO, about: dict[str, Any]) -> dict[str, bytes]:
         "updates": model._n_updates,  # Stable-Baselines3 has no other name for it
     }
     told = {"version": header.VERSION, "steps": model.num_timesteps, "preset": model.preset.name, **about}
-    told["scenario"] = identity(model.core.scenario)
+    told["scenario"] = fingerprint(model.core.scenario)
     told["observations"] = model.policy.layout.shapes
     told["actions"] = [int(size) for size in model.core.action_sizes]
     return {
@@ -52,7 +52,7 @@ def capture(model: SharedPPO, about: dict[str, Any]) -> dict[str, bytes]:
 
 def write(path: Path, files: dict[str, bytes]) -> None:
     """Write a checkpoint; whole or not at all."""
-    with draft(path) as place, zipfile.ZipFile(place, "w") as archive:
+    with atomic_write(path) as place, zipfile.ZipFile(place, "w") as archive:
         for name, content in files.items():
             archive.writestr(name, content)
 

@@ -57,8 +57,15 @@ class Evaluation:
         self.scenario, self.chosen, self.seed = common(scenario, chosen), list(chosen), seed
         self.each = -(-episodes // worlds)
         self.each += self.each * worlds % ROLES  # or one seating would be played once more than the other
-        options: dict[str, Any] = {"seed": seed, "threads": threads, "autoreset": "Disabled", "check_actions": False}
-        self.env = make_vec(self.scenario, worlds, **options)
+        self.env = make_vec(
+            self.scenario,
+            worlds,
+            seed=seed,
+            threads=threads,
+            autoreset_mode="Disabled",
+            copy=False,
+            check_actions=False,
+        )
         try:
             self._check()
         except BaseException:

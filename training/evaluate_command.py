@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, policy, positive, scenario, seed
 from outlast.envs.errors import TrainingError
+from outlast.envs.recording import record
 
 
 def add(commands: Any) -> None:
@@ -78,7 +79,7 @@ def _play(evaluation: Any, options: argparse.Namespace, recordings: Path | None)
     total = len(evaluation.pairs) * evaluation.episodes
     with tqdm(total=total, unit="episode", disable=options.quiet) as bar:
         for pair in evaluation.pairs:
-            with evaluation.env.record(_recording(recordings, pair)) if recordings else contextlib.nullcontext():
+            with record(evaluation.env, _recording(recordings, pair)) if recordings else contextlib.nullcontext():
                 evaluation.meet(pair, bar.update)
             if options.out is not None:
                 _write(evaluation, options.out)

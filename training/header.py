@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import is_identity, is_word
+from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz
 
 from .layout import MASK
@@ -98,7 +98,7 @@ def _are_actions(given: Any) -> bool:
 KINDS: dict[str, Callable[[Any], bool]] = {
     "steps": lambda given: type(given) is int and 0 <= given < 2**62,
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
-    "scenario": is_identity,
+    "scenario": is_fingerprint,
     "observations": _are_observations,
     "actions": _are_actions,
     "plan": is_plan,

@@ -15,7 +15,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.storage.atomic_write import draft
+from outlast.envs.storage.atomic_write import atomic_write
 
 from .curves import HEADER
 
@@ -86,5 +86,5 @@ def cut(path: Path, steps: int) -> None:
     if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
     kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
-    with draft(path) as place:
+    with atomic_write(path) as place:
         place.write_text("".join([",".join(HEADER) + "\n", *kept]))

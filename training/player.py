@@ -1,4 +1,4 @@
-"""Trained policies as functions (observations) -> actions, as every face takes them for opponents."""
+"""Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
 
 import contextlib
 import threading
@@ -47,7 +47,7 @@ class Player:
     """The policy of a checkpoint or of a kept one: a function of observations, float32 (..., agents, ...), to actions.
 
     >>> duel = player.scenario(outlast.variant("ffa_2"))  # with what it was trained to be told
-    >>> env = gymnasium.make("outlast/FreeForAll2-v1", variant=duel, others=player)
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
 
     Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed. They
     are computed on one thread, whatever PyTorch is set to, which stays as it is.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.storage.atomic_write import draft
+from outlast.envs.storage.atomic_write import atomic_write
 
 from . import keep
 from .claims import sentences
@@ -61,7 +61,7 @@ def write(contents: Mapping[Path, bytes]) -> None:
     for path, content in contents.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with draft(path) as place:
+            with atomic_write(path) as place:
                 place.write_bytes(content)
         except OSError as error:
             raise TrainingError(f"{path} cannot be written: {error.strerror}") from error

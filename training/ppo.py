@@ -49,7 +49,7 @@ class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
             raise TrainingError(f"a rollout of {steps} steps cannot be shared evenly by {worlds} worlds")
         check(settings)
         env = outlast.make_sb3(preset.scenario(scenario), worlds, seed=seed, threads=threads, check_actions=False)
-        self.core, self.preset, self.dead = env.core, preset, dead
+        self.core, self.preset, self.dead = env.base_env, preset, dead
         layout = layout_of(self.core)
         self.generator = torch.Generator(get_device(device)).manual_seed(seed)  # of actions
         self.shuffler = torch.Generator().manual_seed(seed)  # of minibatches

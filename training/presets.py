@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from outlast.envs.scenarios.scenario import Scenario, ScenarioError
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.scenario import Scenario
 
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see collect.Collector
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.scenarios.fingerprint import identity
-from outlast.envs.storage.atomic_write import draft
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.storage.atomic_write import atomic_write
 
 from .evaluate import Evaluation, Figures, Meeting
 
@@ -39,7 +39,7 @@ def write(evaluation: Evaluation, folder: Path) -> list[Path]:
         "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
     }
     for name, content in contents.items():
-        with draft(folder / name) as place:
+        with atomic_write(folder / name) as place:
             place.write_text(content, encoding="utf-8", newline="\n")
     return [folder / name for name in contents]
 
@@ -115,7 +115,7 @@ def _pair(entry: tuple[tuple[int, int], Figures]) -> tuple[int, int]:
 
 def _about(evaluation: Evaluation) -> dict[str, Any]:
     return {
-        "scenario": identity(evaluation.scenario),
+        "scenario": fingerprint(evaluation.scenario),
         "seed": evaluation.seed,
         "worlds": evaluation.env.num_worlds,
         "episodes": evaluation.episodes,

@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity, is_identity
-from outlast.envs.scenarios.scenario import Scenario, ScenarioError
+from outlast.envs.errors import ScenarioError, TrainingError
+from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
 from . import header, paper
@@ -157,7 +157,7 @@ def _of_folder(folder: Path) -> Result:
 def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
     """Numbers other than those of the paper's variant as agents of the preset see it."""
     scenario: Scenario = preset(of).scenario(variant(base(name)))
-    own = identity(scenario)["numbers"]
+    own = fingerprint(scenario)["numbers"]
     keys = sorted(own.keys() | numbers.keys())
     pairs = {key: (numbers.get(key, LACKING), own.get(key, LACKING)) for key in keys}
     return {key: its for key, (its, usual) in pairs.items() if its != usual}
@@ -182,7 +182,7 @@ def _checked(result: Result) -> Result:
         raise TrainingError(f"{told}: it has " + (f"no {missing[0]}" if missing else "others than the paper's"))
     if not header.is_plan(result.plan) or type(result.plan.get("seed")) is not int:
         raise TrainingError(f"{told}: its plan is none")
-    if not is_identity({"name": result.variant, "numbers": result.changed}) or "$" in str(result.changed):
+    if not is_fingerprint({"name": result.variant, "numbers": result.changed}) or "$" in str(result.changed):
         raise TrainingError(f"{told}: what was changed in it is not numbers")
     return result
 

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import difference, identity
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.storage.atomic_write import discard, draft, is_draft
+from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 
 from . import checkpoint, header
 from .logs import open_logs
@@ -45,7 +45,7 @@ class Plan:
     def about(self) -> dict[str, Any]:
         """What decides the numbers that come out, for a file."""
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "steps", "every")}
-        return {"plan": kept, "scenario": identity(self.scenario)}
+        return {"plan": kept, "scenario": fingerprint(self.scenario)}
 
 
 class Run:
@@ -150,7 +150,7 @@ class Run:
 
     def _found(self, resume: bool) -> dict[str, bytes] | None:
         """The checkpoint to go on from, if there is one."""
-        there = [path for path in self.folder.iterdir() if not is_draft(path)] if self.folder.is_dir() else []
+        there = [path for path in self.folder.iterdir() if not is_temporary(path)] if self.folder.is_dir() else []
         if there and not resume:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before it could say what it is
@@ -164,17 +164,17 @@ class Run:
         """A run that has no checkpoint yet is this one."""
         told = header.of_run(self.folder)
         self._check_plan(told)
-        if other := difference(told["scenario"], identity(preset(self.plan.preset).scenario(self.plan.scenario))):
+        if other := difference(told["scenario"], fingerprint(preset(self.plan.preset).scenario(self.plan.scenario))):
             raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self) -> None:
         """The folder, without what a killed process was writing in it, and what says what the run is."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        for path in filter(is_draft, list(self.folder.iterdir())):
-            discard(path)
+        for path in filter(is_temporary, list(self.folder.iterdir())):
+            remove(path)
         if not (self.folder / header.NAME).exists():
-            told = self.plan.about() | {"scenario": identity(self.model.core.scenario)}
-            with draft(self.folder / header.NAME) as place:
+            told = self.plan.about() | {"scenario": fingerprint(self.model.core.scenario)}
+            with atomic_write(self.folder / header.NAME) as place:
                 place.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
     @contextlib.contextmanager

@@ -40,7 +40,7 @@ def variants() -> str:
 def fixes() -> str:
     """The fixes: what each changes in teams_4, which has every mechanic that one could need."""
     plain, rows = outlast.VARIANTS["teams_4"].numbers(), []
-    for name, fix in outlast.FIXES.items():
+    for name, fix in outlast.ABLATIONS.items():
         mended = outlast.variant(f"teams_4+{name}").numbers()
         changed = ", ".join(code(f"{key} = {value}") for key, value in mended.items() if plain.get(key) != value)
         rows.append([code(name), str(fix.flaw), fix.about, changed])

@@ -10,9 +10,9 @@ from typing import Any
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import TrainingError
+from ..errors import ScenarioError, TrainingError
 from ..rollout.policies import POLICIES, Policy
-from ..scenarios.scenario import Scenario, ScenarioError
+from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
 
 SAVED = ".zip"  # what a saved policy's file ends in
@@ -85,7 +85,7 @@ def load_policy(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy
 
     Raises TrainingError if it cannot play there, or if there is no PyTorch.
     """
-    import outlast  # here: the package knows of training, envs do not
+    import outlast  # here, as the package imports the environments
 
     try:
         player = outlast.load_policy(path, seed)
@@ -146,7 +146,7 @@ def _integer(text: str, least: int) -> int:
     return value
 
 
-def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, object]:
+def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
     """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
     name, equals, value = text.partition("=")
     if not equals:

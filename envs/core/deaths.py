@@ -1,4 +1,4 @@
-"""A log of deaths, for whoever listens: logging.getLogger("outlast.deaths").setLevel(logging.INFO)."""
+"""A log of deaths, by the logger "outlast.deaths" at level INFO."""
 
 import logging
 

@@ -8,7 +8,7 @@ import pytest
 
 from outlast import variant
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import results
 from outlast.training.presets import preset
 
@@ -18,7 +18,7 @@ LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/r
 def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.Result]:
     """What is read of a run of that name and log."""
     given = {"preset": "paper", "seed": 0} | plan
-    scenario = identity(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
+    scenario = fingerprint(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
     (folder / "log.csv").write_text(text)
     (folder / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
     return results.load([folder])

@@ -10,7 +10,7 @@ import pytest
 
 from outlast import VARIANTS, variant
 from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import curves, paper, results
 from outlast.training.curves import BOXES, Curves
 from outlast.training.endings import average, ending, smooth
@@ -167,7 +167,7 @@ def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> P
     place.mkdir()
     given = {"preset": "original", "seed": 0, "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}} | plan
     scenario = preset(given["preset"]).scenario(variant("ffa_2").replace(**changes or {}))
-    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": identity(scenario)}))
+    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": fingerprint(scenario)}))
     log(place, LINES)
     return place
 

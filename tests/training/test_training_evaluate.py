@@ -39,7 +39,7 @@ def evaluated(name: str, *texts: object, **options: Any) -> Evaluation:
 
 def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, seed: int) -> dict[str, Any]:
     """Figures of a match of named policies, (worlds, each, roles), by one agent of one world after the other."""
-    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    env = make_vec(scenario, worlds, seed=seed, autoreset_mode="Disabled")
     policies = [POLICIES[name](env, seed) for name in names]
     observations, _ = env.reset(seed=seed)
     agents, size = range(env.num_agents), max(1, env.num_agents // 2)  # of a team; or each on its own
@@ -94,7 +94,7 @@ def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
     names, worlds, each, seed = ("scripted", "random"), 3, 2, 5
     scenario = quick(name).replace(zone_stand=100, zone_shrink=100, motors_ahead=1.0)  # in which agents meet
     expected = counted(scenario, names, worlds, each, seed)
-    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    env = make_vec(scenario, worlds, seed=seed, autoreset_mode="Disabled")
     acts = [contender.act(env, seed) for contender in contenders(names)]
     match = Match(env, acts, each, seed)
     ended: list[int] = []

@@ -55,12 +55,12 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
     env = make_vec(scenario, 3, seed=0)
     observations, _ = env.reset()
     assert player(observations).shape == (3, 4, 6)
-    lone: Any = gymnasium.make("outlast/Teams-v1", variant=scenario, others=player)
+    lone: Any = gymnasium.make("outlast/Teams-v1", scenario=scenario, others=player)
     lone.reset(seed=0)
     for _ in range(3):
         _, reward, *_ = lone.step(lone.action_space.sample())
     assert reward == 1
-    many = gymnasium.make_vec("outlast/Teams-v1", 3, variant=scenario, others=load_policy(tmp_path / "a.zip"))
+    many = gymnasium.make_vec("outlast/Teams-v1", 3, scenario=scenario, others=load_policy(tmp_path / "a.zip"))
     many.reset(seed=0)
     played = [many.action_space.sample() for _ in range(3)]
     assert len({actions.tobytes() for actions in played}) == 3

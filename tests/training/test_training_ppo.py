@@ -42,7 +42,7 @@ class Plain:
         model.start()
         state = model.core.get_state()
         for w in range(WORLDS):
-            env = make_vec(model.core.scenario, 1, autoreset="Disabled")
+            env = make_vec(model.core.scenario, 1, autoreset_mode="Disabled")
             env.set_state(state[w])
             self.worlds.append(env)
 

@@ -38,7 +38,7 @@ def make() -> SharedPPO:
 def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
     rows, episodes = [], []
-    env = make_vec(model.core.scenario, WORLDS, autoreset="Disabled")
+    env = make_vec(model.core.scenario, WORLDS, autoreset_mode="Disabled")
     model.start()
     observations = env.set_state(model.core.get_state())
     model.collect()
@@ -115,7 +115,7 @@ def test_episodes_are_those_that_ended() -> None:
 
 
 def test_an_evaluation_counts_gifts_by_giver() -> None:
-    env = make_vec(CROWD, WORLDS, seed=4, autoreset="Disabled")
+    env = make_vec(CROWD, WORLDS, seed=4, autoreset_mode="Disabled")
     env.reset()
     watch, rng = Watch(env), np.random.default_rng(4)
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
