@@ -61,7 +61,7 @@ def plain_box2d(case: Scenario, count: int) -> Call:
     pushes *= np.array([motors.ahead, motors.left, motors.turn], np.float32)  # type: ignore[attr-defined]
     rate, substeps = np.float32(physics.rate), physics.substeps  # type: ignore[attr-defined]
     iterations = physics.velocity_iterations, physics.position_iterations  # type: ignore[attr-defined]
-    loop, kept = entry(step_all), built  # the worlds live as long as this call does
+    loop, kept = entry(step_all), built  # `kept`: the worlds are there as long as `call` is
 
     def call(k: int) -> int:
         loop(worlds, agents, pushes[k % DRAWS], np.float32(1) / rate, substeps, *iterations)

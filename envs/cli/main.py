@@ -18,7 +18,7 @@ from ..errors import (
     RecordingError,
     ScenarioError,
     StateError,
-    TrainingError,
+    UsageError,
 )
 from . import frames, listing, play, replay, rollout
 
@@ -26,7 +26,7 @@ COMMANDS = (rollout, replay, play, frames, listing)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FilmError, PageError),
-    *(PlayError, RecordingError, StateError, TrainingError),
+    *(PlayError, RecordingError, StateError, UsageError),
 )
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
 

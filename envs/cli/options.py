@@ -7,7 +7,7 @@ from typing import Any
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import TrainingError
+from ..errors import UsageError
 from ..rollout.policies import POLICIES, Policy
 from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
@@ -54,7 +54,7 @@ def policy(text: str) -> str:
 def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
     """The scenario that the options name, and what makes the policy for it: see POLICIES.
 
-    Raises ScenarioError, TrainingError.
+    Raises ScenarioError, UsageError.
     """
     asked = scenario(options)
     if options.policy in POLICIES:
@@ -66,14 +66,14 @@ def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVecto
 def saved(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
     """The scenario in which agents are told what that saved policy was trained with, and the policy.
 
-    Raises TrainingError if it cannot play there, or if there is no PyTorch.
+    Raises UsageError if it cannot play there, or if there is no PyTorch.
     """
     import outlast  # here: the package knows of training, envs do not
 
     try:
         player = outlast.load_policy(path, seed)
     except ModuleNotFoundError as error:
-        raise TrainingError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
+        raise UsageError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
     fitting = player.scenario(asked)
     with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
         player.check(env)
