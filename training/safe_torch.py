@@ -1,9 +1,9 @@
-"""Tensors in files of torch.save, read without PyTorch's own reader: nothing is executed, nothing large is made.
+"""Safe reader for files of torch.save: nothing is executed, and nothing is made that is larger than the file.
 
-Such a file is a zip file with the bytes of each storage, and a pickle that says what is made of them. torch.load with
-weights_only executes nothing either, but it believes lengths, and calls functions that a file may give absurd numbers.
-Here the pickle is taken as a list of instructions, of which those that torch.save needs are known, and the only things
-that it can name are tensors and dicts.
+Such a file is a zip file with the bytes of each storage, and a pickle that describes what is made of them. torch.load
+with weights_only executes nothing either, but it trusts lengths, and calls functions that a file may give absurd
+numbers. Here the pickle is interpreted as a list of instructions, of which only those that torch.save needs are known,
+and the only things that it can name are tensors and dicts.
 """
 
 import io
@@ -29,15 +29,15 @@ BROKEN = (*safe_npz.BROKEN, IndexError)
 
 
 class Name(str):
-    """What a pickle names: one of KINDS, TENSOR or DICT."""
+    """A name in a pickle: one of KINDS, TENSOR or DICT."""
 
 
 class Mark:
     """Where a list of values begins on the stack."""
 
 
-def load(content: bytes) -> Any:
-    """What torch.save wrote: dicts, lists, tuples, numbers, texts, and tensors on the CPU, perhaps sharing memory.
+def load_tensors(content: bytes) -> Any:
+    """The content of a file of torch.save: dicts, lists, tuples, numbers, texts, and CPU tensors that may share memory.
 
     Raises one of BROKEN for anything else.
     """
@@ -49,7 +49,7 @@ def load(content: bytes) -> Any:
 
 
 class _Machine:
-    """Follows the instructions of a pickle; stack and memo are as there."""
+    """Follows the instructions of a pickle, with its stack and its memo."""
 
     def __init__(self, files: dict[str, bytes], root: str) -> None:
         self.files, self.root = files, root
@@ -101,7 +101,7 @@ class _Machine:
         self.stack[-1].update(zip(pairs[::2], pairs[1::2], strict=True))
 
     def call(self) -> None:
-        """A name with arguments: a tensor, or an empty dict. What else torch keeps with a dict is left out."""
+        """A name with arguments: a tensor, or an empty dict. Attributes that torch keeps with a dict are left out."""
         name, arguments = self.last(2)
         if not isinstance(name, Name) or not isinstance(arguments, tuple) or name not in (TENSOR, DICT):
             raise TypeError("a call that tensors do not need")

@@ -1,8 +1,8 @@
-"""outlast evaluate: policies meet each other; win rates, ratings, what they do. Loads PyTorch only when it runs."""
+"""outlast evaluate: policies play against each other; win rates, ratings, behaviour."""
 
 import argparse
 import contextlib
-import sys
+import logging
 import tempfile
 import time
 from pathlib import Path
@@ -11,13 +11,16 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, policy, positive, scenario, seed
-from outlast.envs.errors import TrainingError
 from outlast.envs.recording import record
+
+from ..errors import TrainingError
+
+logger = logging.getLogger("outlast")
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("evaluate", help="let policies meet each other, and rate them")
+    command = commands.add_parser("evaluate", help="let policies play against each other, and rate them")
     add_scenario(command)
     command.add_argument("policies", nargs="+", type=policy, metavar="POLICY", help="random, noop, scripted, FILE.zip")
     command.add_argument("--episodes", type=positive, default=1000, help="of each pairing, at least (default 1000)")
@@ -35,21 +38,20 @@ def run(options: argparse.Namespace) -> int:
     if options.film and options.out is None:
         raise TrainingError("--film needs --out FOLDER, for the films")
     try:
-        from .contenders import contenders
-        from .evaluate import Evaluation
+        from ..evaluation.evaluation import Evaluation, contenders
     except ModuleNotFoundError as error:
         raise TrainingError(f"evaluating needs {error.name}: pip install 'outlast[train]'") from error
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
     evaluation = Evaluation(scenario(options), contenders(options.policies), **numbers)
     try:
-        _make(options.out)
-        return _watched(evaluation, options)
+        _make_folder(options.out)
+        return _evaluate(evaluation, options)
     finally:
         evaluation.close()
 
 
-def _make(folder: Path | None) -> None:
-    """Before anything is played: no evaluation shall be lost for the want of a place."""
+def _make_folder(folder: Path | None) -> None:
+    """Before anything is played, so that no evaluation is lost for want of a place."""
     try:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +59,7 @@ def _make(folder: Path | None) -> None:
         raise TrainingError(f"--out: {folder} cannot be a folder: {error.strerror}") from error
 
 
-def _watched(evaluation: Any, options: argparse.Namespace) -> int:
+def _evaluate(evaluation: Any, options: argparse.Namespace) -> int:
     """Play behind a progress bar and report what is complete, also after an error; the exit status."""
     with tempfile.TemporaryDirectory() as hidden:
         recordings = Path(hidden) if options.film else None
@@ -66,34 +68,38 @@ def _watched(evaluation: Any, options: argparse.Namespace) -> int:
             _play(evaluation, options, recordings)
         except KeyboardInterrupt:
             status = 130
-            print(f"stopped; {_complete(evaluation)}", file=sys.stderr)
+            complete, total = len(evaluation.pairings), len(evaluation.pairs)
+            logger.warning("stopped; complete are %d of %d pairings", complete, total)
         finally:
             _report(evaluation, options.out, time.perf_counter() - start)
         if recordings and not status:
-            status = _films(evaluation, recordings, options.out)
+            status = _make_films(evaluation, recordings, options.out)
     return status
 
 
 def _play(evaluation: Any, options: argparse.Namespace, recordings: Path | None) -> None:
     """Play every pairing; where there is a folder for tables, those of what is complete are always in it."""
+    from ..evaluation import report
+
     total = len(evaluation.pairs) * evaluation.episodes
     with tqdm(total=total, unit="episode", disable=options.quiet) as bar:
         for pair in evaluation.pairs:
             with record(evaluation.env, _recording(recordings, pair)) if recordings else contextlib.nullcontext():
-                evaluation.meet(pair, bar.update)
+                evaluation.play_pair(pair, bar.update)
             if options.out is not None:
-                _write(evaluation, options.out)
+                report.write_tables(evaluation, options.out)
 
 
-def _films(evaluation: Any, recordings: Path, folder: Path) -> int:
-    """Make films and pages, and name each when it is there; the exit status."""
-    from .showcase import shown
+def _make_films(evaluation: Any, recordings: Path, folder: Path) -> int:
+    """Make films and pages, and print the path of each when it is there; the exit status."""
+    from ..evaluation.showcase import show_pairing
 
     try:
-        for meeting in evaluation.meetings:
-            print(*shown(evaluation, meeting, _recording(recordings, meeting.pair), folder), sep="\n", flush=True)
+        for pairing in evaluation.pairings:
+            made = show_pairing(evaluation, pairing, _recording(recordings, pairing.pair), folder)
+            print(*made, sep="\n", flush=True)
     except KeyboardInterrupt:
-        print("stopped; the tables are written, not all films are", file=sys.stderr)
+        logger.warning("stopped; the tables are written, not all films are")
         return 130
     return 0
 
@@ -102,27 +108,13 @@ def _recording(folder: Path, pair: tuple[int, int]) -> Path:
     return folder / f"{pair[0]}-{pair[1]}.rec"
 
 
-def _complete(evaluation: Any) -> str:
-    return f"complete are {len(evaluation.meetings)} of {len(evaluation.pairs)} pairings"
-
-
 def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
-    """Print the tables, write them if there is a folder, and name what was written. Raises TrainingError."""
-    from . import report
+    """Print the tables, write them if there is a folder, and print their paths. Raises TrainingError."""
+    from ..evaluation import report
 
-    played, worlds = len(evaluation.meetings), evaluation.env.num_worlds
+    played, worlds = len(evaluation.pairings), evaluation.env.num_worlds
     print(f"{evaluation.scenario.name}, seed {evaluation.seed}: {played} pairings of ", end="")
     print(f"{evaluation.episodes:,} episodes, {evaluation.each} in each of {worlds} worlds; {seconds:,.0f} s\n")
     print(report.text(evaluation), flush=True)
     if folder is not None:
-        print("", *_write(evaluation, folder), sep="\n", flush=True)
-
-
-def _write(evaluation: Any, folder: Path) -> list[Path]:
-    """The tables, as files."""
-    from . import report
-
-    try:
-        return report.write(evaluation, folder)
-    except OSError as error:
-        raise TrainingError(f"{folder} cannot be written: {error.strerror}") from error
+        print("", *report.write_tables(evaluation, folder), sep="\n", flush=True)

@@ -1,4 +1,4 @@
-"""Curves of a run: read out of the log of a run, kept in small files, read back. Needs numpy only."""
+"""Learning curves: the paper's, from the log of a run, to small files and back. Needs numpy only."""
 
 import csv
 import io
@@ -6,17 +6,19 @@ import json
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from outlast.envs.errors import TrainingError
+from ..errors import TrainingError
+from ..files import read_text
+from ..log_file import LAST, read_log
 
-HEADER = ("tag", "step", "value")
-LAST, BEYOND = 2**53, 1e30  # steps: what a float64 counts to; values: what can be squared and added up
+PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
+BEYOND = 1e30  # values: what can be squared and added up
 Array = np.ndarray[Any, Any]
-Points = dict[str, list[tuple[int, float]]]
 
 
 @dataclass(frozen=True)
@@ -60,40 +62,14 @@ class Curves:
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
-def read(path: Path) -> Points:
-    """The points (agent-steps, value) of each tag of a log. Raises TrainingError for what is not a log.
-
-    A last row that is not whole is left out: a run may be writing it.
-    """
-    lines = text_of(path).splitlines(keepends=True)
-    if not lines or lines[0].strip() != ",".join(HEADER):
-        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
-    points: Points = {}
-    for number, line in enumerate(lines[1:], 2):
-        if line.endswith("\n"):
-            try:
-                tag, step, value = line.split(",")
-                row = (int(step), float(value))
-                if not 0 <= row[0] <= LAST:
-                    raise ValueError
-            except ValueError:
-                raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value") from None
-            before = points.setdefault(tag, [])
-            if before and row[0] <= before[-1][0]:
-                told = f"{tag} at step {row[0]} comes after that at step {before[-1][0]}"
-                raise TrainingError(f"{path}, line {number}: {told}: these are several runs in one file")
-            before.append(row)
-    return points
-
-
 def is_known(tag: str) -> bool:
     """Whether it is one of the paper's quantities."""
     return any(quantity.has(tag) for quantity in QUANTITIES)
 
 
-def of_log(path: Path) -> Curves:
-    """The paper's quantities out of the log of a run. Raises TrainingError."""
-    points = {tag: rows for tag, rows in read(path).items() if is_known(tag)}
+def curves_of_log(path: Path) -> Curves:
+    """The curves of the paper's quantities in the log of a run. Raises TrainingError."""
+    points = {tag: rows for tag, rows in read_log(path).items() if is_known(tag)}
     for tag in NEEDED:
         if tag not in points:
             raise TrainingError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")
@@ -111,8 +87,8 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
     return values
 
 
-def kept(about: dict[str, Any], curves: Curves) -> str:
-    """Curves as the text of a file: a comment that says what they are, as JSON, and a column a tag.
+def format_curves(about: dict[str, Any], curves: Curves) -> str:
+    """Curves as the text of a CSV file: `about` as JSON in a comment, and a column a tag.
 
     Numbers are the shortest that give the same float32.
     """
@@ -129,12 +105,12 @@ def _short(value: Any) -> str:
     return "" if np.isnan(value) else np.format_float_positional(value, trim="-")
 
 
-def read_kept(path: Path) -> tuple[dict[str, Any], Curves]:
-    """What `kept` wrote: what the curves are, and the curves. Raises TrainingError for anything else."""
-    first, _, rest = text_of(path).partition("\n")
+def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
+    """`about` and the curves in a file of format_curves. Raises TrainingError for anything else."""
+    first, _, rest = read_text(path).partition("\n")
     try:
         if not first.startswith("# "):
-            raise ValueError("its first line does not say what it holds")
+            raise ValueError("its first line does not describe the curves")
         about = json.loads(first[2:])
         heads, *rows = csv.reader(io.StringIO(rest), strict=True)
         return about, _columns(heads, rows)
@@ -164,9 +140,7 @@ def _numbers(column: Iterable[str]) -> Iterator[float]:
         yield number
 
 
-def text_of(path: Path) -> str:
-    """What a file of text holds. Raises TrainingError if that cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TrainingError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from error
+def published_curves(variant: str) -> Curves:
+    """The paper's curves of a variant, by its name: "ffa_2"."""
+    with as_file(files(__package__).joinpath(f"{variant}.csv")) as path:
+        return read_curves(path)[1]

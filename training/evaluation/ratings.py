@@ -1,4 +1,4 @@
-"""Elo ratings out of a table of results: the Bradley-Terry model, by maximum likelihood."""
+"""Elo ratings from a table of results: the Bradley-Terry model, by maximum likelihood."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ def elo(wins: Array, draws: Array) -> tuple[Array, Array]:
     wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. Where they met, half a game
     that i won and half a game that j won are added, so that ratings stay finite where one always wins. Errors are the
     sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that draws, which
-    scatter less, are taken for what they are. Raises ValueError if no chain of games joins all players.
+    scatter less, count as such. Raises ValueError if no chain of games joins all players.
     """
     met = (wins + wins.T + draws > 0) & ~np.eye(len(wins), dtype=bool)
     won, drawn = np.where(met, wins + 0.5, 0.0), np.where(met, draws, 0.0)

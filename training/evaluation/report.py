@@ -1,4 +1,4 @@
-"""What an evaluation found, as tables to read and as files."""
+"""The results of an evaluation, as tables to read and as files."""
 
 import csv
 import io
@@ -10,38 +10,35 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.storage.atomic_write import atomic_write
 
-from .evaluate import Evaluation, Figures, Meeting
+from ..files import write_files
+from .evaluation import Estimates, Evaluation, Pairing
 
-RESULTS = ("wins", "length", "life", "return", "kills")  # and deaths by cause
-WORLD = ("length", "first_death")  # of both alike
+RESULTS = ("wins", "length", "life", "return", "kills")  # and deaths by damage type
 FIRST = ("policy", "against")
 
 
 def text(evaluation: Evaluation) -> str:
     """All tables. Of incomplete evaluations, what is complete."""
-    if not evaluation.meetings:
+    if not evaluation.pairings:
         return "no pairing is complete"
     parts = [_ratings(evaluation), _wins(evaluation)]
-    names = list(evaluation.meetings[0].games.figures)
+    names = list(evaluation.pairings[0].results.figures)
     results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
     parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
     return "\n\n".join(filter(None, parts))
 
 
-def write(evaluation: Evaluation, folder: Path) -> list[Path]:
-    """evaluation.json with everything, figures.csv and ratings.csv with the numbers; each whole or not at all."""
+def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
+    """Write evaluation.json with everything, figures.csv and ratings.csv with the numbers. Raises TrainingError."""
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
     contents = {
-        "evaluation.json": json.dumps(_known(_about(evaluation)), indent=1, allow_nan=False) + "\n",
-        "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
-        "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
+        folder / "evaluation.json": json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
+        folder / "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
+        folder / "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
     }
-    for name, content in contents.items():
-        with atomic_write(folder / name) as place:
-            place.write_text(content, encoding="utf-8", newline="\n")
-    return [folder / name for name in contents]
+    write_files({path: content.encode() for path, content in contents.items()})
+    return list(contents)
 
 
 def _ratings(evaluation: Evaluation) -> str:
@@ -51,9 +48,9 @@ def _ratings(evaluation: Evaluation) -> str:
 
 
 def _wins(evaluation: Evaluation) -> str:
-    """Who wins how often against whom; half of what is drawn."""
+    """Shares of episodes that each policy wins against each; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
-    rates = {(i, j): rows["wins"] for (i, j), rows in _figures_of(evaluation)}
+    rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
     rows = [
         (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
     ]
@@ -61,13 +58,13 @@ def _wins(evaluation: Evaluation) -> str:
 
 
 def _figures(evaluation: Evaluation, names: Sequence[str]) -> str:
-    known = [name for name in names if name in evaluation.meetings[0].games.figures]
+    known = [name for name in names if name in evaluation.pairings[0].results.figures]
     rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
     return _table((*FIRST, *known), rows, left=len(FIRST))
 
 
 def _cell(mean: float, error: float) -> str:
-    """To the second digit of the error."""
+    """Mean and error, to the error's second digit."""
     if np.isnan(mean):
         return "-"
     if not error:  # all episodes were alike
@@ -95,49 +92,46 @@ def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
 
 
-def _figures_of(evaluation: Evaluation) -> Iterable[tuple[tuple[int, int], Figures]]:
-    """The figures of a policy, by its number and that of whom it met; against itself once."""
-    for meeting in evaluation.meetings:
-        for role in range(len(set(meeting.pair))):
-            yield meeting.pair if role == 0 else meeting.pair[::-1], meeting.figures(role)
+def _estimates(evaluation: Evaluation) -> Iterable[tuple[tuple[int, int], Estimates]]:
+    """The estimates of each policy, by its index and that of its opponent; against itself once."""
+    for pairing in evaluation.pairings:
+        for role in range(len(set(pairing.pair))):
+            yield pairing.pair if role == 0 else pairing.pair[::-1], pairing.estimates(role)
 
 
-def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Figures]]:
+def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
     chosen = evaluation.chosen
     return [
-        ((chosen[i].label, chosen[j].label), figures) for (i, j), figures in sorted(_figures_of(evaluation), key=_pair)
+        ((chosen[i].label, chosen[j].label), figures)
+        for (i, j), figures in sorted(_estimates(evaluation), key=lambda entry: entry[0])
     ]
 
 
-def _pair(entry: tuple[tuple[int, int], Figures]) -> tuple[int, int]:
-    return entry[0]
-
-
-def _about(evaluation: Evaluation) -> dict[str, Any]:
+def _everything(evaluation: Evaluation) -> dict[str, Any]:
     return {
         "scenario": fingerprint(evaluation.scenario),
         "seed": evaluation.seed,
         "worlds": evaluation.env.num_worlds,
         "episodes": evaluation.episodes,
-        "complete": len(evaluation.meetings) == len(evaluation.pairs),
+        "complete": len(evaluation.pairings) == len(evaluation.pairs),
         "policies": [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen],
         "ratings": [dict(zip(("policy", "elo", "error"), row, strict=True)) for row in _rated(evaluation)],
-        "pairings": [_meeting(evaluation, meeting) for meeting in evaluation.meetings],
+        "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
     }
 
 
-def _meeting(evaluation: Evaluation, meeting: Meeting) -> dict[str, Any]:
-    names = [evaluation.chosen[k].label for k in meeting.pair]
-    figures = [{name: {"mean": m, "error": e} for name, (m, e) in meeting.figures(role).items()} for role in (0, 1)]
-    return {"policies": names, "won, drawn, lost": meeting.results(), "figures": figures}
+def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
+    names = [evaluation.chosen[k].label for k in pairing.pair]
+    figures = [{name: {"mean": m, "error": e} for name, (m, e) in pairing.estimates(role).items()} for role in (0, 1)]
+    return {"policies": names, "won, drawn, lost": pairing.won_drawn_lost(), "figures": figures}
 
 
-def _known(value: Any) -> Any:
-    """The same with null for NaN, which JSON has not."""
+def _json(value: Any) -> Any:
+    """The value with null in place of NaN, which JSON does not have."""
     if isinstance(value, dict):
-        return {key: _known(entry) for key, entry in value.items()}
+        return {key: _json(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_known(entry) for entry in value]
+        return [_json(entry) for entry in value]
     return None if isinstance(value, float) and np.isnan(value) else value
 
 

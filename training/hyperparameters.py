@@ -1,10 +1,10 @@
-"""The numbers of PPO that the authors' runs had."""
+"""PPO's hyperparameters in the authors' runs, and the ranges that others may be from."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from outlast.envs.errors import TrainingError
+from .errors import TrainingError
 
 ROLLOUT = 16384  # environment steps
 PAPER: dict[str, Any] = {
@@ -38,21 +38,21 @@ RANGES: dict[str, Range] = {
 }
 
 
-def check(settings: Mapping[str, Any]) -> None:
-    """Refuse numbers of PPO that are out of range. What is no number is Stable-Baselines3's to judge.
+def check_ranges(hyperparameters: Mapping[str, Any]) -> None:
+    """Refuse hyperparameters that are out of range. What is no number is Stable-Baselines3's to judge.
 
     Raises:
         TrainingError: One is out of its range.
     """
-    for name, value in settings.items():
+    for name, value in hyperparameters.items():
         if name in RANGES and isinstance(value, (int, float)):
             words, fits = RANGES[name]
             if not (fits(value) and value < math.inf):
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
 
-def changed(texts: Iterable[str]) -> dict[str, float]:
-    """Numbers of PPO out of texts like "gamma=0.999". Raises TrainingError."""
+def parse_hyperparameters(texts: Iterable[str]) -> dict[str, float]:
+    """Hyperparameters out of texts like "gamma=0.999". Raises TrainingError."""
     numbers: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -62,5 +62,5 @@ def changed(texts: Iterable[str]) -> dict[str, float]:
             numbers[name] = type(PAPER[name])(value)
         except ValueError as error:
             raise TrainingError(f"{text}: a number like {PAPER[name]} is needed") from error
-    check(numbers)
+    check_ranges(numbers)
     return numbers

@@ -1,4 +1,4 @@
-"""The paper's figures: curves of a group of runs, with the paper's own laid over. Needs matplotlib."""
+"""The paper's figures: curves of a group of runs over the paper's own. Needs matplotlib."""
 
 import hashlib
 import io
@@ -19,9 +19,8 @@ from PIL.PngImagePlugin import PngInfo
 from outlast.envs.rendering import style
 
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
-from .endings import average, window
-from .endtable import sides
-from .results import Group
+from .end_values import average, side_name, window_size
+from .results import RunGroup
 
 WIDTH, HEIGHT, DPI = 7.6, 5.7, 150  # inches, pixels an inch
 LINE = 105  # characters of a note
@@ -42,15 +41,15 @@ STYLE: dict[Any, Any] = {
 }
 
 
-def colour(of: tuple[int, int, int]) -> str:
-    """As matplotlib takes it."""
-    return "#{:02x}{:02x}{:02x}".format(*of)
+def colour(rgb: tuple[int, int, int]) -> str:
+    """A colour as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*rgb)
 
 
 OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
 
-def picture(group: Group, form: str) -> bytes:
+def picture(group: RunGroup, form: str) -> bytes:
     """The figure of a group as a file: "png" or "svg". It holds the digest of what it shows, as Source."""
     about = {"Title": group.name, "Source": digest(group)}
     content = io.BytesIO()
@@ -74,8 +73,8 @@ def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str]) -> Non
     few.save(content, format="png", optimize=True, pnginfo=texts, dpi=(DPI, DPI))
 
 
-def digest(group: Group) -> str:
-    """Of all curves that a figure shows, and of what it says of them."""
+def digest(group: RunGroup) -> str:
+    """A digest of all curves and settings that a figure shows."""
     total = hashlib.blake2b(digest_size=16)
     for run in group.runs:
         total.update(json.dumps([run.settings, run.seed], sort_keys=True).encode())
@@ -86,7 +85,7 @@ def digest(group: Group) -> str:
     return total.hexdigest()
 
 
-def draw(group: Group) -> Figure:
+def draw(group: RunGroup) -> Figure:
     """Four panels under a heading."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
     FigureCanvasAgg(figure)
@@ -94,7 +93,7 @@ def draw(group: Group) -> Figure:
     top = 1 - (0.82 + 0.17 * len(notes)) / HEIGHT
     panels = figure.subplots(2, 2, sharex=True)
     figure.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=top, hspace=0.2, wspace=0.17)
-    for axes, quantity in zip(panels.flat, shown(group), strict=True):
+    for axes, quantity in zip(panels.flat, panel_quantities(group), strict=True):
         panel(axes, group, quantity)
     for axes in panels[-1]:
         axes.set_xlabel("million agent-steps")
@@ -102,15 +101,15 @@ def draw(group: Group) -> Figure:
     return figure
 
 
-def shown(group: Group) -> tuple[Quantity, ...]:
+def panel_quantities(group: RunGroup) -> tuple[Quantity, ...]:
     """The paper's four quantities; where there are no boxes, the length of episodes instead of them."""
     boxes = any(run.curves.tags(BOXES) for run in group.runs)
     return (RETURN, HEALS, KILLS, BOXES) if boxes else (RETURN, LENGTH, HEALS, KILLS)
 
 
-def panel(axes: Axes, group: Group, quantity: Quantity) -> None:
-    """One quantity: the paper's behind ours."""
-    axes.set_title(quantity.name + (f", each {sides(group)}" if quantity.sided else ""))
+def panel(axes: Axes, group: RunGroup, quantity: Quantity) -> None:
+    """Draw one quantity: the paper's behind ours."""
+    axes.set_title(quantity.name + (f", each {side_name(group)}" if quantity.sided else ""))
     for runs, ink, order in (([group.paper], THEIRS, 2), ([run.curves for run in group.runs], OURS, 3)):
         for side, tag in enumerate(_tags(runs, quantity)):
             _curve(axes, runs, tag, ink, order, DASHES[side % len(DASHES)])
@@ -131,12 +130,12 @@ def _curve(axes: Axes, runs: Sequence[Curves], tag: str, ink: str, order: int, d
         axes.fill_between(_millions(line.steps), line.low, line.high, color=ink, alpha=0.18, linewidth=0, zorder=1)
 
 
-def _heading(figure: Figure, group: Group, notes: Sequence[str]) -> None:
-    """What is shown, how it is smoothed, what is unlike the paper, and the legend."""
+def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
+    """The title, how curves are smoothed, the notes of the group, and the legend."""
     count = len(group.runs)
     title = f"{group.variant}, preset {group.preset}, {'one seed' if count == 1 else f'{count} seeds'}"
     figure.text(0.02, 1 - 0.12 / HEIGHT, title, fontsize=11.5, fontweight="bold", va="top")
-    points = window(max(len(run.curves.steps) for run in group.runs))
+    points = window_size(max(len(run.curves.steps) for run in group.runs))
     several = "band: from the lowest to the highest seed; faint: the paper's points"
     behind = "faint: all points" if count == 1 else several
     lines = [f"Lines: moving averages over 5 % of the points (of ours {points}); {behind}", *notes]
@@ -152,16 +151,16 @@ def _heading(figure: Figure, group: Group, notes: Sequence[str]) -> None:
     )
 
 
-def _handles(group: Group) -> Iterator[Line2D]:
-    """Of the legend: colours say whose a curve is, dashes which side's."""
+def _handles(group: RunGroup) -> Iterator[Line2D]:
+    """Of the legend: colours for ours and the paper's, dashes for sides."""
     yield Line2D([], [], color=OURS, linewidth=2.4, label="outlast")
     yield Line2D([], [], color=THEIRS, linewidth=2.4, label="the paper")
     for side, _ in enumerate(_tags(_all(group), RETURN)):
-        label = f"{sides(group)} {side}"
+        label = f"{side_name(group)} {side}"
         yield Line2D([], [], color="#5b5f68", linewidth=1.4, linestyle=DASHES[side % len(DASHES)], label=label)
 
 
-def _all(group: Group) -> list[Curves]:
+def _all(group: RunGroup) -> list[Curves]:
     return [group.paper, *(run.curves for run in group.runs)]
 
 
@@ -170,7 +169,7 @@ def _tags(runs: Sequence[Curves], quantity: Quantity) -> list[str]:
     return list(dict.fromkeys(tag for curves in runs for tag in curves.tags(quantity)))
 
 
-def _negative(group: Group, quantity: Quantity) -> bool:
+def _negative(group: RunGroup, quantity: Quantity) -> bool:
     return any(np.nanmin(one.values[tag]) < 0 for one in _all(group) for tag in one.tags(quantity))
 
 
