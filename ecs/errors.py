@@ -1,4 +1,4 @@
-"""Errors of the engine: each names the thing, what was expected and the cure."""
+"""Errors of the engine: each message names the thing, what was expected and the cure."""
 
 
 class OutlastError(Exception):

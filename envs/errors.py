@@ -72,5 +72,5 @@ class MessageError(OutlastError, ValueError):
     """A message of a page that the game does not understand; the text, at most 123 bytes, closes the connection."""
 
 
-class TrainingError(OutlastError, ValueError):
-    """A run that cannot begin or go on: a folder in use, or a checkpoint that is broken or of something else."""
+class UsageError(OutlastError, ValueError):
+    """A mistake of use: the command line reports it in one line. Other packages derive their errors from it."""

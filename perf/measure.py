@@ -67,7 +67,7 @@ def alternate(calls: Sequence[Call], rounds: int = 5, seconds: float = 0.2) -> n
 
 
 def in_turn(timers: Sequence[Timer], rounds: int = 5) -> np.ndarray:
-    """What the timers say, (rounds, timers): one after the other in every round."""
+    """The results of the timers, (rounds, timers): one after the other in every round."""
     return np.array([[each() for each in timers] for _ in range(rounds)])
 
 

@@ -40,7 +40,8 @@ class Train(Writer):
         return [*words, "--resume"] if begun else words
 
     def check(self, place: Path, whole: Path) -> str:
-        from outlast.training import checkpoint, curves
+        from outlast.training import checkpoint
+        from outlast.training.log_file import read_log
 
         run = place / "run"
         if not run.is_dir() or not visible(run):
@@ -48,23 +49,24 @@ class Train(Writer):
         about = json.loads((run / "run.json").read_text())
         assert about == json.loads((whole / "run" / "run.json").read_text())
         saved = sorted(run.glob("steps_*.zip"))
-        steps = [checkpoint.about(checkpoint.read(path))["steps"] for path in saved]
+        steps = [checkpoint.header_of(checkpoint.read_checkpoint(path))["steps"] for path in saved]
         text = (run / "log.csv").read_text() if (run / "log.csv").exists() else ""
         if text:
-            points, expected = untimed(curves.read(run / "log.csv")), untimed(curves.read(whole / "run" / "log.csv"))
+            points, expected = untimed(read_log(run / "log.csv")), untimed(read_log(whole / "run" / "log.csv"))
             assert all(rows == expected[tag][: len(rows)] for tag, rows in points.items())
             logged = max((rows[-1][0] for rows in points.values()), default=0)
             assert logged >= max(steps, default=0), "a checkpoint is ahead of the log"
         return f"{len(saved)} checkpoints" if len(saved) != 1 else "1 checkpoint"
 
     def same(self, place: Path, whole: Path) -> None:
-        from outlast.training import checkpoint, curves
+        from outlast.training import checkpoint
+        from outlast.training.log_file import read_log
 
-        one, other = (untimed(curves.read(folder / "run" / "log.csv")) for folder in (place, whole))
+        one, other = (untimed(read_log(folder / "run" / "log.csv")) for folder in (place, whole))
         assert one == other, "the logs differ"
         assert scalars(place / "run") == one, "TensorBoard shows something else than log.csv"
         assert not drafts(place)
-        last = [checkpoint.read(checkpoint.newest(folder / "run"))["policy.pt"] for folder in (place, whole)]
+        last = [checkpoint.read_checkpoint(checkpoint.newest(folder / "run"))["policy.pt"] for folder in (place, whole)]
         assert last[0] == last[1], "the policies differ"
 
 
@@ -77,12 +79,12 @@ def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """What TensorBoard shows of a run, with the doubles of its log in place of its floats."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from outlast.training import curves
+    from outlast.training.log_file import read_log
 
     logging.getLogger("tensorboard").setLevel(logging.ERROR)  # it tells of each restart
     events, exact = (
         EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload(),
-        curves.read(folder / "log.csv"),
+        read_log(folder / "log.csv"),
     )
     shown = {tag: [(event.step, event.value) for event in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
     rounded = {tag: [(step, float(np.float32(value))) for step, value in rows] for tag, rows in exact.items()}

@@ -25,9 +25,10 @@ from .envs.errors import (
     ReplayError,
     ScenarioError,
     StateError,
-    TrainingError,
+    UsageError,
 )
 from .systems.box2d.scene import IncompatibleBox2D
+from .training.errors import TrainingError
 
 __all__ = [
     "ActionError",
@@ -52,4 +53,5 @@ __all__ = [
     "ScheduleError",
     "StateError",
     "TrainingError",
+    "UsageError",
 ]

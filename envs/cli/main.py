@@ -17,7 +17,7 @@ from ..errors import (
     RecordingError,
     ScenarioError,
     StateError,
-    TrainingError,
+    UsageError,
 )
 from . import frames, listing, play, replay, rollout
 from .options import messages_shown
@@ -26,7 +26,7 @@ COMMANDS = (rollout, replay, play, frames, listing)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
-    *(PlayError, RecordingError, StateError, TrainingError),
+    *(PlayError, RecordingError, StateError, UsageError),
 )
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
 

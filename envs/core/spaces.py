@@ -98,7 +98,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     result: dict[str, Array] = {}
     for key, component, name, column in published(worlds, Statistic):
         values = np.where(where[:, None], getattr(worlds[component], name), 0)
-        if column.dims == ("causes",):
+        if column.dims == ("damage_types",):
             result.update(zip(_reported(worlds, key, column), values.T, strict=True))
         else:
             result[key] = values if column.dims else values[:, 0]
@@ -107,4 +107,4 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
 def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:
     """The names under which a statistic is reported: its key, or one for each damage type ("deaths_zone")."""
-    return [f"{key}_{cause}" for cause in worlds.layout.causes] if column.dims == ("causes",) else [key]
+    return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if column.dims == ("damage_types",) else [key]

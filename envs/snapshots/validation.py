@@ -45,7 +45,7 @@ class Range:
 
 
 LARGEST = 2**63
-ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "causes")  # -1: none
+ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
 RANGES: dict[type[Component], dict[str, Range]] = {
     Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
@@ -77,7 +77,7 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
         bad = (values < span.low) | (values > span.last)
         if "started" in arrays:
             fresh = ~arrays["started"]
-            bad[fresh] &= (values != span.values(layout.template[None]))[fresh]
+            bad[fresh] &= (values != span.values(layout.initial_image[None]))[fresh]
         if bad.any():
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)

@@ -165,7 +165,7 @@ class Nests(Module):
 def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Or adds to RANGES what depends on the scenario. What it does neither for is not checked."""
     layout = Layout([Nests()])
-    block = np.stack([layout.template] * 2)
+    block = np.stack([layout.initial_image] * 2)
     nests = layout.columns(block, Nest)
     nests.free[:] = 10**9
     validation.check(layout, {"world": block})

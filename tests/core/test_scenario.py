@@ -203,7 +203,7 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
     ("sides",): (set(), ALL),
     ("spawn",): (set(), ALL),
     ("zone",): ({"zone"}, ALL),
-    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items is dormant
+    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # systems of items are inactive
     ("inventory", "give", "pickup", "drop"): (set(), [3, 3, 3, 2]),
     ("room", "spawn", "zone"): ({"zone"}, ALL),
     ("inventory", "give", "pickup", "drop", "heals", "boxes", "melee", "zone", "cameras"): (
