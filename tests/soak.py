@@ -1,6 +1,6 @@
 """The long run: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
 
-Random play of all scenarios of tests.watch with everything that must hold checked after every tick; resets of all
+Random play of all scenarios of tests.helpers.invariants with everything that must hold checked after every tick; resets of all
 kinds; environments that come and go, closed or not: each in a process of its own. Memory, file descriptors and threads
 must stay flat: what is resident, by /proc/self/statm after collecting garbage, may grow by less than a megabyte after
 the warm-up. The exit code is 0 if all of it held. Memory is measured where there is a /proc, which is on Linux.
@@ -23,7 +23,7 @@ from tqdm import tqdm
 import outlast
 from outlast import VARIANTS
 from tests.conftest import draw_actions, scaled
-from tests.watch import SCENARIOS, Walk, scenario
+from tests.helpers.invariants import SCENARIOS, Walk, scenario
 
 PROC = Path("/proc/self")
 MEGABYTE = 2**20

@@ -18,7 +18,7 @@ from outlast.ecs import Clock
 from outlast.envs.errors import FaultError
 from tests.conftest import COMPILED, digest, scaled
 from tests.digests import behaviour, numbered_actions
-from tests.ways import FEW, SHORT, Way, lockstep, short, unlike
+from tests.helpers.execution_modes import FEW, SHORT, Way, lockstep, short, unlike
 
 ROOT = Path(__file__).parents[2]
 QUICK = ("teams_4",)  # variants of the fast tests

@@ -10,7 +10,7 @@ import outlast
 from outlast.components import Bag, Body, Box, End, Episode, Health, Item, Reward, Zone
 from outlast.ecs import Entity
 from tests.conftest import COMPILED, scaled
-from tests.watch import SCENARIOS, Walk, scenario
+from tests.helpers.invariants import SCENARIOS, Walk, scenario
 
 STEPS = scaled(4000, least=100)  # world-steps of a scenario in the quick run
 MILLION = 1_000_000

@@ -1,4 +1,4 @@
-"""Any sequence of calls, on several environments at once: what comes back is what tests.histories predicts."""
+"""Any sequence of calls, on several environments at once: what comes back is what tests.helpers.model predicts."""
 
 import secrets
 from collections.abc import Callable, Iterable
@@ -18,8 +18,8 @@ from outlast.envs.errors import ActionError, ClosedError, NotResetError, Pending
 from outlast.envs.snapshots.state import State
 from outlast.systems import Boxes
 from tests.conftest import COMPILED, scaled
-from tests.histories import Memory, Player, Saved, alone
-from tests.watch import SCENARIOS, scenario
+from tests.helpers.invariants import SCENARIOS, scenario
+from tests.helpers.model import Memory, Player, Saved, alone
 
 SHORT: dict[str, Any] = {  # episodes of a few ticks, with deaths in them
     "agents_health": 15, "ending_limit": 9, "room_size": 12.0,

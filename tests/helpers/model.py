@@ -12,7 +12,7 @@ from outlast.components import Told
 from outlast.ecs import Action, Clock, Worlds
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.envs.snapshots.state import State
-from tests.watch import Watch
+from tests.helpers.invariants import Watch
 
 Array = np.ndarray[Any, Any]
 

@@ -1,4 +1,4 @@
-"""A process that writes files, and gets a signal at a chosen moment."""
+"""Run a process that writes files, and send it a signal at a chosen moment."""
 
 import os
 import signal
@@ -8,40 +8,40 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
-PATIENCE = 300  # seconds for one process
+ROOT = Path(__file__).resolve().parents[2]
+TIMEOUT = 300  # seconds for one process
 
-# Runs a module as `python -m` does, but sends itself a signal at the N-th operation on a file in a folder, or where a
-# module is imported; and says in the end how many operations there were.
+# Runs a module as `python -m` does, but sends itself a signal at the N-th operation on files of a folder, or when a
+# module is imported; prints at exit how many operations there were.
 PRELUDE = """
 import atexit, os, runpy, sys
-place, left, number, wanted, module = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4], sys.argv[5]
+folder, remaining, number, wanted, module = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4], sys.argv[5]
 sys.argv[:] = [module, *sys.argv[6:]]
-total = left
+total = remaining
 
-def watch(event, arguments):
-    global left
+def audit(event, arguments):
+    global remaining
     on_file = event in ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "shutil.rmtree")
-    on_file = on_file and isinstance(arguments[0], (str, os.PathLike)) and str(arguments[0]).startswith(place)
+    on_file = on_file and isinstance(arguments[0], (str, os.PathLike)) and str(arguments[0]).startswith(folder)
     if on_file or (event == "import" and arguments[0] == wanted):
-        left -= 1
-        if left == 0:
+        remaining -= 1
+        if remaining == 0:
             os.kill(os.getpid(), number)
 
-sys.addaudithook(watch)
+sys.addaudithook(audit)
 sys.path[0] = ""
-atexit.register(lambda: print("operations:", total - left, file=sys.stderr))
+atexit.register(lambda: print("operations:", total - remaining, file=sys.stderr))
 runpy.run_module(module, run_name="__main__", alter_sys=True)
 """
 
 
 @dataclass(frozen=True)
 class Moment:
-    """When a process gets a signal: some seconds after its first output, or at an operation on files, from 1."""
+    """When to send a signal: seconds after the first output, or at the n-th file operation, from 1."""
 
     seconds: float = 0.0
     operation: int = 0
-    imported: str = ""  # or where this module is imported first
+    imported: str = ""  # or when this module is first imported
     sent: signal.Signals = signal.SIGKILL
 
     def __str__(self) -> str:
@@ -49,8 +49,8 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How a process ended. stopped: whether by the signal, or after it."""
+class Outcome:
+    """How a process ended."""
 
     status: int
     out: str
@@ -60,45 +60,42 @@ class Ended:
 
 
 def execute(
-    words: list[str], place: Path, moment: Moment | None = None, variables: dict[str, str] | None = None, limit: int = 0
-) -> Ended:
-    """`python -m` words, which writes into the folder `place`, with a signal at that moment.
+    command: list[str], folder: Path, moment: Moment | None, variables: dict[str, str], limit: int = 0
+) -> Outcome:
+    """Run `python -m` with a command that writes into `folder`, and send the signal of `moment`.
 
-    variables: of its environment, besides. limit: bytes that a file may have, if any, as if the disk were full.
+    variables: additional environment variables. limit: the largest size of a file in bytes, as if the disk were full.
     """
-    command = [sys.executable, "-m", *words]
-    if moment is None or not moment.seconds:
-        at = moment or Moment()
-        count = 1 if at.imported else at.operation
-        told = [str(place), str(count), str(int(at.sent)), at.imported]
-        command = [sys.executable, "-c", PRELUDE, *told, *words]
-    before, start = _listing(place), time.perf_counter()
+    moment = moment or Moment()
+    count = 1 if moment.imported else moment.operation
+    prelude = ["-c", PRELUDE, str(folder), str(count), str(int(moment.sent)), moment.imported]
+    before, start = _listing(folder), time.perf_counter()
     process = subprocess.Popen(
-        command,
+        [sys.executable, *(["-m"] if moment.seconds else prelude), *command],
         cwd=ROOT,
-        env=os.environ | (variables or {}),
+        env=os.environ | variables,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=(lambda: _limit(limit)) if limit else None,
     )
-    while process.poll() is None and _listing(place) == before and time.perf_counter() - start < PATIENCE:
+    while process.poll() is None and _listing(folder) == before and time.perf_counter() - start < TIMEOUT:
         time.sleep(0.002)
     first = time.perf_counter()
-    if moment is not None and moment.seconds:
+    if moment.seconds:
         time.sleep(moment.seconds)
         process.send_signal(moment.sent)
-    out, err = process.communicate(timeout=PATIENCE)
+    out, err = process.communicate(timeout=TIMEOUT)
     lines = [line for line in err.splitlines() if not line.startswith("operations: ")]
     counted = [int(line.split()[1]) for line in err.splitlines() if line.startswith("operations: ")]
-    return Ended(process.returncode, out, "\n".join(lines), time.perf_counter() - first, sum(counted))
+    return Outcome(process.returncode, out, "\n".join(lines), time.perf_counter() - first, sum(counted))
 
 
 def _limit(size: int) -> None:
-    import resource  # which Windows has not
+    import resource  # not available on Windows
 
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 
-def _listing(place: Path) -> list[str]:
-    return sorted(os.listdir(place))
+def _listing(folder: Path) -> list[str]:
+    return sorted(os.listdir(folder))

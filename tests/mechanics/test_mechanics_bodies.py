@@ -5,8 +5,8 @@ import math
 import pytest
 
 from tests import reference, twin_faces, twins
-from tests.reference_dice import scattered
-from tests.reference_physics import move
+from tests.reference.physics import move
+from tests.reference.random_numbers import scattered
 from tests.twin_doubts import noting
 from tests.twin_scenes import COUNT, KINDS, disagreements, play
 from tests.twin_world import TOLERANCE

@@ -12,7 +12,7 @@ from outlast import make_vec, variant
 from outlast.systems.box2d.scene import LONGEST
 from tests import reference
 from tests.conftest import COMPILED, scaled
-from tests.reference import Told, facts
+from tests.reference.episodes import Told, facts
 from tests.twin_edges import CASES, SLOTS, Sketch, build, sketches
 from tests.twin_scenes import TEXT, moved_as_in
 from tests.twin_world import TOLERANCE, read

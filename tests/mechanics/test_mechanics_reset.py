@@ -7,7 +7,7 @@ import pytest
 import outlast
 from outlast.components import Body, Guard, Shape, Side
 from tests.conftest import scaled
-from tests.reference_dice import identity, uniform2, words
+from tests.reference.random_numbers import identity, uniform2, words
 from tests.twin_scenes import RUNS
 from tests.twin_world import TOLERANCE, World, read
 

@@ -8,7 +8,7 @@ from outlast import variant
 from outlast.envs.rollout.policies import POLICIES
 from tests import reference
 from tests.conftest import COMPILED, scaled
-from tests.reference import Episode, compare, held, record
+from tests.reference.episodes import Episode, compare, held, record
 from tests.twin_world import TOLERANCE
 
 POLICY = {"held": held, **POLICIES}

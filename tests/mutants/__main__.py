@@ -1,14 +1,13 @@
-"""Mutation testing of systems/: how much of what could be wrong there would a test notice?
+"""Mutation testing of systems/: the share of small changes to the mechanics that a test detects.
 
 `python -m tests.mutants [--sample N] [--seed N] [--files GLOB] [--compiled] [--jobs N] [--out FILE] [--again FILE]`
-changes the mechanics in one small place at a time (tests/mutants_made.py says how), in a copy of the tree, and runs the
-tests that go through that file, the most pertinent first, until one fails. A mutant that no test notices survives: its
-line is not pinned, or it is equivalent, as `<=` for `<` where equality cannot be. The exit status is 1 if less than
-85 % are killed.
+makes one small change at a time (see operators.py) in a copy of the tree, and runs the tests of that file, the most
+relevant first, until one fails. A mutant that no test detects survives: its line is not tested, or the mutant is
+equivalent, as `<=` for `<` where equality cannot occur. The exit status is 1 if less than 85 % are killed.
 
-Kernels run as plain Python, so that nothing is compiled; the native bridge, which only runs compiled, is tried by
---compiled. Left out: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_bridge.py is their
-mutation test: it changes every number that they hold.
+Kernels run as plain Python, so that nothing is compiled; the native backend of Box2D, which only runs compiled, is
+tested with --compiled. Excluded: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_bridge.py is
+their mutation test: it changes every number in them.
 """
 
 import json
@@ -19,66 +18,24 @@ import tempfile
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import Counter, defaultdict
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from tqdm import tqdm
 
-from tests.mutants_made import ROOT, Mutant, sampled
-from tests.mutants_run import KILLED, SURVIVED, TIMED_OUT, Tests, copies, outcomes, warm
+from tests.mutants.operators import Mutant, sampled
+from tests.mutants.selection import chosen, tests_of
+from tests.mutants.trials import KILLED, SURVIVED, TIMED_OUT, Tests, copies, outcomes, preload
 
-BAR = 0.85
+LEAST_SHARE = 0.85
 UNTRIED = "untried"
-COMPILED = [f"systems/box2d/{name}.py" for name in ("arena", "impact", "island", "native")]
-LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
-
-# Which tests run first, the quickest of them ahead; TWINS follow. Names are those of tests/*/test_NAME.py.
-TWINS = "mechanics_edges mechanics_faces mechanics_bodies"
-REFUSED = "bad_input.py::test_scenarios_are_refused"
-FIRST = {
-    "agents": "mechanics_edges mechanics_faces fidelity",
-    "boxes": "mechanics_edges mechanics_reset fidelity_rules",
-    "cameras": "mechanics_edges fidelity mechanics_crowd",
-    "drop": "fidelity_items",
-    "drop_last": "mechanics_world",
-    "ending": "mechanics_edges vector_ends",
-    "give": "fidelity_items",
-    "heals": "fidelity_items",
-    "health": f"fixes fidelity_rules {REFUSED}",
-    "inventory": "fidelity_items",
-    "melee": "fidelity_rules",
-    "motors": "fixes mechanics_world fidelity",
-    "physics": f"mechanics_flight fidelity {REFUSED}",
-    "pickup": "fidelity_items",
-    "record": "mechanics_faces vector_ends",
-    "rewards": "fixes fidelity_rules",
-    "room": "mechanics_reset fidelity",
-    "sides": f"mechanics_reset {REFUSED}",
-    "spawn": f"mechanics_reset mechanics_world {REFUSED}",
-    "zone": f"mechanics_reset fidelity_rules {REFUSED}",
-    "broad": "mechanics_sweeps fidelity",
-    "geometry": "geometry",
-    "sweep": "mechanics_sweeps",
-    "portable": "mechanics_flight fidelity box2d",
-    "scene": "mechanics_flight box2d fidelity",
-    "staging": "fidelity",
-}
-NUMBERS = "mechanics_numbers scenario"  # where a number of a module is declared
-BRIDGE = "box2d"
-LEFT_OUT_TESTS = (  # the first three are slow, the last one starts a process that finds the installed outlast
-    "fixes.py::test_scripted_agents_can_steer",
-    "fidelity_rules.py::test_the_longest_life_without_heals",
-    "scenario.py::test_what_is_left_runs",
-    "box2d.py::test_a_cached_kernel_runs_in_another_process",
-)
 
 
 @dataclass
 class Report:
-    """What became of the mutants so far."""
+    """The results so far."""
 
-    results: list[tuple[Mutant, str, str]] = field(default_factory=list)  # mutant, outcome, what its tests said
+    results: list[tuple[Mutant, str, str]] = field(default_factory=list)  # mutant, outcome, output of its tests
 
     @property
     def counts(self) -> Counter[str]:
@@ -86,7 +43,7 @@ class Report:
 
     @property
     def share(self) -> float:
-        """Of the mutants: those that did not survive."""
+        """The share of mutants that did not survive."""
         return 1 - self.counts[SURVIVED] / max(1, len(self.results))
 
     def __str__(self) -> str:
@@ -97,65 +54,40 @@ class Report:
         for name, counts in [*sorted(files.items()), ("all", self.counts)]:
             table.append(f"{name:<28}{counts[KILLED]:>10}{counts[TIMED_OUT]:>11}{counts[SURVIVED]:>10}")
         survivors = sorted((m for m, outcome, _ in self.results if outcome == SURVIVED), key=lambda m: (m.file, m.line))
-        said = [f"{mutant}\n{mutant.difference}\n" for mutant in survivors]
-        table.append(f"{self.share:.1%} of {len(self.results)} noticed; at least {BAR:.0%} must be")
-        return "\n".join([*said, *table])
+        changes = [f"{mutant}\n{mutant.difference}\n" for mutant in survivors]
+        table.append(f"{self.share:.1%} of {len(self.results)} noticed; at least {LEAST_SHARE:.0%} must be")
+        return "\n".join([*changes, *table])
 
     def write(self, file: Path, mutants: list[Mutant]) -> None:
-        """All of it, as JSON: what --again takes. mutants: of which some may not have been tried."""
+        """Write a JSON file for --again. mutants: all of them, also those that were not run."""
         tried = {mutant for mutant, _, _ in self.results}
         results = [*self.results, *((mutant, UNTRIED, "") for mutant in mutants if mutant not in tried)]
-        rows = [asdict(mutant) | {"outcome": outcome, "told": told} for mutant, outcome, told in results]
+        rows = [asdict(mutant) | {"outcome": outcome, "output": output} for mutant, outcome, output in results]
         file.write_text(json.dumps(rows, indent=1))
 
 
 def read(file: Path) -> tuple[Report, list[Mutant]]:
-    """Of a report that was written: what was noticed, and what is to be tried again."""
+    """A written report: the mutants that were detected, and those to run again."""
     report, again = Report(), []
     for row in json.loads(file.read_text()):
         mutant = Mutant(*(row[name] for name in ("file", "operator", "occurrence", "line")))
         if row["outcome"] in (KILLED, TIMED_OUT):
-            report.results.append((mutant, row["outcome"], row["told"]))
+            report.results.append((mutant, row["outcome"], row["output"]))
         else:
             again.append(mutant)
     return report, again
 
 
-def tests_of(mutant: Mutant) -> list[list[str]]:
-    """Arguments for pytest, which is called once for each list until a test fails: collecting them all takes long."""
-    if mutant.file in COMPILED:
-        first, others = BRIDGE.split(), []
-    else:
-        first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
-        others = [name for name in TWINS.split() if name not in first]
-    without = [f"--deselect={path(name)}" for name in LEFT_OUT_TESTS]
-    return [[*map(path, names), *without] for names in (first, others) if names]
-
-
-def path(name: str) -> str:
-    """Of a file of tests, or of one test in it."""
-    file, _, test = name.partition("::")
-    (found,) = ROOT.glob(f"tests/*/test_{file.removesuffix('.py')}.py")
-    return str(found.relative_to(ROOT)) + (f"::{test}" if test else "")
-
-
-def chosen(globs: Iterable[str], compiled: bool) -> list[str]:
-    """Files of systems/ that are tried in this way."""
-    found = sorted({str(path.relative_to(ROOT)) for glob in globs for path in ROOT.glob(glob)})
-    found = [file for file in found if Path(file).name != "__init__.py"]
-    return [file for file in found if file not in LEFT_OUT and (file in COMPILED) == compiled]
-
-
 def run(report: Report, mutants: list[Mutant], tests: Tests, compiled: bool, jobs: int) -> None:
-    """Try them all and add to the report; Ctrl-C ends it early, with what is known until then."""
-    warm()
+    """Run the tests on all mutants and add to the report; Ctrl-C ends it early."""
+    preload()
     with tempfile.TemporaryDirectory() as folder, tqdm(total=len(mutants), unit="mutant") as bar:
         trees = copies(Path(folder), min(jobs, len(mutants)))
         try:
-            patience = baseline(trees[0], tests, compiled)
-            for mutant, outcome, told in outcomes(mutants, trees, tests, compiled, patience):
+            timeout = baseline(trees[0], tests, compiled)
+            for mutant, outcome, output in outcomes(mutants, trees, tests, compiled, timeout):
                 assert mutant
-                report.results.append((mutant, outcome, told))
+                report.results.append((mutant, outcome, output))
                 if outcome == SURVIVED:
                     bar.write(f"{mutant}\n{mutant.difference}\n")
                 bar.update()
@@ -165,39 +97,40 @@ def run(report: Report, mutants: list[Mutant], tests: Tests, compiled: bool, job
 
 
 def baseline(tree: Path, tests: Tests, compiled: bool) -> float:
-    """Seconds that a mutant is given: several times what all tests take without one, when they must pass."""
-    begin = time.monotonic()
+    """Seconds after which a mutant is timed out: several times what all tests, which must pass, take without one."""
+    start_time = time.monotonic()
     every = dict.fromkeys(test for lists in tests.values() for several in lists for test in several)
-    ((_, outcome, told),) = outcomes([None], [tree], {None: [[*every]]}, compiled, 3600)
+    ((_, outcome, output),) = outcomes([None], [tree], {None: [[*every]]}, compiled, 3600)
     if outcome != SURVIVED:
-        raise SystemExit(f"the tests fail without a mutant:\n{told}")
-    return 60 + 4 * (time.monotonic() - begin)
+        raise SystemExit(f"the tests fail without a mutant:\n{output}")
+    return 60 + 4 * (time.monotonic() - start_time)
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = ArgumentParser("python -m tests.mutants", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--sample", type=int, default=300, help="how many, spread over the files; 0: all (300)")
-    parser.add_argument("--seed", type=int, default=0, help="which ones (0)")
+    parser.add_argument("--sample", type=int, default=300, help="how many, from all files; 0: all (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="which ones (%(default)s)")
     parser.add_argument("--files", action="append", metavar="GLOB", help='as "systems/inner/*.py"; may be repeated')
-    parser.add_argument("--tests", nargs="+", metavar="TEST", help="for pytest, in the place of those chosen here")
-    parser.add_argument("--compiled", action="store_true", help="of the native bridge, compiled")
+    parser.add_argument("--tests", nargs="+", metavar="TEST", help="run these on all mutants")
+    parser.add_argument("--compiled", action="store_true", help="test the native backend, compiled")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at once (one a core)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write all of it there, as JSON")
-    told = "go on with what --out wrote: only what was not noticed there is tried"
-    parser.add_argument("--again", type=Path, metavar="FILE", help=told)
-    asked = parser.parse_args(arguments)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has those in the background ignore
-    files = chosen(asked.files or ["systems/**/*.py"], asked.compiled)
-    report, mutants = read(asked.again) if asked.again else (Report(), sampled(files, asked.sample, asked.seed))
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the results to this JSON file")
+    parser.add_argument("--again", type=Path, metavar="FILE", help="run what is not detected in this output of --out")
+    options = parser.parse_args(arguments)
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # ignored by processes that a shell starts in the background
+    files = chosen(options.files or ["systems/**/*.py"], options.compiled)
+    report, mutants = read(options.again) if options.again else (Report(), sampled(files, options.sample, options.seed))
     if not mutants:
         parser.error("there is nothing to change in these files")
-    tests = {mutant: tests_of(mutant) if not asked.tests else [asked.tests] for mutant in mutants}
+    tests = {mutant: tests_of(mutant) if not options.tests else [options.tests] for mutant in mutants}
     before = len(report.results)
-    run(report, mutants, tests, asked.compiled, asked.jobs)
-    if asked.out:
-        report.write(asked.out, mutants)
+    run(report, mutants, tests, options.compiled, options.jobs)
+    if options.out:
+        report.write(options.out, mutants)
     print(report)
-    return 0 if report.share >= BAR and len(report.results) == before + len(mutants) else 1
+    return 0 if report.share >= LEAST_SHARE and len(report.results) == before + len(mutants) else 1
 
 
 if __name__ == "__main__":

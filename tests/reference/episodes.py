@@ -22,8 +22,8 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import POLICIES
 from tests import twin_faces, twins
 from tests.digests import numbered_actions
-from tests.reference_dice import scattered
-from tests.reference_physics import move
+from tests.reference.physics import move
+from tests.reference.random_numbers import scattered
 from tests.twin_doubts import noting
 from tests.twin_world import TOLERANCE, World, differences, read
 

@@ -8,8 +8,8 @@ from outlast import systems
 from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
-from tests.fuzz_mutations import within
-from tests.fuzz_worlds import Recordings
+from tests.fuzz.mutations import memory_limit
+from tests.fuzz.worlds import Recordings
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def test_recordings_of_absurd_worlds_are_refused_before_anything_is_made(
 ) -> None:
     changes, reason = ABSURD[what]
     (tmp_path / "a.rec").write_bytes(recordings.changed(recordings.valid, **changes))
-    with within(2**23), pytest.raises(RecordingError, match=reason):
+    with memory_limit(2**23), pytest.raises(RecordingError, match=reason):
         Recording.open(tmp_path / "a.rec")
     (tmp_path / "a.rec").write_bytes(recordings.changed(recordings.valid))
     assert len(Recording.open(tmp_path / "a.rec"))

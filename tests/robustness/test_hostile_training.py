@@ -24,7 +24,7 @@ from outlast.training import checkpoint, tensors  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
-from tests.fuzz_mutations import unzipped, within, zipped  # noqa: E402
+from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 Files = dict[str, bytes]
@@ -108,7 +108,7 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
     """A hundred numbers in 400 bytes, of which a pickle says all sorts of things."""
     plain = saved(torch.zeros(100))
     for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
-        with within(2**20), pytest.raises(tensors.BROKEN, match=reason):
+        with memory_limit(2**20), pytest.raises(tensors.BROKEN, match=reason):
             tensors.load(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
     assert not (tmp_path / "made").exists()
     size = b"Kd\x85"  # a tuple of 100
@@ -126,7 +126,7 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
         (lambda _: pickle.dumps([1] * 9, 4), "the instruction"),
     )
     for change, reason in changes:
-        with within(2**20), pytest.raises(tensors.BROKEN, match=reason):
+        with memory_limit(2**20), pytest.raises(tensors.BROKEN, match=reason):
             tensors.load(with_pickle(plain, change))
     for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
         with pytest.raises(tensors.BROKEN):
@@ -223,7 +223,7 @@ def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what
     changes, reason = HEADERS[what]
     header = json.loads(files["run.json"]) | changes
     checkpoint.write(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
-    with within(2**22), pytest.raises(TrainingError, match=reason) as caught:
+    with memory_limit(2**22), pytest.raises(TrainingError, match=reason) as caught:
         Player(tmp_path / "a.zip")
     assert str(tmp_path / "a.zip") in str(caught.value)
 

@@ -17,7 +17,7 @@ from outlast.components import Body
 from outlast.envs.errors import FaultError, NotResetError
 from outlast.envs.snapshots.state import State
 from tests.conftest import COMPILED, scaled
-from tests.histories import digest_of_episode
+from tests.helpers.model import digest_of_episode
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
@@ -27,7 +27,7 @@ import collections, os, signal, threading, time
 import numpy as np
 import outlast
 from outlast.envs.errors import NotResetError
-from tests.histories import digest_of_episode
+from tests.helpers.model import digest_of_episode
 
 times, worlds, threads, autoreset = {times}, {worlds}, {threads}, {autoreset!r}
 rng = np.random.default_rng(1)
