@@ -1,4 +1,4 @@
-"""Ways to run worlds which must all give the same bits, and how they are run beside each other."""
+"""Modes of execution that must give the same bits, and how they are compared tick by tick."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ FEW = 7
 SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 80 ticks
     "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
 }  # fmt: skip
-CHANCE = 0.03  # that something is done to a world in a tick, beside playing it
+PROBABILITY = 0.03  # per tick, of an intervention
 Actions = np.ndarray[Any, Any]
 
 
@@ -32,85 +32,87 @@ def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:
     return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
 
 
-class Way:
-    """A way to run some worlds of the batch, which all began with the same seed.
+class ExecutionMode:
+    """A way to run some worlds of a batch, which all start from the same seed.
 
-    numbers: which worlds; the first `watched` of them are compared. `step` takes the actions of the whole batch.
+    world_numbers: which worlds; the first `compared` of them are compared. `step` takes the actions of the whole batch.
     """
 
-    compared_from = 0  # ticks
+    compared_from = 0  # tick
 
-    def __init__(self, scenario: Scenario, numbers: Sequence[int], watched: int | None = None, **options: Any) -> None:
-        self.numbers, self.rng = np.array(numbers), np.random.default_rng(SEED)
-        self.env = make_vec(scenario, len(numbers), first_world=int(numbers[0]), **options)
-        self.watched = self.numbers[:watched]
+    def __init__(
+        self, scenario: Scenario, world_numbers: Sequence[int], compared: int | None = None, **options: Any
+    ) -> None:
+        self.world_numbers, self.rng = np.array(world_numbers), np.random.default_rng(SEED)
+        self.env = make_vec(scenario, len(world_numbers), first_world=int(world_numbers[0]), **options)
+        self.compared = self.world_numbers[:compared]
         self.env.reset(seed=SEED)
 
     def step(self, actions: Actions) -> None:
-        self.env.step(actions[self.numbers])
+        self.env.step(actions[self.world_numbers])
 
     def digest(self) -> str:
-        return digest(self.env.worlds, slice(0, len(self.watched)))
+        return digest(self.env.worlds, slice(0, len(self.compared)))
 
 
-class Used(Way):
-    """Another seed was played before. Right after a reset, notes of what is stale in the buffers may differ."""
+class AfterOtherEpisodes(ExecutionMode):
+    """Another seed was played before. Right after a reset, the dirty flags of observation buffers may differ."""
 
     compared_from = 1
 
-    def __init__(self, scenario: Scenario, numbers: Sequence[int]) -> None:
-        super().__init__(scenario, numbers)
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
         self.env.reset(seed=SEED + 1)
         for tick in range(scaled(150, least=5)):
             self.env.step(numbered_actions(self.env, tick + 1000))
         self.env.reset(seed=SEED)
 
 
-class Reordered(Way):
-    """The worlds stand in the batch in another order."""
+class Reordered(ExecutionMode):
+    """The worlds are in another order in the batch."""
 
-    def __init__(self, scenario: Scenario, numbers: Sequence[int]) -> None:
-        super().__init__(scenario, numbers)
-        self.numbers = self.watched = self.rng.permutation(self.numbers)
-        self.env.set_state(self.env.get_state()[self.numbers])
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
+        self.world_numbers = self.compared = self.rng.permutation(self.world_numbers)
+        self.env.set_state(self.env.get_state()[self.world_numbers])
 
 
-class Restored(Way):
-    """Now and then it goes astray for some ticks and is put back; or another environment goes on in its place."""
+class Restored(ExecutionMode):
+    """Now and then it plays other actions and is restored, or another environment continues from its state."""
 
-    def __init__(self, scenario: Scenario, numbers: Sequence[int]) -> None:
-        super().__init__(scenario, numbers)
-        self.other = Way(scenario, numbers, threads=2).env
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
+        self.other = ExecutionMode(scenario, world_numbers, threads=2).env
 
     def step(self, actions: Actions) -> None:
-        if self.rng.random() < CHANCE:
+        if self.rng.random() < PROBABILITY:
             state = self.env.get_state()
-            for astray in range(self.rng.integers(4)):
-                self.env.step(numbered_actions(self.env, astray))
+            for tick in range(self.rng.integers(4)):
+                self.env.step(numbered_actions(self.env, tick))
             if self.rng.random() < 0.5:
                 self.env, self.other = self.other, self.env
             self.env.set_state(state)
         super().step(actions)
 
 
-class BesideNaN(Way):
-    """Now and then something in the last world, which is not compared, becomes NaN; then that world is reset."""
+class BesideNaN(ExecutionMode):
+    """Now and then a number of the last world, which is not compared, becomes NaN; then that world is reset."""
 
-    def __init__(self, scenario: Scenario, numbers: Sequence[int]) -> None:
-        super().__init__(scenario, [*numbers, numbers[-1] + 1], watched=len(numbers))
-        self.harmed, self.calm = np.arange(len(self.numbers)) == len(numbers), False
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, [*world_numbers, world_numbers[-1] + 1], compared=len(world_numbers))
+        self.harmed, self.may_harm = np.arange(len(self.world_numbers)) == len(world_numbers), False
 
     def step(self, actions: Actions) -> None:
-        if self.calm and self.rng.random() < CHANCE:
+        if self.may_harm and self.rng.random() < PROBABILITY:
             self._harm()
         try:
-            *_, terminated, truncated, _ = self.env.step(actions[self.numbers])
-            self.calm = not (terminated | truncated)[-1]  # or the next step would reset it
+            *_, terminated, truncated, _ = self.env.step(actions[self.world_numbers])
+            self.may_harm = not (terminated | truncated)[-1]  # or the next step would reset it
         except FaultError:
             self.env.reset(options={"reset_mask": self.harmed})
 
     def _harm(self) -> None:
-        """An agent that lives, as nobody looks at the dead."""
+        """Harm an agent that lives, as the dead are not checked."""
         alive = self.env.worlds[Entity].alive[-1, self.env.worlds.span("agent")]
         column = getattr(self.env.worlds[Body], self.rng.choice(["x", "vy", "omega"]))
         column[-1, alive.argmax()] = np.nan
@@ -122,21 +124,21 @@ def shuffled(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, modules=tuple(scenario.modules[k] for k in order))
 
 
-def ways(scenario: Scenario) -> dict[str, Way]:
-    """All of them, on worlds of a batch of BATCH."""
+def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
+    """All modes by name, on worlds of a batch of BATCH."""
     few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
     portable = scenario.replace(physics_bridge="portable")
     return {
-        "the first world alone": Way(scenario, [0]),
-        "a world alone": Way(scenario, [BATCH // 2 + 1]),
-        "the last world alone": Way(scenario, [BATCH - 1]),
-        "another run": Way(scenario, few),
-        "two threads": Way(scenario, few, threads=2),
-        "three threads": Way(scenario, middle, threads=3),
-        "five threads": Way(scenario, few, threads=5),
-        "modules in another order": Way(shuffled(scenario), few),
-        "the portable bridge": Way(portable, few),
-        "after other episodes": Used(scenario, few),
+        "the first world alone": ExecutionMode(scenario, [0]),
+        "a world alone": ExecutionMode(scenario, [BATCH // 2 + 1]),
+        "the last world alone": ExecutionMode(scenario, [BATCH - 1]),
+        "another run": ExecutionMode(scenario, few),
+        "two threads": ExecutionMode(scenario, few, threads=2),
+        "three threads": ExecutionMode(scenario, middle, threads=3),
+        "five threads": ExecutionMode(scenario, few, threads=5),
+        "modules in another order": ExecutionMode(shuffled(scenario), few),
+        "the portable backend": ExecutionMode(portable, few),
+        "after other episodes": AfterOtherEpisodes(scenario, few),
         "worlds in another order": Reordered(scenario, few),
         "saved and restored": Restored(scenario, few),
         "beside a world with NaN": BesideNaN(scenario, few),
@@ -144,26 +146,26 @@ def ways(scenario: Scenario) -> dict[str, Way]:
 
 
 def lockstep(scenario: Scenario, ticks: int) -> None:
-    """Play all ways beside one large batch; after each tick they are equal to the bit."""
-    batch, runs = Way(scenario, range(BATCH)), ways(scenario)
+    """Run all modes beside one large batch; after each tick they are equal to the bit."""
+    batch, runs = ExecutionMode(scenario, range(BATCH)), execution_modes(scenario)
     for tick in range(ticks):
         if tick:
             actions = numbered_actions(batch.env, tick)
-            for way in (batch, *runs.values()):
-                way.step(actions)
+            for mode in (batch, *runs.values()):
+                mode.step(actions)
         whole: dict[bytes, str] = {}  # digests of worlds of the batch, by their numbers
-        for name, way in ((name, way) for name, way in runs.items() if tick >= way.compared_from):
-            key = way.watched.tobytes()
+        for name, mode in ((name, mode) for name, mode in runs.items() if tick >= mode.compared_from):
+            key = mode.compared.tobytes()
             if key not in whole:
-                whole[key] = digest(batch.env.worlds, way.watched)
-            assert way.digest() == whole[key], f"{name}, tick {tick}: {unlike(batch, way)}"
+                whole[key] = digest(batch.env.worlds, mode.compared)
+            assert mode.digest() == whole[key], f"{name}, tick {tick}: {first_difference(batch, mode)}"
 
 
-def unlike(batch: Way, way: Way) -> str:
-    """Which column of which component differs, or all that can be said."""
+def first_difference(batch: ExecutionMode, mode: ExecutionMode) -> str:
+    """Which column of which component differs, if it is one."""
     for component in batch.env.worlds.components:
         for column in component.columns:
-            whole, own = (getattr(each.env.worlds[component], column) for each in (batch, way))
-            if whole[way.watched].tobytes() != own[: len(way.watched)].tobytes():
+            whole, own = (getattr(each.env.worlds[component], column) for each in (batch, mode))
+            if whole[mode.compared].tobytes() != own[: len(mode.compared)].tobytes():
                 return f"{component.__name__}.{column} differs"
     return "some byte between the columns differs"

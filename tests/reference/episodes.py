@@ -1,25 +1,18 @@
-"""A slow reference: it plays whole episodes by itself, with the twins, numpy's dice and pybox2d.
+"""A slow reference that plays whole episodes with the naive forms, numpy's random numbers and pybox2d.
 
-It begins with what a reset made and never looks at the engine again. Where a hair's breadth decided, it notes so and
-goes on with its own answer.
-
-    python -m tests.reference [VARIANT ...] [--policy NAME] [--episodes N] [--seed N]
-
-compares whole episodes of the engine, tick by tick, and says where the two part, if they do.
+It starts from the worlds after a reset and does not read the engine's state again. Where a decision is ambiguous within
+the tolerance of floats, it records that and continues with its own answer.
 """
 
-import argparse
-import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from outlast import Scenario, make_vec, variant
+from outlast import Scenario, make_vec
 from outlast.components.score import End, Reward
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.policies import POLICIES
 from tests import twin_faces, twins
 from tests.digests import numbered_actions
 from tests.reference.physics import move
@@ -28,7 +21,7 @@ from tests.twin_doubts import noting
 from tests.twin_world import TOLERANCE, World, differences, read
 
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
-FACTS = {  # whole numbers of each kind of thing
+FACTS = {  # columns of each kind of entity that are compared exactly
     "agent": ("here", "health", "cause", "source", "side", "wait", "bag"), "box": ("here", "broken", "owner"),
     "box_item": ("here", "holder"), "heal": ("here", "holder"),
 }  # fmt: skip
@@ -36,57 +29,57 @@ MOTION = ("x", "y", "angle", "vx", "vy", "omega")
 
 
 @dataclass
-class Told:
-    """What comes out of a tick: the world, what each agent observes and is paid, the end; and what was a close call."""
+class Outcome:
+    """The result of a tick. end: (terminated, truncated). ambiguous: decisions within the tolerance of floats."""
 
     world: World
     observation: dict[str, np.ndarray[Any, Any]]
     reward: list[float]
     end: tuple[bool, bool]
-    doubts: list[str] = field(default_factory=list)
+    ambiguous: list[str] = field(default_factory=list)
 
 
-def play(world: World, actions: Iterable[twins.Actions]) -> list[Told]:
-    """The ticks of an episode that begins with `world`, until it is over or there are no more actions."""
-    told: list[Told] = []
-    for wishes in actions:
-        told.append(step(world, wishes))
-        world = told[-1].world
-        if any(told[-1].end):
+def play(world: World, actions: Iterable[twins.Actions]) -> list[Outcome]:
+    """The ticks of an episode that starts with `world`, until it ends or there are no more actions."""
+    outcomes: list[Outcome] = []
+    for action in actions:
+        outcomes.append(step(world, action))
+        world = outcomes[-1].world
+        if any(outcomes[-1].end):
             break
-    return told
+    return outcomes
 
 
-def step(world: World, actions: twins.Actions, physics: twins.Move = move) -> Told:
+def step(world: World, actions: twins.Actions, physics: twins.Move = move) -> Outcome:
     """One tick."""
-    with noting() as doubts:
+    with noting() as ambiguous:
         after = twins.tick(world, actions, physics, scattered, twin_faces.see)
     after.statistics = twin_faces.statistics(after, world.statistics)
     agents = range(len(after.of("agent")))
     rows = [twin_faces.observe(after, i) for i in agents]
     observation = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
-    return Told(after, observation, [twin_faces.reward(after, i) for i in agents], twin_faces.end(after), doubts)
+    return Outcome(after, observation, [twin_faces.reward(after, i) for i in agents], twin_faces.end(after), ambiguous)
 
 
 def held(env: SurvivalVectorEnv, seed: int) -> Any:
-    """A policy that keeps to random directions for a while, and so gets everywhere."""
+    """A policy that holds random directions for some ticks, so that agents get everywhere."""
     ticks = iter(range(10_000 * seed, 10_000 * seed + 10_000))
     return lambda observations: numbered_actions(env, next(ticks))
 
 
 @dataclass
 class Episode:
-    """What the engine made of one episode: how it began, what agents did, and what came out of each tick."""
+    """One episode of the engine: its first world, the actions, and the outcome of each tick."""
 
     start: World
     actions: list[twins.Actions] = field(default_factory=list)
-    ticks: list[Told] = field(default_factory=list)
+    ticks: list[Outcome] = field(default_factory=list)
 
 
 def record(
     scenario: Scenario, worlds: int, seed: int, policy: Callable[[SurvivalVectorEnv, int], Any]
 ) -> list[Episode]:
-    """The first episode of each world, whole."""
+    """The whole first episode of each world."""
     env = make_vec(scenario, worlds, seed=seed)
     act, (observations, _) = policy(env, seed), env.reset()
     episodes = [Episode(read(env, w)) for w in range(worlds)]
@@ -97,25 +90,23 @@ def record(
         for w in playing:
             low = [1, 1, 1, 0, 0, 0]
             episodes[w].actions.append([dict(zip(KEYS, row, strict=True)) for row in (actions[w] - low).tolist()])
-            episodes[w].ticks.append(seen(env, w, observations))
+            episodes[w].ticks.append(read_outcome(env, w, observations))
         playing = [w for w in playing if not any(episodes[w].ticks[-1].end)]
     env.close()
     return episodes
 
 
-def seen(env: SurvivalVectorEnv, w: int, observations: dict[str, np.ndarray[Any, Any]]) -> Told:
-    """What came out of the engine's last tick in world `w`."""
+def read_outcome(env: SurvivalVectorEnv, w: int, observations: dict[str, np.ndarray[Any, Any]]) -> Outcome:
+    """The outcome of the engine's last tick in world `w`."""
     end = env.worlds[End]
-    told = {key: array[w].astype(float) for key, array in observations.items()}
-    over = bool(end.terminated[w, 0]), bool(end.truncated[w, 0])
-    return Told(read(env, w), told, env.worlds[Reward].reward[w].tolist(), over)
+    observation = {key: array[w].astype(float) for key, array in observations.items()}
+    done = bool(end.terminated[w, 0]), bool(end.truncated[w, 0])
+    return Outcome(read(env, w), observation, env.worlds[Reward].reward[w].tolist(), done)
 
 
-def facts(got: Told, want: Told) -> list[str]:
-    """Where whole numbers differ, in words: of things, deaths, rewards, the end and the statistics."""
-    found = [
-        words for kind, columns in FACTS.items() for words in differences(got.world, want.world, (kind,), *columns)
-    ]
+def facts(got: Outcome, want: Outcome) -> list[str]:
+    """Differences in what is exact, as text: columns of FACTS, deaths, rewards, the end and the statistics."""
+    found = [line for kind, columns in FACTS.items() for line in differences(got.world, want.world, (kind,), *columns)]
     for name, one, other in (
         ("deaths", got.world.deaths, want.world.deaths),
         ("reward", got.reward, want.reward),
@@ -129,54 +120,36 @@ def facts(got: Told, want: Told) -> list[str]:
     return found
 
 
-def distance(got: Told, want: Told) -> float:
-    """How far agents and boxes have drifted apart: the largest difference of any number in MOTION."""
+def drift_between(got: Outcome, want: Outcome) -> float:
+    """The largest difference of any column of MOTION between agents and boxes."""
     pairs = zip(got.world.of("agent", "box"), want.world.of("agent", "box"), strict=True)
     return max((abs(getattr(a, c) - getattr(b, c)) for a, b in pairs if b.here for c in MOTION), default=0.0)
 
 
 @dataclass
 class Comparison:
-    """One episode, by both. parted: the tick from which whole numbers differ, as floats had drifted apart; else 0."""
+    """A compared episode. diverged: the tick from which exact columns differ because floats drifted; else 0."""
 
     ticks: int
-    drift: float  # the largest, before that
-    parted: int = 0
-    compared: int = 0  # ticks in which all that agents are told was compared
+    drift: float  # the largest before that tick
+    diverged: int = 0
+    compared: int = 0  # ticks whose observations were compared
 
 
 def compare(episode: Episode) -> Comparison:
-    """AssertionError where both differ though nothing was a close call and the drift is less than a hair's breadth."""
+    """AssertionError where both differ though nothing is ambiguous and the drift is within the tolerance."""
     want = play(episode.start, episode.actions)
     result = Comparison(len(episode.ticks), 0.0)
     for k, (got, own) in enumerate(zip(episode.ticks, want, strict=False), 1):
-        close = own.doubts or result.drift > TOLERANCE
+        may_differ = own.ambiguous or result.drift > TOLERANCE
         if found := facts(got, own):
-            assert close, f"tick {k}: {'; '.join(found[:5])}"
-            result.parted = k
+            assert may_differ, f"tick {k}: {'; '.join(found[:5])}"
+            result.diverged = k
             return result
-        result.drift = max(result.drift, distance(got, own))
-        if not own.doubts and result.drift <= TOLERANCE:
+        result.drift = max(result.drift, drift_between(got, own))
+        if not own.ambiguous and result.drift <= TOLERANCE:
             result.compared += 1
             for key, value in own.observation.items():
                 np.testing.assert_allclose(got.observation[key], value, atol=2 * TOLERANCE, err_msg=f"{key}, tick {k}")
     assert len(want) == len(episode.ticks)
     return result
-
-
-def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser("python -m tests.reference", description=__doc__)
-    parser.add_argument("variants", nargs="*", metavar="VARIANT", default=["ffa_4", "teams_4"])
-    parser.add_argument("--policy", default="held", choices=["held", *POLICIES])
-    parser.add_argument("--episodes", type=int, default=20, help="of each variant (%(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args(arguments)
-    for name in asked.variants:
-        policy = {"held": held, **POLICIES}[asked.policy]
-        for episode in record(variant(name), asked.episodes, asked.seed, policy):
-            print(name, compare(episode), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

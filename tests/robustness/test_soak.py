@@ -61,9 +61,9 @@ def test_leaks_are_noticed(kind: str, words: str) -> None:
 def test_what_does_not_hold_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def harm(walk: Any) -> None:
         walk.env.worlds[Health].points[0, 0] = 0
-        walk.guard.check(walk.env.observe())
+        walk.checker.check(walk.env.observe())
 
-    monkeypatch.setattr(soak.Walk, "step", harm)
+    monkeypatch.setattr(soak.CheckedPlay, "step", harm)
     monkeypatch.setattr(soak, "SCENARIOS", ["ffa_1"])
     with pytest.raises(AssertionError):
         next(soak.steps())
