@@ -77,7 +77,7 @@ def execute(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=(lambda: _limit(limit)) if limit else None,
+        preexec_fn=lambda: _prepare(limit),
     )
     while process.poll() is None and _listing(folder) == before and time.perf_counter() - start < TIMEOUT:
         time.sleep(0.002)
@@ -91,10 +91,12 @@ def execute(
     return Outcome(process.returncode, out, "\n".join(lines), time.perf_counter() - first, sum(counted))
 
 
-def _limit(size: int) -> None:
-    import resource  # not available on Windows
+def _prepare(limit: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored by the background processes of a shell
+    if limit:
+        import resource  # not available on Windows
 
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
 
 def _listing(folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""Hostile checkpoints: nothing is executed, and nothing is believed."""
+"""Hostile checkpoints: nothing is executed, and everything is checked."""
 
 import io
 import json
@@ -39,7 +39,7 @@ def model() -> SharedPPO:
 
 @pytest.fixture(scope="module")
 def files(model: SharedPPO) -> Files:
-    """Of a run that has learnt something."""
+    """The files of a checkpoint after one update."""
     model.set_logger(Logger(None, []))
     model.collect()
     model.train()
@@ -74,7 +74,7 @@ def flat(content: Any) -> list[Any]:
 
 
 class Opens:
-    """A pickle of this makes a file."""
+    """Unpickling creates a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -84,7 +84,7 @@ class Opens:
 
 
 class Large:
-    """A pickle of this asks for a terabyte."""
+    """Unpickling allocates a terabyte."""
 
     def __reduce__(self) -> Any:
         return bytearray, (10**12,)
@@ -105,7 +105,7 @@ def put(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
 
 
 def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
-    """A hundred numbers in 400 bytes, of which a pickle says all sorts of things."""
+    """A hundred numbers in 400 bytes, which a pickle describes wrongly."""
     plain = saved(torch.zeros(100))
     for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
         with memory_limit(2**20), pytest.raises(tensors.BROKEN, match=reason):
@@ -133,7 +133,7 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
             tensors.load(content)
 
 
-# ---- what a run goes on with
+# ---- the state of a run
 
 
 def rest_with(files: Files, change: Callable[[Any], Any]) -> Files:
