@@ -12,7 +12,7 @@ import outlast
 from outlast.components import Bag, Body, Item, Shape
 from outlast.ecs import Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rendering.layers import VIEWS, Cameras, Scene
+from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Scene
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
 
@@ -39,12 +39,12 @@ def beside(panels: list[Image]) -> Image:
     return np.hstack([part for panel in panels for part in (gap, panel)][1:])
 
 
-def closeup(env: SurvivalVectorEnv, x: float, y: float, reach: float, size: int, views: Any = VIEWS) -> Image:
+def closeup(env: SurvivalVectorEnv, x: float, y: float, reach: float, size: int, layers: Any = LAYERS) -> Image:
     """The square of side 2 reach (metres) around (x, y)."""
     half = Scene(env.worlds, 0).half
     whole = round(size * half / reach)
     left, top = (round(whole * (half + shift - reach) / (2 * half)) for shift in (x, -y))
-    return draw(env.worlds, 0, whole, views)[top : top + size, left : left + size]
+    return draw(env.worlds, 0, whole, layers)[top : top + size, left : left + size]
 
 
 def start() -> Image:
@@ -54,7 +54,7 @@ def start() -> Image:
 
 def sight() -> Image:
     """What agents see."""
-    return draw(played(outlast.variant("teams_4"), 1, 150).worlds, 0, 440, [*VIEWS, Cameras()])
+    return draw(played(outlast.variant("teams_4"), 1, 150).worlds, 0, 440, [*LAYERS, CamerasLayer()])
 
 
 def zone() -> Image:
@@ -97,17 +97,17 @@ def poison() -> Image:
     """The example of the page about new mechanics: before and after a vial is used."""
     sys.path.insert(0, str(DOCS / "examples"))
     from poison import Poison
-    from poison_view import Poisoned
+    from poison_view import PoisonLayer
 
     env = played(outlast.variant("teams_2").with_(Poison()), 0, 0)
-    body, vial, views = env.worlds[Body], env.worlds.span("vial").start, [*VIEWS, Poisoned()]
+    body, vial, layers = env.worlds[Body], env.worlds.span("vial").start, [*LAYERS, PoisonLayer()]
     body.x[0, :4], body.y[0, :4] = (0, -1, 2, 1.5), (0, 1.2, 1, -1.5)
     body.x[0, vial + 1], body.y[0, vial + 1] = -1.5, -1
     env.worlds[Bag].items[0, 0, 0], env.worlds[Bag].count[0, 0] = vial, 1
     env.worlds[Item].holder[0, vial], env.worlds[Entity].alive[0, vial] = 0, 0
-    before = closeup(env, 0.3, 0, 3, 240, views)
+    before = closeup(env, 0.3, 0, 3, 240, layers)
     env.step(np.array([[USE, IDLE, IDLE, IDLE]]))
-    return beside([before, closeup(env, 0.3, 0, 3, 240, views)])
+    return beside([before, closeup(env, 0.3, 0, 3, 240, layers)])
 
 
 PICTURES: dict[str, Callable[[], Image]] = {made.__name__: made for made in (start, sight, zone, boxes, fight, poison)}

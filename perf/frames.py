@@ -2,8 +2,8 @@
 
     python -m perf.frames [--save MACHINE]
 
-Worlds of teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual views, on one
-core, in processor time. The films are of frames drawn before, from the first byte to the film that has been read back,
+Worlds of teams_3 in the middle of the game, played by the scripted policy. draw: one world with the usual layers, on
+one core, in processor time. The films are of frames drawn before, from the first byte to the film read back,
 in wall time: FFmpeg takes all cores for .mp4 and .gif. Best of several rounds.
 """
 
@@ -18,9 +18,9 @@ from tqdm import tqdm
 
 from outlast import make_vec
 from outlast.ecs import Worlds
-from outlast.envs.rendering.layers import VIEWS, View, select
+from outlast.envs.rendering.layers import LAYERS, Layer, select
 from outlast.envs.rendering.rgb import draw
-from outlast.envs.rendering.video import write
+from outlast.envs.rendering.video import write_film
 from outlast.envs.rendering.video.codecs import CODECS
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
@@ -37,17 +37,17 @@ def main() -> None:
     given = options(__doc__).parse_args()
     cv2.setNumThreads(1)
     table = Table("frames", "frames a second", *(f"{size} pixels" for size in SIZES))
-    for name, views in (("draw", VIEWS), ("draw, vision and lines, too", select("+vision,+lines"))):
-        table.add(name, *(f"{drawing(size, views):,.0f}" for size in SIZES))
+    for name, layers in (("draw", LAYERS), ("draw, vision and lines, too", select("+vision,+lines"))):
+        table.add(name, *(f"{drawing(size, layers):,.0f}" for size in SIZES))
     films = [filmed(size) for size in SIZES]
     for suffix in tqdm(CODECS, unit="format"):
         table.add(f"write {suffix or 'a folder of .png'}", *(f"{writing(film, suffix):,.0f}" for film in films))
     table.finish(given.save)
 
 
-def drawing(size: int, views: Iterable[View]) -> float:
+def drawing(size: int, layers: Iterable[Layer]) -> float:
     """Frames drawn in a second of processor time."""
-    worlds, shown = played(), list(views)
+    worlds, shown = played(), list(layers)
     return rate(lambda k: draw(worlds, k % WORLDS, size, shown), 200, time.process_time)
 
 
@@ -55,7 +55,7 @@ def writing(film: list[np.ndarray], suffix: str) -> float:
     """Frames written and read back in a second."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"film{suffix}"
-        return len(film) * rate(lambda k: write(path, film, 30), 1, time.perf_counter)
+        return len(film) * rate(lambda k: write_film(path, film, 30), 1, time.perf_counter)
 
 
 def rate(call: Callable[[int], object], count: int, clock: Callable[[], float]) -> float:

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from outlast.envs.rendering.layers import palette
+from outlast.envs.rendering import style
 
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
 from .endings import average, window
@@ -47,7 +47,7 @@ def colour(of: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*of)
 
 
-OURS, THEIRS = colour(palette.BLUE), colour(palette.VERMILLION)
+OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
 
 def picture(group: Group, form: str) -> bytes:

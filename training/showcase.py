@@ -28,17 +28,16 @@ def shown(evaluation: Evaluation, meeting: Meeting, recording: Path, folder: Pat
 
 def show(recording: Path, games: Games, target: Path, title: str) -> list[Path]:
     """Write the typical episode of a recorded match, as `target` with each of the two endings."""
-    from outlast.envs.rendering import video as film
-    from outlast.envs.rendering.video.footage import footage
-    from outlast.envs.web import replay as page  # here, as OpenCV takes a while to load
+    from outlast.envs.rendering.video import footage, write_film
+    from outlast.envs.web.replay import write_page
 
     world, episode = games.typical()
     first, last = (int(run) for run in games.spans[world, episode])
     made = [target.with_name(target.name + ending) for ending in (".webm", ".html")]
     with _replayed(recording, world, first, last) as (replay, ticks):
-        film.write(made[0], footage(replay.worlds, ticks, [world], size=SIZE), FPS)
+        write_film(made[0], footage(replay.worlds, ticks, [world], size=SIZE), FPS)
     with _replayed(recording, world, first, last) as (replay, ticks):
-        page.write(made[1], replay.worlds, ticks, [world], title=title)
+        write_page(made[1], replay.worlds, ticks, [world], title=title)
     return made
 
 

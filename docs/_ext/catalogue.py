@@ -12,7 +12,7 @@ from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
 from outlast.envs.core.spaces import published
-from outlast.envs.rendering.layers.names import NAMES, OPTIONAL
+from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
 
 FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
 
@@ -65,19 +65,19 @@ def _numbers(kind: type[Module]) -> str:
 
 
 def views() -> str:
-    """The views by the names that --views knows."""
+    """The layers by their names in --views."""
     rows = []
-    for name, view in NAMES.items():
-        headline = inspect.getdoc(type(view)) or ""
+    for name, layer in LAYERS_BY_NAME.items():
+        headline = inspect.getdoc(type(layer)) or ""
         drawn = "on request" if name in OPTIONAL else "yes"
-        rows.append([code(name), drawn, code(_call(view)), headline.splitlines()[0]])
+        rows.append([code(name), drawn, code(_call(layer)), headline.splitlines()[0]])
     return grid(["name", "drawn", "in Python", "what it shows"], rows)
 
 
-def _call(view: Any) -> str:
-    """The call that makes an equal view."""
-    fields = [field for field in dataclasses.fields(view) if getattr(view, field.name) != field.default]
-    return f"{type(view).__name__}({', '.join(f'{field.name}={getattr(view, field.name)!r}' for field in fields)})"
+def _call(layer: Any) -> str:
+    """The call that makes an equal layer."""
+    fields = [field for field in dataclasses.fields(layer) if getattr(layer, field.name) != field.default]
+    return f"{type(layer).__name__}({', '.join(f'{field.name}={getattr(layer, field.name)!r}' for field in fields)})"
 
 
 def shown(value: Any) -> str:

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from poison import Illness, Vial
 
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import Layer, Scene, View
+from outlast.envs.rendering.layers import Layer, Scene, ZOrder
 
 GREEN = (110, 190, 40)
 
 
 @dataclass(frozen=True)
-class Poisoned(View):
+class PoisonLayer(Layer):
     """Vials on the ground, and who is ill."""
 
-    layer = Layer.ITEMS
+    zorder = ZOrder.ITEMS
     needs = (Vial, Illness)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:

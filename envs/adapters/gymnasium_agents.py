@@ -5,7 +5,7 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from ..core.validation import Array, check_choice, check_count
-from ..rendering.lazy_frames import RENDER_MODES
+from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Scenario
 from .per_agent import Face
 from .rows import face_core

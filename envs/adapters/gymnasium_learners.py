@@ -10,7 +10,7 @@ from outlast.ecs import Clock
 
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
-from ..rendering.lazy_frames import RENDER_MODES
+from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Scenario
 from .opponents import Opponents, Others, check_others
 from .per_agent import Face

@@ -7,7 +7,7 @@ import gymnasium
 
 from ..core.validation import Array, as_array, check_choice
 from ..errors import ActionError, NotResetError
-from ..rendering.lazy_frames import FPS, RENDER_MODES
+from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.window import Window
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State

@@ -10,7 +10,7 @@ from outlast.ecs import Clock
 from ..core.validation import Array, as_array
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError
-from ..rollout.policies import GOLDEN, Policy, joint_actions, mixed, noop_policy, scripted_policy
+from ..rollout.policies import GOLDEN, Policy, joint_action_sampler, mix64, noop_policy, scripted_policy
 
 Others = str | Policy
 NAMES = ("noop", "random", "scripted")
@@ -60,7 +60,7 @@ class Opponents:
 
     def _random(self, ids: Array) -> Policy:
         """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-        draw, clock = joint_actions(self.core.action_sizes), self.core.worlds[Clock]
+        draw, clock = joint_action_sampler(self.core.action_sizes), self.core.worlds[Clock]
         return lambda observations: draw(_scrambled(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
 
 
@@ -80,5 +80,5 @@ def _scrambled(*parts: Array) -> Array:
     """A uniform uint64 for each combination of the parts."""
     word = np.zeros((1, 1), np.uint64)
     for part in parts:
-        word = mixed((word ^ part) + GOLDEN)
+        word = mix64((word ^ part) + GOLDEN)
     return word

@@ -14,7 +14,7 @@ from ..core.spaces import published, statistics
 from ..core.validation import Array, reset_mask
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import ClosedError, NotResetError
-from ..rendering.lazy_frames import FPS, RENDER_MODES, Frames, Painter
+from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..snapshots.state import State
 from .agent_spaces import agent_spaces
 from .rows import checked_rows, world_mask, world_seeds
@@ -53,7 +53,6 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._agents = core.worlds.span("agent")
         self.over = np.zeros(self.num_worlds, bool)
         self._started = np.zeros(self.num_worlds, bool)
-        self._painter = Painter(core.worlds, render_mode)
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -80,7 +79,6 @@ class Face(VectorEnv[Arrays, Actions, Array]):
             super().reset(seed=int(seed))  # for np_random_seed
         self.over &= ~mask
         self._started |= mask
-        self._painter.moved()
         return self._observe(), self._tell(mask)
 
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -92,7 +90,6 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._check_steppable()
         joint = self._joint(checked_rows(actions, self.num_envs, self.core.action_sizes, self.check_actions))
         _, reward, terminated, truncated, _ = self.core.step(joint)
-        self._painter.moved()
         terminated, truncated = self._ends(terminated, truncated)
         if self.over.any():  # NEXT_STEP, and this was the step that resets them
             self._restart(reward, terminated, truncated)
@@ -101,14 +98,11 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         info |= self._tell(np.ones(self.num_worlds, bool))
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
-    def render(self) -> Frames | None:  # type: ignore[override]
-        """A sequence of num_envs frames, uint8 (height, width, 3), or texts, each drawn when it is read.
-
-        Read it before the next step or reset; list(env.render()) draws everything at once.
-        """
+    def render(self) -> tuple[Any, ...] | None:
+        """A frame of each agent's world, uint8 (512, 512, 3) or text; agents of one world share it."""
         if self.render_mode is not None:
             self._check_started("render")
-        return self._painter.frames(self.num_envs, self._each)
+        return render_worlds(self.core.worlds, self.render_mode, self._each)
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -120,7 +114,6 @@ class Face(VectorEnv[Arrays, Actions, Array]):
         self._started[:] = state.arrays["started"]
         self.over[:] = state.arrays["over"]
         self.over = np.logical_or(*self._ends(self.over, np.zeros(self.num_worlds, bool)))
-        self._painter.moved()
         return self._observe()
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -13,7 +13,7 @@ from outlast.ecs import Entity
 from ..core.make import make_vec
 from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError, ClosedError, NotResetError
-from ..rendering import lazy_frames
+from ..rendering import modes
 from ..rendering.window import Window
 from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
@@ -32,8 +32,8 @@ Observations = dict[str, dict[str, Array]]
 Infos = dict[str, dict[str, int]]
 
 DEAD = ("remove", "keep")
-RENDER_MODES = (*lazy_frames.RENDER_MODES, "human")
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": lazy_frames.FPS, "is_parallelizable": True}
+RENDER_MODES = (*modes.RENDER_MODES, "human")
+METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -57,7 +57,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         check_choice("dead", dead, DEAD)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
-        self._window = Window("outlast", lazy_frames.FPS) if render_mode == "human" else None
+        self._window = Window("outlast", modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.batch = make_vec(scenario, 1, seed=seed, autoreset="Disabled", check_actions=False)
         self.metadata = {**METADATA, "name": self.batch.scenario.name}

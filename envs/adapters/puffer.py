@@ -11,7 +11,7 @@ from outlast.ecs import Entity
 from ..core.make import make_vec
 from ..core.validation import Array, check_choice
 from ..core.vector_env import SurvivalVectorEnv
-from ..rendering.lazy_frames import RENDER_MODES, painter
+from ..rendering.modes import RENDER_MODES, render_world
 from ..scenarios.scenario import Scenario
 from .agent_spaces import agent_spaces
 from .rows import checked_rows
@@ -118,7 +118,7 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
-        return painter(self.render_mode)(self.core.worlds, 0)
+        return render_world(self.core.worlds, 0, self.render_mode)
 
     def close(self) -> None:
         """Let the threads go; again does no harm."""

@@ -7,26 +7,26 @@ from typing import Any
 from ..core.make import make_vec
 from ..rollout.local import ticks
 from . import video_options
-from .options import add_policy, add_scenario, cast, positive
+from .options import add_common, add_number, add_policy, add_scenario, scenario_and_policy
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("frames", help="draw worlds step by step, as pictures or as a film")
+    command = commands.add_parser("frames", help="play worlds and draw every step, as pictures or as a film")
     add_scenario(command)
-    command.add_argument("--worlds", type=positive, help="how many worlds (default: one, or what fills the mosaic)")
-    command.add_argument("--steps", type=positive, default=500, help="steps of each world (default 500)")
-    add_policy(command)
-    video_options.add(command)
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
-    command.set_defaults(run=run, policy="scripted")
+    add_number(command, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds")
+    add_number(command, "--steps", 500, "steps of each world")
+    add_policy(command, "scripted")
+    video_options.add(command, required=True)
+    add_common(command, "--quiet")
+    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
     rows, columns = options.mosaic or (1, 1)
-    worlds = options.worlds or rows * columns
-    scenario, make_policy = cast(options)
-    with contextlib.closing(make_vec(scenario, worlds, seed=options.seed, check_actions=False)) as env:
-        policy = make_policy(env, options.seed)
-        return video_options.shoot(options, env.worlds, ticks(env, policy, options.steps), options.steps)
+    scenario, make_policy = scenario_and_policy(options)
+    env = make_vec(scenario, options.worlds or rows * columns, seed=options.seed, check_actions=False)
+    with contextlib.closing(env):
+        played = ticks(env, make_policy(env, options.seed), options.steps)
+        return video_options.write_frames(options, env.worlds, played, options.steps)

@@ -10,6 +10,7 @@ from outlast.ecs import EngineError
 from ..errors import (
     ClusterError,
     EndlessError,
+    FaultError,
     FilmError,
     PageError,
     PlayError,
@@ -19,11 +20,12 @@ from ..errors import (
 )
 from ..scenarios.scenario import ScenarioError
 from . import frames, listing, play, replay, rollout
+from .options import messages_shown
 
 COMMANDS = (rollout, replay, play, frames, listing)
 # Told in one line, without a traceback.
 MISTAKES = (
-    *(ScenarioError, EngineError, EndlessError, ClusterError, FilmError, PageError),
+    *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
     *(PlayError, RecordingError, StateError, TrainingError),
 )
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
@@ -33,9 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
     options = parser().parse_args(arguments)
     try:
-        return int(options.run(options))
+        with messages_shown():
+            return int(options.run(options))
     except MISTAKES as error:
         print(f"outlast: {error}", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        print(f"outlast: there is not enough memory, take fewer --worlds: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)

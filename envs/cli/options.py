@@ -2,29 +2,28 @@
 
 import argparse
 import contextlib
-from collections.abc import Callable
+import difflib
+import logging
+import os
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import TrainingError
 from ..rollout.policies import POLICIES, Policy
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Scenario, ScenarioError
 from ..scenarios.variants import variant
 
 SAVED = ".zip"  # what a saved policy's file ends in
+MAX_SEED = 2**64 - 1
 
 
 def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
     """VARIANT, or several, and --set; `scenario` reads them."""
-    command.add_argument("variant", nargs="+" if several else None, help="see `outlast variants`")
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NUMBER=VALUE",
-        help="change a number: n_agents=10, zone_radii=8,4",
-    )
+    command.add_argument("variant", nargs="+" if several else None, help="name of a game: see `outlast variants`")
+    text = "change a number of the game: n_agents=10, zone_radii=8,4 (may be given several times)"
+    command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
@@ -33,25 +32,43 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 
-def add_policy(command: argparse.ArgumentParser) -> None:
-    """--policy and --seed; `cast` reads them."""
-    command.add_argument(
-        "--policy",
-        type=policy,
-        default="random",
-        help=f"{', '.join(POLICIES)}, or what `outlast train` saved, FILE.zip",
-    )
-    command.add_argument("--seed", type=seed, default=0, help="same seed, same episodes (default 0)")
+def add_policy(command: argparse.ArgumentParser, default: str, option: str = "--policy") -> None:
+    """--policy, or the same under another name, and --seed; `scenario_and_policy` reads them."""
+    text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
+    command.add_argument(option, type=policy, default=default, metavar="NAME", help=text)
+    text = "the same seed gives the same episodes (default: 0)"
+    command.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
+
+
+def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
+    """An option for an integer. default: the number, or words for what it is without the option."""
+    kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
+    command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
+
+
+def add_common(command: argparse.ArgumentParser, *options: str) -> None:
+    """Those of --threads, --record and --quiet that are named."""
+    if "--threads" in options:
+        add_number(command, "--threads", 1, "threads that share the worlds")
+    if "--record" in options:
+        command.add_argument(
+            "--record", metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+        )
+    if "--quiet" in options:
+        command.add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
 def policy(text: str) -> str:
     """The name of a policy, or the path of a saved one."""
     if text not in POLICIES and not text.endswith(SAVED):
-        raise argparse.ArgumentTypeError(f"{text}: {', '.join(POLICIES)} or a saved policy, FILE{SAVED}, is needed")
+        near = difflib.get_close_matches(text, POLICIES, 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        known = f"{', '.join(POLICIES)} or a saved policy, FILE{SAVED}, is needed"
+        raise argparse.ArgumentTypeError(f"{text}: {hint}{known}")
     return text
 
 
-def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
+def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
     """The scenario that the options name, and what makes the policy for it: see POLICIES.
 
     Raises ScenarioError, TrainingError.
@@ -59,12 +76,12 @@ def cast(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVecto
     asked = scenario(options)
     if options.policy in POLICIES:
         return asked, POLICIES[options.policy]
-    fitting, player = saved(options.policy, asked, options.seed)
+    fitting, player = load_policy(options.policy, asked, options.seed)
     return fitting, lambda env, seed: player
 
 
-def saved(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
-    """The scenario in which agents are told what that saved policy was trained with, and the policy.
+def load_policy(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
+    """A saved policy, and the scenario with the observations that it was trained with.
 
     Raises TrainingError if it cannot play there, or if there is no PyTorch.
     """
@@ -80,17 +97,46 @@ def saved(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
     return fitting, player
 
 
+@contextlib.contextmanager
+def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") -> Iterator[None]:
+    """Meanwhile show on stderr what the logger of that name and those below it get, except for deaths below it."""
+    logger, handler = logging.getLogger(name), logging.StreamHandler()
+    level = logger.level
+    handler.setFormatter(logging.Formatter(form))
+    handler.addFilter(lambda record: record.name == name or record.name != "outlast.deaths")
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+def printable(path: str) -> str:
+    """The path, escaped where it is no UTF-8, which standard output may refuse."""
+    return os.fsencode(path).decode(errors="backslashreplace")
+
+
 def positive(text: str) -> int:
     """An integer of at least 1."""
-    return _at_least(1, text)
+    return _integer(text, 1)
+
+
+def nonnegative(text: str) -> int:
+    """An integer of at least 0."""
+    return _integer(text, 0)
 
 
 def seed(text: str) -> int:
-    """An integer of at least 0."""
-    return _at_least(0, text)
+    """An integer from 0 to 2**64 - 1."""
+    value = _integer(text, 0)
+    if value > MAX_SEED:
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at most 2**64 - 1 is needed")
+    return value
 
 
-def _at_least(least: int, text: str) -> int:
+def _integer(text: str, least: int) -> int:
     try:
         value = int(text)
     except ValueError:
@@ -102,7 +148,9 @@ def _at_least(least: int, text: str) -> int:
 
 def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, object]:
     """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
-    name, _, value = text.partition("=")
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise ScenarioError(f"--set {text}: NUMBER=VALUE is needed, as in --set n_agents=10")
     if isinstance(numbers.get(name), tuple):
         return name, tuple(_value(part) for part in value.strip("()[]").split(","))
     return name, _value(value)

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import PlayError
 from ..rollout.policies import POLICIES
-from .options import add_scenario, policy, saved, scenario, seed
+from .options import add_common, add_number, add_policy, add_scenario, load_policy, scenario
 
 FASTEST = 1000  # ticks a second
 
@@ -19,15 +19,13 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("play", help="steer an agent with the keyboard, in the browser, against policies")
     add_scenario(command)
-    command.add_argument("--agent", type=seed, default=0, metavar="NUMBER", help="the one that you steer (default 0)")
-    command.add_argument(
-        "--others", type=policy, default="scripted", help="who plays the others; FILE.zip: a saved policy"
-    )
-    command.add_argument("--seed", type=seed, default=0, help="same seed, same episodes (default 0)")
+    add_number(command, "--agent", 0, "number of the agent that you steer", least=0)
+    add_policy(command, "scripted", option="--others")
     command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
-    command.add_argument("--port", type=_port, default=0, help="of 127.0.0.1 (default 0: a free one)")
-    command.add_argument("--record", metavar="FILE", help="record what happens, for `outlast replay`")
-    command.add_argument("--no-browser", action="store_true", help="print the address, open nothing")
+    text = "port of 127.0.0.1 (default: 0, one that is free)"
+    command.add_argument("--port", type=_port, default=0, metavar="PORT", help=text)
+    add_common(command, "--record")
+    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
     command.set_defaults(run=run)
 
 
@@ -41,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
     world, others = scenario(options), options.others
     if others not in POLICIES:
-        world, others = saved(others, world, options.seed)
+        world, others = load_policy(others, world, options.seed)
     game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
 
     def opened(address: str) -> None:

@@ -2,143 +2,131 @@
 
 import argparse
 import contextlib
+import logging
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
 from ..errors import RecordingError, ReplayError
 from ..recording import Recording, Replay
 from . import video_options
-from .options import positive, seed
+from .options import add_common, add_number, nonnegative, printable
 
+LOGGER = logging.getLogger(__name__)
 FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("replay", help="run a recording again: verify it, film it, make data of it")
-    command.add_argument("file", help="what `outlast rollout VARIANT --record FILE` wrote")
+    command = commands.add_parser("replay", help="replay a recording: verify it, film it, make a page or data of it")
+    command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
     video_options.add(command, required=False)
-    command.add_argument("--html", metavar="PATH", help="a web page that plays it")
-    command.add_argument(
-        "--data",
-        metavar="PATH",
-        help="samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0",
-    )
-    command.add_argument(
-        "--worlds", type=numbers, metavar="W,W", help="which worlds (default: 16 in frames, 1 in a page, all in data)"
-    )
-    command.add_argument(
-        "--from", type=seed, default=0, dest="first", metavar="N", help="begin with this run (default 0)"
-    )
-    command.add_argument("--to", type=seed, dest="last", metavar="N", help="end with this run (default: the last)")
-    command.add_argument("--threads", type=positive, default=1)
+    command.add_argument("--html", metavar="PATH", help="write a web page that plays the recording")
+    text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
+    command.add_argument("--data", metavar="PATH", help=text)
+    text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, all for --data)"
+    command.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
+    add_number(command, "--from", 0, "first tick to write", least=0, dest="first")
+    add_number(command, "--to", "the last there is", "last tick to write", least=0, dest="last")
     command.add_argument("--no-verify", action="store_false", dest="verify", help="do not compare with the digests")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_common(command, "--threads", "--quiet")
     command.set_defaults(run=run)
 
 
 def numbers(text: str) -> list[int]:
     """Numbers with commas between them."""
-    return [seed(part) for part in text.split(",")]
+    return [nonnegative(part) for part in text.split(",")]
 
 
 def run(options: argparse.Namespace) -> int:
     """Replay, and write what is asked for; the exit status, which is 1 if the replay is not what was recorded."""
-    recording = _opened(options)
+    products = [write for name, write in PRODUCTS.items() if getattr(options, name) is not None]
+    _check(options, bool(products))
+    recording = _open(options)
     with contextlib.closing(Replay(recording, options.threads)) as replay:
         try:
-            products = [write for name, write in PRODUCTS.items() if getattr(options, name) is not None]
             return max(write(options, replay) for write in products or [_verify])
         except ReplayError as error:
-            print(f"outlast: {error}", file=sys.stderr)
+            LOGGER.error("%s", error)
             return 1
-        except KeyboardInterrupt:
-            print("stopped", file=sys.stderr)
-            return 130
 
 
-def _opened(options: argparse.Namespace) -> Recording:
-    """The recording, if it has what the options ask for."""
+def _check(options: argparse.Namespace, products: bool) -> None:
+    """RecordingError for options that would have no effect."""
+    if options.out is None and (unused := video_options.given(options)):
+        raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
+    if not products and (options.first or options.last is not None or options.worlds is not None):
+        raise RecordingError("--from, --to and --worlds select what is written; give --out, --html or --data, too")
+
+
+def _open(options: argparse.Namespace) -> Recording:
+    """The recording, if it has what the options ask for; `last` becomes the number of a tick."""
     try:
         recording = Recording.open(options.file)
-    except OSError as error:
-        raise RecordingError(f"{options.file}: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{options.file}: {getattr(error, 'strerror', error)}") from None
     if recording.cut:
-        print(f"outlast: {recording.cut}", file=sys.stderr)
+        LOGGER.warning("%s", recording.cut)
     if not len(recording):
-        raise RecordingError(f"{options.file}: there is no run of the tick in it")
+        raise RecordingError(f"{options.file}: there is no tick in it")
     last = len(recording) - 1
     if not options.first <= (last if options.last is None else options.last) <= last:
-        raise RecordingError(f"--from and --to: 0 <= from <= to <= {last} is needed, the last run of {options.file}")
+        raise RecordingError(f"--from and --to: 0 <= from <= to <= {last} is needed, the last tick of {options.file}")
+    options.last = last if options.last is None else options.last
     if options.worlds is not None and max(options.worlds) >= recording.num_worlds:
-        last = recording.num_worlds - 1
-        raise RecordingError(f"--worlds: there is no world {max(options.worlds)}; they are 0 to {last}")
+        raise RecordingError(
+            f"--worlds: there is no world {max(options.worlds)}; they are 0 to {recording.num_worlds - 1}"
+        )
     return recording
 
 
 def _verify(options: argparse.Namespace, replay: Replay) -> int:
-    """Replay everything, and tell the statistics that the recorded rollout told."""
-    recording = replay.recording
-    for _ in tqdm(replay.ticks(options.verify), total=len(recording), unit="run", disable=options.quiet):
+    """Replay everything, and print the statistics that the recorded rollout printed."""
+    for _ in tqdm(replay.ticks(options.verify), total=len(replay.recording), unit="tick", disable=options.quiet):
         pass
     same = "every digest is the same" if options.verify else "not verified"
-    what = f"{recording.scenario.name}, {recording.num_worlds} worlds, {len(recording):,} runs of the tick"
-    print(f"{options.file}: {what}; {same}")
+    print(f"{printable(options.file)}: {replay.recording.contents}; {same}")
     print(replay.summary)
     return 0
 
 
 def _film(options: argparse.Namespace, replay: Replay) -> int:
-    most = math.prod(options.mosaic) if options.mosaic else FRAMES
-    chosen, last = _chosen(options, replay, most), _last(options, replay)
-    return video_options.shoot(options, replay.worlds, _shown(options, replay, chosen), last - options.first, chosen)
+    shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else FRAMES)
+    return video_options.write_frames(options, replay.worlds, ticks, options.last - options.first, shown)
 
 
 def _page(options: argparse.Namespace, replay: Replay) -> int:
-    from ..web.replay import write
+    from ..web.replay import write_page
 
-    chosen, recording = _chosen(options, replay, PAGES), replay.recording
-    count = _last(options, replay) - options.first + 1
-    ticks = tqdm(_shown(options, replay, chosen), total=count, unit="run", disable=options.quiet)
-    write(options.html, replay.worlds, ticks, chosen, title=f"{recording.scenario.name}: {Path(options.file).name}")
-    print(options.html)
+    shown, ticks = _selected(options, replay, PAGES)
+    bar = tqdm(ticks, total=options.last - options.first + 1, unit="tick", disable=options.quiet)
+    title = f"{replay.recording.scenario.name}: {printable(Path(options.file).name)}"
+    write_page(options.html, replay.worlds, bar, shown, title=title)
+    print(printable(options.html))
     return 0
 
 
 def _data(options: argparse.Namespace, replay: Replay) -> int:
-    from ..datasets.export import write
-    from ..datasets.samples import Wish
+    from ..datasets.export import export_dataset
+    from ..datasets.samples import Selection
 
-    last, chosen = _last(options, replay), _chosen(options, replay, replay.worlds.count)
-    with tqdm(total=last + 1, unit="run", disable=options.quiet) as bar:
-        wish = Wish(chosen, options.first, last, options.verify, lambda run: bar.update(1))
-        count = write(options.data, replay, wish)
-    print(f"{options.data}: {count:,} agent-steps")
+    worlds, _ = _selected(options, replay, replay.worlds.count)
+    with tqdm(total=options.last + 1, unit="tick", disable=options.quiet) as bar:
+        selection = Selection(worlds, options.first, options.last, options.verify, lambda tick: bar.update(1))
+        count = export_dataset(options.data, replay, selection)
+    print(f"{printable(options.data)}: {count:,} agent-steps")
     return 0
 
 
 PRODUCTS = {"out": _film, "html": _page, "data": _data}
 
 
-def _chosen(options: argparse.Namespace, replay: Replay, most: int) -> Sequence[int]:
-    return list(range(min(most, replay.worlds.count))) if options.worlds is None else list(options.worlds)
-
-
-def _last(options: argparse.Namespace, replay: Replay) -> int:
-    return len(replay.recording) - 1 if options.last is None else int(options.last)
-
-
-def _shown(options: argparse.Namespace, replay: Replay, chosen: Sequence[int]) -> Iterator[int]:
-    """Runs from the first to the last that is asked for, without those in which none of the chosen worlds took part."""
-    last = _last(options, replay)
-    for number in replay.ticks(options.verify):
-        if number == options.first or (number > options.first and np.any(replay.worlds.mode[chosen])):
-            yield number
-        if number == last:
-            return
+def _selected(options: argparse.Namespace, replay: Replay, most: int) -> tuple[Sequence[int], Iterator[int]]:
+    """The worlds that are asked for, or the first `most`; and the ticks that are asked for, if they take part."""
+    worlds = list(range(min(most, replay.worlds.count))) if options.worlds is None else options.worlds
+    return worlds, replay.ticks(options.verify, first=options.first, last=options.last, worlds=worlds)

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import logging
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -12,13 +11,14 @@ from tqdm import tqdm
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ClusterError
+from ..recording import record
 from ..rollout.local import Task, rollout
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.summary import Summary
 from ..scenarios.scenario import Scenario
-from .options import add_policy, add_scenario, cast, positive
+from .options import add_common, add_number, add_policy, add_scenario, messages_shown, scenario_and_policy
 
-Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and tells how far it is
+Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
 MakePolicy = Callable[[SurvivalVectorEnv, int], Policy]
 
 
@@ -26,29 +26,24 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("rollout", help="run a policy in many worlds and print the episodes' statistics")
     add_scenario(command)
-    command.add_argument("--worlds", type=positive, default=1024, help="how many worlds (default 1024)")
+    add_number(command, "--worlds", 1024, "number of worlds")
     length = command.add_mutually_exclusive_group()
-    length.add_argument("--episodes", type=positive, default=1, help="whole episodes of each world (default 1)")
-    length.add_argument(
-        "--steps", type=positive, default=0, help="steps of each world instead; means then lean towards short episodes"
-    )
-    add_policy(command)
-    command.add_argument("--threads", type=positive, default=1)
-    command.add_argument("--log-deaths", action="store_true", help="print a line for every death")
-    command.add_argument("--record", metavar="FILE", help="record it in a new file, for `outlast replay FILE`")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
-    command.add_argument(
-        "--ray", nargs="?", const="", metavar="ADDRESS", help="on the Ray cluster at ADDRESS, or one on this machine"
-    )
-    command.set_defaults(run=run)
+    add_number(length, "--episodes", 1, "whole episodes of each world")
+    add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
+    add_policy(command, "random")
+    command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
+    add_common(command, "--threads", "--record", "--quiet")
+    text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
+    command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
+    command.set_defaults(run=run, steps=0)
 
 
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
-    if options.log_deaths:
-        logging.basicConfig(level=logging.INFO, format="%(message)s")
-    with (_here if options.ray is None else _on_ray)(options, *cast(options)) as (agents, work):
-        return _watched(options, agents, work)
+    deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
+    place = _here if options.ray is None else _on_ray
+    with deaths, place(options, *scenario_and_policy(options)) as (agents, work):
+        return _run_with_bar(options, agents, work)
 
 
 @contextlib.contextmanager
@@ -58,7 +53,7 @@ def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePoli
     policy = make_policy(env, options.seed)
     with contextlib.closing(env):
         if options.record is not None:
-            env.record(options.record)
+            record(env, options.record)
         yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes)
 
 
@@ -77,10 +72,10 @@ def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePo
         agents = env.num_agents
     task = Task(scenario, make_policy, options.steps, options.seed, options.episodes)
     with cluster.connected(options.ray):
-        yield agents, lambda progress: cluster.rollout(task, options.worlds, progress)
+        yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
 
 
-def _watched(options: argparse.Namespace, agents: int, work: Work) -> int:
+def _run_with_bar(options: argparse.Namespace, agents: int, work: Work) -> int:
     """Do the work behind a progress bar and report; the exit status."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)

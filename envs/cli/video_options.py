@@ -1,8 +1,8 @@
 """Options of the commands that draw worlds: what is drawn, and where it goes."""
 
 import argparse
-import sys
-from collections.abc import Iterable, Iterator, Sequence
+import logging
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,31 +10,26 @@ from tqdm import tqdm
 
 from outlast.ecs import Worlds
 
-from .options import positive
+from .options import add_number, printable
 
-Grid = tuple[int, int]
-
-
-def add(command: argparse.ArgumentParser, required: bool = True) -> None:
-    """--out, --size, --mosaic, --views, --every and --fps, which `shoot` reads; it reads --quiet, too."""
-    command.add_argument(
-        "--out", required=required, metavar="PATH", help="a folder of pictures, or a film: .mp4, .webm, .gif or .apng"
-    )
-    command.add_argument("--size", type=positive, default=512, help="pixels of one world's picture (default 512)")
-    command.add_argument(
-        "--mosaic", type=grid, metavar="RxC", help="rows and columns of worlds in a frame (default: nearly a square)"
-    )
-    command.add_argument(
-        "--views",
-        default="",
-        metavar="NAMES",
-        help="what else to draw, and what not: +vision,-ids; with a minus first: --views=-ids",
-    )
-    command.add_argument("--every", type=positive, default=1, metavar="N", help="draw every Nth step (default 1)")
-    command.add_argument("--fps", type=positive, default=30, help="frames a second of a film (default 30)")
+LOGGER = logging.getLogger(__name__)
+DEFAULTS: dict[str, Any] = {"size": 512, "mosaic": None, "views": "", "every": 1, "fps": 30}
 
 
-def grid(text: str) -> Grid:
+def add(command: argparse.ArgumentParser, required: bool) -> None:
+    """--out and, for it, --size, --mosaic, --views, --every and --fps; `write_frames` reads them, and --quiet."""
+    text = "where to write: a folder for pictures, or a film, .mp4, .webm, .gif or .apng"
+    command.add_argument("--out", required=required, metavar="PATH", help=text)
+    add_number(command, "--size", DEFAULTS["size"], "pixels along a side of one world's picture")
+    text = "rows and columns of worlds in a frame (default: nearly a square)"
+    command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)
+    text = "what else to draw, and what not: +vision,-ids; with a minus first: --views=-ids (default: no change)"
+    command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
+    add_number(command, "--every", DEFAULTS["every"], "draw every Nth step only")
+    add_number(command, "--fps", DEFAULTS["fps"], "frames a second of a film")
+
+
+def grid(text: str) -> tuple[int, int]:
     """Rows and columns, as in 4x4."""
     rows, _, columns = text.lower().partition("x")
     if not (rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns)):
@@ -42,37 +37,37 @@ def grid(text: str) -> Grid:
     return int(rows), int(columns)
 
 
-def shoot(
+def given(options: argparse.Namespace) -> list[str]:
+    """Those of the options for --out that are not at their defaults."""
+    return [f"--{name}" for name, default in DEFAULTS.items() if getattr(options, name) != default]
+
+
+def write_frames(
     options: argparse.Namespace,
     worlds: Worlds,
     ticks: Iterable[object],
     total: int,
-    chosen: Sequence[int] | None = None,
+    shown: Sequence[int] | None = None,
 ) -> int:
     """Write what the options ask for, of `total` ticks after the reset; the exit status. Raises FilmError.
 
-    chosen: numbers of the worlds to show; None: all, or as many as the mosaic has room for.
+    shown: numbers of the worlds to draw; None: all, or as many as the mosaic has room for.
     """
     from ..rendering.layers import select
-    from ..rendering.video.footage import footage
-    from ..rendering.video.writer import write  # here, as OpenCV takes a while to load
+    from ..rendering.video import footage, write_film
 
     room = worlds.count if options.mosaic is None else options.mosaic[0] * options.mosaic[1]
-    shown = range(min(room, worlds.count)) if chosen is None else chosen
-    looks = {"size": options.size, "views": select(options.views), "mosaic": options.mosaic, "every": options.every}
-    frames = footage(worlds, ticks, shown, **looks)
+    chosen = range(min(room, worlds.count)) if shown is None else shown
+    looks = {"size": options.size, "layers": select(options.views), "mosaic": options.mosaic, "every": options.every}
+    frames, count = footage(worlds, ticks, chosen, **looks), total // options.every + 1
     try:
-        count = write(options.out, _watched(frames, total // options.every + 1, options.quiet), options.fps)
+        with tqdm(frames, total=count, unit="frame", disable=options.quiet) as bar:
+            count = write_film(options.out, bar, options.fps)
     except KeyboardInterrupt:
-        print(f"stopped; {options.out} was not written", file=sys.stderr)
+        LOGGER.warning("stopped; %s was not written", options.out)
         return 130
-    print(f"{options.out}: {count:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
+    print(f"{printable(options.out)}: {count:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
     return 0
-
-
-def _watched(frames: Iterable[Any], total: int, quiet: bool) -> Iterator[Any]:
-    with tqdm(frames, total=total, unit="frame", disable=quiet) as bar:
-        yield from bar
 
 
 def _size(path: Path) -> int:

@@ -13,7 +13,7 @@ from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 
 from ..errors import RecordingError
-from ..rendering.lazy_frames import FPS, RENDER_MODES, Frames, Painter
+from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, put, take
 from .buffers import copies, flat_size, locked, write
@@ -71,7 +71,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.metadata["autoreset_mode"] = self.autoreset
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         self._runner: Any = self.worlds  # or what also records it
-        self._background, self._painter = Background(), Painter(self.worlds, render_mode)
+        self._background = Background()
         check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
         self.num_envs = self.num_worlds = int(num_worlds)
@@ -159,9 +159,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return result
 
     @alone
-    def render(self) -> Frames | None:  # type: ignore[override]
-        """A sequence of num_worlds frames, uint8 (height, width, 3), or texts: to be read before the next call."""
-        return self._painter.frames(self.num_worlds)
+    def render(self) -> tuple[Any, ...] | None:
+        """A frame of each world, uint8 (512, 512, 3) or text; None without a render_mode."""
+        return render_worlds(self.worlds, self.render_mode)
 
     @alone
     def observe(self, out: Any = None) -> Arrays:
@@ -194,7 +194,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         with self._tracker.overwritten(where):
             put(state, self.scenario, self.worlds, self._masks, where)
         self._stop(where)
-        self._painter.moved()
         return self._observe()
 
     def stop_when(self, stops: Stops) -> None:
@@ -258,7 +257,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._mode[:] = STEP + self._tracker.done if resets is None else np.where(resets, RESET, SKIP)
         if given is not None and self._recording:
             self._runner.check(self._mode)  # ahead of new seeds
-        self._painter.moved()
         self._tracker.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:

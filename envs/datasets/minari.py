@@ -1,4 +1,4 @@
-"""Samples as a Minari data set: an episode for each agent of each episode of a world."""
+"""Samples as a Minari dataset: an episode for each agent of each episode of a world."""
 
 import contextlib
 import os
@@ -14,10 +14,9 @@ from outlast.ecs import Worlds
 
 from ..core.spaces import action_space, observation_space
 from ..errors import RecordingError
-from ..recording.replay import Replay
+from ..recording import Replay
 from ..storage import atomic_write
-from .batches import manifest
-from .samples import Samples, Wish, joined, samples
+from .samples import Samples, Selection, concatenate, manifest, read_samples
 
 try:
     import minari
@@ -27,33 +26,33 @@ try:
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("Minari data sets need Minari: pip install 'outlast[minari]'", name=error.name) from error
+    raise ModuleNotFoundError("Minari datasets need Minari: pip install 'outlast[minari]'", name=error.name) from error
 
 
-ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for data sets
+ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for datasets
 
 
-def export(name: str, replay: Replay, wish: Wish) -> int:
-    """Write the local data set `name`, in Minari's format "arrow"; returns the number of agent-steps.
+def export_minari(name: str, replay: Replay, selection: Selection) -> int:
+    """Write the local dataset `name`, in Minari's format "arrow"; returns the number of agent-steps.
 
     Episodes have one observation more than steps, as Minari has it. One that was cut off, by a reset or by the end of
-    the recording, counts as truncated. Their metadata's options tell world, episode and agent.
+    the recording, counts as truncated. The options in their metadata hold world, episode and agent.
     """
     try:
         parse_dataset_id(name)
     except (ValueError, TypeError):
-        raise RecordingError(f"{name!r} is no name of a Minari data set: NAME-v0 is needed, or SPACE/NAME-v0") from None
+        raise RecordingError(f"{name!r} is no name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0") from None
     place = Path(get_dataset_path(name))
     if place.exists():
-        raise RecordingError(f"there is a Minari data set {name}; give another name, or `minari delete {name}`")
+        raise RecordingError(f"there is a Minari dataset {name}; give another name, or `minari delete {name}`")
     count = [0]
     observations, actions = _spaces(replay.worlds)
     about = manifest(replay)
-    with _drafted(name, place), warnings.catch_warnings():
+    with _staged(name, place), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that there is no EnvSpec: a world of agents has none
         minari.create_dataset_from_buffers(
             name,
-            _episodes(replay, wish, count),  # drawn one by one
+            _episodes(replay, selection, count),  # drawn one by one
             observation_space=observations,
             action_space=actions,
             description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
@@ -64,8 +63,8 @@ def export(name: str, replay: Replay, wish: Wish) -> int:
 
 
 @contextlib.contextmanager
-def _drafted(name: str, place: Path) -> Iterator[None]:
-    """Meanwhile Minari writes into a hidden folder; from there the data set goes to its place, whole."""
+def _staged(name: str, place: Path) -> Iterator[None]:
+    """Meanwhile Minari writes into a hidden folder; from there the dataset goes to its place, whole."""
     root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
     hidden = atomic_write.name(root / place.name)
     hidden.mkdir()
@@ -89,17 +88,17 @@ def _restore(kept: str | None) -> None:
         os.environ[ROOT] = kept
 
 
-def _episodes(replay: Replay, wish: Wish, count: list[int]) -> Iterator[Any]:
+def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterator[Any]:
     """The episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
     running: dict[int, list[Samples]] = {}
-    for batch in samples(replay, wish):
+    for batch in read_samples(replay, selection):
         finals = iter(range(len(batch)))
         for k, world in enumerate(batch.columns["world"].tolist()):
             last = bool(batch.columns["last"][k])
             final = next(finals) if last else 0
             running.setdefault(world, []).append(batch.row(k, final if last else None))
             if last:
-                episode = joined(running.pop(world))
+                episode = concatenate(running.pop(world))
                 count[0] += len(episode) * replay.recording.num_agents
                 for i in range(replay.recording.num_agents):
                     yield _episode(episode, i)
@@ -109,14 +108,13 @@ def _episode(whole: Samples, i: int) -> Any:
     columns = whole.columns
     truncated = columns["truncated"].copy()
     truncated[-1] |= not columns["terminated"][-1]
-    told = {"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i}
     return EpisodeBuffer(
         observations={key: np.concatenate([a[:, i], whole.final[key][:, i]]) for key, a in whole.observations.items()},
         actions=columns["actions"][:, i].astype(np.int64),
         rewards=columns["rewards"][:, i].tolist(),
         terminations=columns["terminated"].tolist(),
         truncations=truncated.tolist(),
-        options=told,
+        options={"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i},
     )
 
 

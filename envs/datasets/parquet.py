@@ -1,5 +1,6 @@
 """Samples as a Parquet file, a row an agent-step."""
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -7,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import RecordingError
-from ..recording.replay import Replay
+from ..recording import Replay
 from ..storage.atomic_write import draft
-from .batches import batches, manifest
-from .samples import Samples, Wish
+from .samples import Samples, Selection, manifest, read_shards
 
 try:
     import pyarrow as pa
@@ -21,27 +21,26 @@ except ModuleNotFoundError as error:
 Array = np.ndarray[Any, Any]
 
 
-def export(target: Path, replay: Replay, wish: Wish) -> int:
+def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
     """Write one file; returns the number of its rows.
 
     Columns: those of Samples and `agent`, a column for each action, and for each key of the observations a list of
     fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its episode. The
     shapes of the lists are in the file's metadata, as JSON under "outlast".
     """
-    about, count, writer = manifest(replay), 0, None
+    about, count = manifest(replay), 0
     names = [column["name"] for column in about["actions"]]
-    with draft(target) as path:
-        try:
-            for batch in batches(replay, wish):
-                table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})
-                writer = writer or pq.ParquetWriter(path, table.schema, compression="zstd")
-                writer.write_table(table)
-                count += table.num_rows
+    with draft(target) as path, contextlib.ExitStack() as files:
+        writer = None
+        for batch in read_shards(replay, selection):
+            table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})
             if writer is None:
-                raise RecordingError("there are no samples: no world that was asked for took a step in these runs")
-        finally:
-            if writer is not None:
-                writer.close()
+                file = files.enter_context(path.open("wb"))  # not by name, which Arrow takes in UTF-8 only
+                writer = files.enter_context(pq.ParquetWriter(file, table.schema, compression="zstd"))
+            writer.write_table(table)
+            count += table.num_rows
+        if writer is None:
+            raise RecordingError("there are no samples: no world that was asked for took a step in these ticks")
     return count
 
 

@@ -1,8 +1,8 @@
-"""Samples: what a learner wants of a recording, made by replaying it.
+"""Samples: the transitions of a recording, made by replaying it.
 
 A sample is a step that a world took, for all of its agents: the observation before the step, the actions, and the
-rewards and ends that came of them. Runs of the tick that only reset a world are no samples. The observation after a
-step is that of the world's next sample; after the last one of an episode it is `final`.
+rewards and ends that came of them. Ticks that only reset a world are no samples. The observation after a step is that
+of the world's next sample; after the last one of an episode it is `final`.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,37 +12,49 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, STEP, Clock, Entity, Observation, Worlds
+from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
+from ..core.agents import alive
 from ..core.spaces import published
-from ..recording.reader import Recording
-from ..recording.replay import Replay
+from ..recording import Recording, Replay
+from ..scenarios.fingerprint import identity
 
 Array = np.ndarray[Any, Any]
 
+SHARD_BYTES = 2**26  # of samples that are kept in memory, and written together
+COLUMNS = {
+    "world": "number of the world in the recorded environment",
+    "episode": "number of the world's episode, from 1",
+    "tick": "steps of this episode before this one",
+    "alive": "whether the agent lives, with the observation",
+    "actions": "what the agent does, as env.step takes it",
+    "rewards": "of this step",
+    "terminated": "the episode of the world ends with this step, by its rule",
+    "truncated": "the episode of the world ends with this step, by the time limit",
+    "last": "the last sample of this episode: it ended, or was reset, or the recording ends",
+}
+
 
 @dataclass(frozen=True)
-class Wish:
-    """Which samples are wanted: of the worlds `chosen`, from the run `first` to the run `last`.
+class Selection:
+    """Which samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
 
-    verify: compare digests. progress: called with the number of each run that is done.
+    verify: compare digests. progress: called with the number of each tick that is replayed.
     """
 
-    chosen: Sequence[int]
+    worlds: Sequence[int]
     first: int
     last: int
     verify: bool = True
-    progress: Callable[[int], None] = lambda run: None
+    progress: Callable[[int], None] = lambda tick: None
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples of one run of the tick, n of them in order of worlds.
+    """The samples of one tick, n of them in order of worlds, or of several ticks.
 
-    columns: by name, (n, ...): world, its number in the recorded environment. episode, the world's, from 1. tick, steps
-    of this episode before. alive, bool (n, agents), with the observation. actions (n, agents, actions), as env.step
-    takes them. rewards, float32 (n, agents). terminated, truncated, bool (n,), the world's. last, bool (n,): this
-    episode has no next sample, as it ended, or was reset, or the recording ends.
+    columns: by name, see COLUMNS: alive is bool (n, agents), actions (n, agents, actions), rewards float32 (n, agents),
+    the others (n,).
     observations: by key, float32 (n, agents, ...). final: the same after the step, a row for each that is `last`.
     """
 
@@ -67,7 +79,7 @@ class Samples:
         return sum(array.nbytes for part in (self.columns, self.observations, self.final) for array in part.values())
 
 
-def joined(parts: list[Samples]) -> Samples:
+def concatenate(parts: list[Samples]) -> Samples:
     """The samples of `parts`, one behind the other."""
 
     def together(tables: Iterable[dict[str, Array]]) -> dict[str, Array]:
@@ -81,36 +93,34 @@ def joined(parts: list[Samples]) -> Samples:
     )
 
 
-def samples(replay: Replay, wish: Wish) -> Iterator[Samples]:
-    """The samples of a recording, run by run; runs without any are left out. Raises ReplayError, RecordingError."""
-    worlds, ends = replay.worlds, _ends(replay.recording, wish)
+def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
+    """The samples of a recording, tick by tick; ticks without any are left out. Raises ReplayError, RecordingError."""
+    worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
     buffers = {key: getattr(worlds[c], name) for key, c, name, _ in published(worlds, Observation)}
-    chosen = np.zeros(worlds.count, bool)
-    chosen[list(wish.chosen)] = True
+    selected = np.zeros(worlds.count, bool)
+    selected[list(selection.worlds)] = True
     before: dict[str, Array] = {}
-    alive = np.zeros(0, bool)
-    for number in replay.ticks(wish.verify):
-        rows = np.flatnonzero(chosen & (worlds.mode == STEP))
-        if number >= wish.first and rows.size:
-            last = np.isin(rows, ends.get(number, ()))
+    living = np.zeros(0, bool)
+    for number in replay.ticks(selection.verify, last=selection.last):
+        rows = np.flatnonzero(selected & (worlds.mode == STEP))
+        if number >= selection.first and rows.size:
+            last = np.isin(rows, last_steps.get(number, ()))
             observations = {key: before[key][rows] for key in buffers}
             final = {key: buffer[rows[last]] for key, buffer in buffers.items()}
-            yield Samples(_columns(replay, rows, alive[rows], last), observations, final)
-        wish.progress(number)
-        if number >= wish.last:
-            return
+            yield Samples(_columns(replay, rows, living[rows], last), observations, final)
+        selection.progress(number)
         before = {key: buffer.copy() for key, buffer in buffers.items()}
-        alive = worlds[Entity].alive[:, worlds.span("agent")] != 0
+        living = alive(worlds)
 
 
-def _columns(replay: Replay, rows: Array, alive: Array, last: Array) -> dict[str, Array]:
+def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[str, Array]:
     worlds, end = replay.worlds, replay.worlds[End]
     clock = worlds[Clock]
     return {
         "world": rows + replay.recording.first_world,
         "episode": clock.episode[rows, 0].astype(np.int64),
         "tick": clock.tick[rows, 0].astype(np.int64) - 1,
-        "alive": alive,
+        "alive": living,
         "actions": _actions(worlds, replay.recording, rows),
         "rewards": worlds[Reward].reward[rows],
         "terminated": end.terminated[rows, 0],
@@ -128,19 +138,48 @@ def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
     return actions
 
 
-def _ends(recording: Recording, wish: Wish) -> dict[int, list[int]]:
-    """For each run that is the last step of some worlds before a reset, or before the end: these worlds."""
-    latest, ends = np.full(recording.num_worlds, -1), dict[int, list[int]]()
+def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[int]]:
+    """The worlds for which a tick is the last step before a reset, or before the end, by the number of the tick."""
+    latest, last_steps = np.full(recording.num_worlds, -1), dict[int, list[int]]()
 
     def note(rows: Array) -> None:
         for w in rows:
-            ends.setdefault(int(latest[w]), []).append(int(w))
+            last_steps.setdefault(int(latest[w]), []).append(int(w))
 
-    for number, run in enumerate(recording.runs()):
-        if number > wish.last:
+    for number, record in enumerate(recording.tick_records()):
+        if number > selection.last:
             break
-        note(np.flatnonzero((run.mode == RESET) & (latest >= 0)))
-        latest[run.mode == RESET] = -1
-        latest[run.mode == STEP] = number
+        note(np.flatnonzero((record.mode == RESET) & (latest >= 0)))
+        latest[record.mode == RESET] = -1
+        latest[record.mode == STEP] = number
     note(np.flatnonzero(latest >= 0))
-    return ends
+    return last_steps
+
+
+def read_shards(replay: Replay, selection: Selection) -> Iterator[Samples]:
+    """Samples of many ticks together, up to SHARD_BYTES."""
+    waiting, size = list[Samples](), 0
+    for batch in read_samples(replay, selection):
+        waiting.append(batch)
+        size += batch.nbytes
+        if size >= SHARD_BYTES:
+            yield concatenate(waiting)
+            waiting, size = [], 0
+    if waiting:
+        yield concatenate(waiting)
+
+
+def manifest(replay: Replay) -> dict[str, Any]:
+    """What the samples are: JSON-able."""
+    worlds, header = replay.worlds, replay.recording.header
+    shapes = {key: list(c.row_shape(name, worlds.dims)[1:]) for key, c, name, _ in published(worlds, Observation)}
+    return {
+        "format": "outlast samples 1",
+        "outlast": header["outlast"],
+        "scenario": identity(replay.recording.scenario),
+        "mechanics": header["modules"],
+        "agents": replay.recording.num_agents,
+        "actions": [{"name": name, "size": size} for name, _, size in header["actions"]],
+        "observations": shapes,
+        "columns": COLUMNS,
+    }

@@ -1,1 +1,1 @@
-"""A world as plain data and words: what pages, play and texts share."""
+"""A world as plain data and text, for pages and other programs."""

@@ -1,4 +1,4 @@
-"""Events: what happened in the last tick of a world, read from the state that it left behind."""
+"""Events of the last tick of a world, read from its state."""
 
 from dataclasses import asdict, dataclass
 
@@ -6,86 +6,86 @@ from outlast import systems
 from outlast.components import Box, BoxItem, Death, End, Heal, Health, Item, Score, Side, Weapon
 from outlast.ecs import Clock, Worlds
 
-from ..rendering.layers import Scene
-from .trace import Cast, Json, cast
+from ..rendering.scene import Scene
+from .trace import Bodies, Json, bodies_of
 
 
 @dataclass(frozen=True)
 class Event:
-    """One thing that happened.
+    """An event.
 
-    kind: start (of an episode), kill (a death by the hand of another side), death (any other one), heal, place (a box),
-    use (another item), break (a box), end. agent: who died, used it or broke it; by: the agent that killed; side: whose
-    hand it was, and at the end the only side that is left; thing: the item or box. All are numbers, -1: nobody, none,
-    or not known. cause: of a death; of an end "terminated" or "truncated".
+    kind: start (of an episode), kill (a death caused by another side), death (any other one), heal, place (a box), use
+    (another item), break (a box), end. agent: who died, used or broke something; by: the agent that killed; side: the
+    one that killed or broke, and at the end the only one that is left; object: the item or box. All are numbers, -1:
+    nobody, none, or not known. cause: the damage type of a death; of an end "terminated" or "truncated".
     """
 
     kind: str
     agent: int = -1
     by: int = -1
     side: int = -1
-    thing: int = -1
+    object: int = -1
     cause: str = ""
 
 
 def events(worlds: Worlds, w: int) -> list[Json]:
     """What happened in the last tick of world `w`, as dicts, in the order of the tick: see Event."""
-    scene, who = Scene(worlds, w), cast(worlds.layout)
+    scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     if not scene[Clock].tick[0]:
         return [asdict(Event("start"))]
-    found = [*_uses(scene, who), *_breaks(scene, who), *_deaths(scene, who), *_end(scene)]
+    found = [*_uses(scene, bodies), *_breaks(scene, bodies), *_deaths(scene, bodies), *_end(scene)]
     return [asdict(event) for event in found]
 
 
-def _uses(scene: Scene, who: Cast) -> list[Event]:
+def _uses(scene: Scene, bodies: Bodies) -> list[Event]:
     if Item not in scene:
         return []
     user = scene[Item].user
     kinds = {**dict.fromkeys(scene.rows(Heal), "heal"), **dict.fromkeys(scene.rows(BoxItem), "place")}
     return [
-        Event(kinds.get(e, "use"), agent=who.bodies[user[e]], thing=who.thing(e))
+        Event(kinds.get(e, "use"), agent=bodies.numbers[user[e]], object=bodies.object_number(e))
         for e in scene.rows(Item)
         if user[e] >= 0
     ]
 
 
-def _breaks(scene: Scene, who: Cast) -> list[Event]:
+def _breaks(scene: Scene, bodies: Bodies) -> list[Event]:
     if Box not in scene:
         return []
     broken = [e for e in scene.rows(Box) if scene[Box].broken[e]]
     sides = [scene[Health].source[e] for e in broken]
     return [
-        Event("break", agent=_striker(scene, who, e, side), side=side, thing=who.thing(e))
+        Event("break", agent=_striker(scene, bodies, e, side), side=side, object=bodies.object_number(e))
         for e, side in zip(broken, sides, strict=True)
     ]
 
 
-def _deaths(scene: Scene, who: Cast) -> list[Event]:
+def _deaths(scene: Scene, bodies: Bodies) -> list[Event]:
     if Death not in scene:
         return []
     death, causes = scene[Death], scene.worlds.layout.causes
     found = []
-    for i, e in enumerate(who.agents):
+    for i, e in enumerate(bodies.agents):
         if death.now[e]:
             side, cause = death.source[e], causes[death.cause[e]] if death.cause[e] >= 0 else ""
             struck = systems.Melee in scene and cause == systems.Melee.cause
-            by = _striker(scene, who, e, side) if struck else _only(scene, who, side)
+            by = _striker(scene, bodies, e, side) if struck else _sole_member(scene, bodies, side)
             kind = "kill" if side >= 0 and side != scene[Side].side[e] else "death"
             found.append(Event(kind, agent=i, by=by, side=side, cause=cause))
     return found
 
 
-def _striker(scene: Scene, who: Cast, e: int, side: int) -> int:
-    """The agent of `side` whose strike met row `e`; of several the last one, whose blow counts."""
+def _striker(scene: Scene, bodies: Bodies, e: int, side: int) -> int:
+    """The agent of `side` that struck row `e`; of several the last one, whose strike counts."""
     if Weapon not in scene:
         return -1
     target, sides = scene[Weapon].target, scene[Side].side
-    return max((i for i, row in enumerate(who.agents) if target[row] == e and sides[row] == side), default=-1)
+    return max((i for i, row in enumerate(bodies.agents) if target[row] == e and sides[row] == side), default=-1)
 
 
-def _only(scene: Scene, who: Cast, side: int) -> int:
+def _sole_member(scene: Scene, bodies: Bodies, side: int) -> int:
     """The agent that is all of its side, if it is."""
-    members = [i for i, row in enumerate(who.agents) if scene[Side].side[row] == side]
+    members = [i for i, row in enumerate(bodies.agents) if scene[Side].side[row] == side]
     return members[0] if len(members) == 1 else -1
 
 

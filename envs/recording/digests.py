@@ -14,23 +14,23 @@ from outlast.ecs import Component, Signal, Worlds
 
 Array = np.ndarray[Any, Any]
 
-AT_ONCE = 64  # worlds in a digest, at most: those of larger batches take turns
-CLOSER = 8  # worlds of which a digest also sums the upper halves of words: they take turns
+WORLDS_PER_DIGEST = 64  # at most: those of larger batches take turns
+SIGN_WORLDS = 8  # worlds of which a digest also sums the upper halves of words: they take turns
 SHIFT = np.uint32(15)
 
 
 class Digests:
-    """Digests of the state of `worlds`, and of what it signals. names: of the components, in the order of a digest.
+    """Digests of the state of `worlds`, and of its signals. Observations are not in it: they follow from the state.
 
-    Run number r tells of the worlds `span(r)`, at most `at_once`; after `repeat` runs it is made in the same way again.
-    Observations are not in it, as they are a function of the state.
+    names: of the components, in the order of a digest. turns: the digest of tick number t is of the worlds `span(t)`,
+    which are all of them in turn after so many ticks. period: ticks until a digest is made in the same way again.
     """
 
-    def __init__(self, worlds: Worlds, at_once: int = AT_ONCE) -> None:
-        self._count, self._at_once = worlds.count, at_once
-        self.period = -(-worlds.count // at_once)
-        self._turns = -(-min(worlds.count, at_once) // CLOSER)
-        self.repeat = self.period * self._turns
+    def __init__(self, worlds: Worlds, worlds_per_digest: int = WORLDS_PER_DIGEST) -> None:
+        self._count, self._size = worlds.count, worlds_per_digest
+        self.turns = -(-worlds.count // worlds_per_digest)
+        self._sign_turns = -(-min(worlds.count, worlds_per_digest) // SIGN_WORLDS)
+        self.period = self.turns * self._sign_turns
         kinds = [c for c in worlds.components if c.packed or issubclass(c, Signal)]
         self._block = worlds.block.view(np.uint32)
         whole, owners, self._shared, self._masks, sharers = _words(worlds, kinds)
@@ -40,23 +40,24 @@ class Digests:
         self._order = np.argsort(owners, kind="stable")
         found, self._starts = np.unique(owners[self._order], return_index=True)
         self.names = [kinds[k].__name__ for k in found]
-        numbers = _odd(len(owners), 1)
-        numbers[: len(whole)][~whole] = 0
-        self._numbers, self._weights, self._closer = numbers[self._order], _odd(worlds.count, 2), _odd(worlds.count, 3)
+        factors = _odd(len(owners), 1)
+        factors[: len(whole)][~whole] = 0
+        self._factors, self._weights = factors[self._order], _odd(worlds.count, 2)
+        self._sign_weights = _odd(worlds.count, 3)
         self._sums = np.zeros(len(owners), np.uint32)
 
-    def span(self, run: int) -> slice:
-        """The worlds that the digest of this run is of."""
-        start = run % self.period * self._at_once
-        return slice(start, min(start + self._at_once, self._count))
+    def span(self, tick: int) -> slice:
+        """The worlds that the digest of this tick is of."""
+        start = tick % self.turns * self._size
+        return slice(start, min(start + self._size, self._count))
 
-    def take(self, run: int) -> Array:
-        """The digest after the run of this number: uint16 (components,)."""
-        span = self.span(run)
-        self._add(span, run // self.period % self._turns)
+    def compute(self, tick: int) -> Array:
+        """The digest after the tick of this number: uint16 (components,)."""
+        span = self.span(tick)
+        self._add(span, tick // self.turns % self._sign_turns)
         words = self._sums[self._order]
         words ^= words >> SHIFT
-        words *= self._numbers
+        words *= self._factors
         totals: Array = np.add.reduceat(words, self._starts)
         digest: Array = (totals ^ totals >> np.uint32(16)).astype(np.uint16)
         return digest
@@ -64,22 +65,23 @@ class Digests:
     def _add(self, span: slice, turn: int) -> None:
         """Sum every word over these worlds.
 
-        The topmost bit of a word, the sign of a number, counts only odd or even in a sum: some worlds see to that bit.
+        The topmost bit of a word, the sign of a number, counts only odd or even in a sum: so some worlds, in turn, also
+        add their upper bits.
         """
         block, weights = self._block[span], self._weights[span]
         whole = self._sums[: block.shape[1]]
         np.einsum("wk,w->k", block, weights, out=whole)
-        some = slice(turn * CLOSER, turn * CLOSER + CLOSER)
-        whole += np.einsum("wk,w->k", block[some] >> SHIFT, self._closer[span][some])
+        some = slice(turn * SIGN_WORLDS, turn * SIGN_WORLDS + SIGN_WORLDS)
+        whole += np.einsum("wk,w->k", block[some] >> SHIFT, self._sign_weights[span][some])
         parts = [block[:, self._shared] & self._masks, *(rows[span] for rows in self._signals)]
         np.einsum("wk,w->k", np.concatenate(parts, 1), weights, out=self._sums[block.shape[1] :])
 
 
 def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, Array, Array, Array]:
-    """Which words of a world's block are whose.
+    """The components to which the words of a world's block belong.
 
-    Returns, for each word, whether it is one component's alone, and whose; then the words that are of several, once for
-    each of them, as: number of the word, mask of its bits, whose.
+    Returns, for each word, whether it belongs to one component alone, and to which; then the words that belong to
+    several, once for each of them, as: number of the word, mask of its bits, component.
     """
     owner = np.full(worlds.layout.world_bytes, -1)
     for place in worlds.layout.places:

@@ -1,4 +1,4 @@
-"""Reading a recording: every checksum first, then one frame at a time."""
+"""Reading a recording: every checksum first, then one chunk at a time."""
 
 import json
 import math
@@ -15,146 +15,161 @@ from ..errors import RecordingError
 from ..scenarios.fingerprint import difference, identity, is_identity, is_word
 from ..scenarios.scenario import Scenario, ScenarioError
 from ..scenarios.serialize import classes, planned, rebuilt
-from .container import DONE, HEAD, RUNS, Frame, content, damaged, frames, unpack
-from .recorder import LARGEST
-from .tick_records import Run, Shape
-from .tick_records import unpack as unpack_runs
+from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
+from .recorder import MAX_PENDING_BYTES
+from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
 
-COUNT = (1, 2**31)  # of worlds or agents
-LONGEST = 2**20  # bytes of JSON in the header
-USUAL, SHARE = 2**30, 10_000  # bytes of worlds that any file may ask for, and more for each of its own bytes
+MAX_COUNT = 2**31  # worlds or agents
+MAX_HEADER = 2**20  # bytes of JSON
+MAX_WORLDS_BYTES, MORE_FOR_EACH_BYTE = 2**30, 10_000  # memory that any file may ask for, and for each of its own bytes
 
 
 class Recording:
-    """A recording; made by `open`. len(recording) runs of the tick are whole, of which the first resets all worlds.
+    """A recording of an environment in a file, made by `open`; len(recording) is the number of its ticks.
 
-    header: what it says of itself. scenario, num_worlds, num_agents (in each), first_world: as in SurvivalVectorEnv.
-    cut: in words, that its end is missing, as its writer was killed or still runs; else empty.
+    Attributes:
+        header: What the file says of itself: `outlast`, `machine`, `scenario` ...
+        scenario: The scenario that was played.
+        num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` in each world.
+        cut: Empty, or a sentence that the end of the file is missing, as its writer was killed or still runs.
     """
 
-    def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, found: list[Frame], size: int) -> None:
+    def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, chunks: list[Chunk], size: int) -> None:
         self.path, self.header, self.scenario = path, header, scenario
         self.components: list[str] = header["digests"]["components"]
         self.num_worlds, self.num_agents, self.first_world = (
             header[key] for key in ("worlds", "agents", "first_world")
         )
-        self._frames = [each for each in found if each.tag == RUNS]
-        self._length = sum(each.runs for each in self._frames)
-        self.cut = "" if found[-1].tag == DONE else self._told(size - found[-1].end)
+        self._chunks = [chunk for chunk in chunks if chunk.tag == RECORDS]
+        self._length = sum(chunk.ticks for chunk in self._chunks)
+        self._format = TickFormat(
+            *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
+            *(len(self.components), header["digests"]["repeat"]),
+        )
+        lost = size - chunks[-1].end
+        sentence = f"{path} was cut off: {self._length} ticks are whole, {lost} bytes after them are left out"
+        self.cut = "" if chunks[-1].tag == DONE else sentence
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], scenario: Scenario | None = None) -> "Recording":
         """Read a file and check all of it; what a killed writer left unfinished at its end is dropped (see `cut`).
 
-        scenario: needed if some of its mechanics are not outlast's own, as what a file names is never imported. Raises
-        RecordingError for what is not a recording, or damaged, or of another scenario; and OSError.
+        Args:
+            path: What `outlast.record` or `outlast rollout --record` wrote.
+            scenario: Needed if some of its mechanics are not outlast's own, as what a file names is never imported.
+
+        Returns:
+            The recording. The file is read again, chunk by chunk, when ticks are asked for.
+
+        Raises:
+            RecordingError: The file is not a recording, or damaged, or of another scenario.
+            OSError: The file cannot be read.
         """
         name, size = os.fspath(path), Path(path).stat().st_size
         with open(path, "rb") as file:
-            found = list(frames(file, name, size))
-            if not found or found[0].tag != HEAD:
+            chunks = list(read_chunks(file, name, size))
+            if not chunks or chunks[0].tag != HEAD:
                 raise RecordingError(f"{name} is not a recording: it ends before it says what was recorded")
-            _check_order(name, found)
-            header = _header(file, name, found[0])
-            recording = cls(name, header, _scenario(name, header, scenario), found, size)
+            _check_order(name, chunks)
+            header = _read_header(file, name, chunks[0])
+            recording = cls(name, header, _scenario(name, header, scenario), chunks, size)
             recording._check_size(size)
             recording._check_begin(file)
         return recording
 
-    def _told(self, lost: int) -> str:
-        return f"{self.path} was cut off: {len(self)} runs of the tick are whole, {lost} bytes after them are left out"
+    @property
+    def contents(self) -> str:
+        """In words: "teams_3, 64 worlds, 601 ticks"."""
+        return f"{self.scenario.name}, {self.num_worlds} worlds, {len(self):,} ticks"
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
 
     def __len__(self) -> int:
         return self._length
 
-    def runs(self) -> Iterator[Run]:
-        """The recorded runs, one after another; read a frame at a time. Raises RecordingError."""
-        shape = self.shape
-        with open(self.path, "rb") as file:
-            for each in self._frames:
-                yield from self._unpacked(file, each, shape)
+    def tick_records(self) -> Iterator[TickRecord]:
+        """What was recorded of each tick, the first of which resets all worlds; read a chunk at a time.
 
-    @property
-    def shape(self) -> Shape:
-        """What its runs have in common."""
-        count = math.prod(size for _, _, size in self.header["actions"])
-        return Shape(
-            self.num_worlds,
-            self.num_agents,
-            np.min_scalar_type(count - 1),
-            len(self.components),
-            self.header["digests"]["repeat"],
-        )
+        Yields:
+            Modes, joint actions, keys of random numbers and a digest; resets are ticks, too.
+
+        Raises:
+            RecordingError: The file is damaged.
+        """
+        with open(self.path, "rb") as file:
+            for chunk in self._chunks:
+                yield from self._decoded(file, chunk)
 
     def _check_size(self, size: int) -> None:
-        """Worlds of absurd size are not begun with: few bytes could ask for very many. size: of the file, bytes."""
+        """Refuse worlds of absurd size, for which few bytes could ask. size: of the file, bytes."""
         try:
             agents, each = planned(self.scenario)
         except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{self.path}: its worlds cannot be made: {error}") from None
         if agents != self.num_agents:
             raise RecordingError(f"{self.path}: agents are {self.num_agents} there and {agents} here")
-        if (asked := each * self.num_worlds) > (most := USUAL + SHARE * size):
+        if (asked := each * self.num_worlds) > (most := MAX_WORLDS_BYTES + MORE_FOR_EACH_BYTE * size):
             raise RecordingError(
                 f"{self.path}: its worlds would take {asked} bytes: {most} are given to a file so small"
             )
 
     def _check_begin(self, file: BinaryIO) -> None:
-        """The first run keys and resets all worlds: as many as the header says."""
-        for each in self._frames[:1]:
-            run = self._unpacked(file, each, self.shape)[0]
-            if (run.mode != RESET).any() or not np.array_equal(run.keys[:, 0], np.arange(self.num_worlds)):
+        """The first tick keys and resets all worlds: as many as the header says."""
+        for chunk in self._chunks[:1]:
+            first = self._decoded(file, chunk)[0]
+            if (first.mode != RESET).any() or not np.array_equal(first.keys[:, 0], np.arange(self.num_worlds)):
                 raise RecordingError(f"{self.path} does not begin with a reset of all worlds")
 
-    def _unpacked(self, file: BinaryIO, each: Frame, shape: Shape) -> list[Run]:
-        whole = unpack(content(file, self.path, each), self.path, each, LARGEST + shape.most)
+    def _decoded(self, file: BinaryIO, chunk: Chunk) -> list[TickRecord]:
+        content = read_content(file, self.path, chunk, MAX_PENDING_BYTES + self._format.max_bytes)
         try:
-            return list(unpack_runs(whole, each.runs, shape))
+            return list(decode_ticks(content, chunk.ticks, self._format))
         except ValueError:
-            raise damaged(self.path, each.offset) from None
+            raise damaged(self.path, chunk.offset) from None
 
 
-def _check_order(path: str, found: list[Frame]) -> None:
-    """Every frame goes on where the one before it ended."""
-    runs = 0
-    for k, each in enumerate(found):
-        known = (HEAD,) if k == 0 else (RUNS, DONE)
-        if each.tag not in known or each.first != runs or (each.runs > 0) != (each.tag == RUNS):
-            raise RecordingError(f"{path}: the frame at byte {each.offset} does not follow the one before it")
-        runs += each.runs
+def _check_order(path: str, chunks: list[Chunk]) -> None:
+    """Every chunk goes on where the one before it ended."""
+    ticks = 0
+    for k, chunk in enumerate(chunks):
+        allowed = (HEAD,) if k == 0 else (RECORDS, DONE)
+        if chunk.tag not in allowed or chunk.first != ticks or (chunk.ticks > 0) != (chunk.tag == RECORDS):
+            raise RecordingError(f"{path}: the chunk at byte {chunk.offset} does not follow the one before it")
+        ticks += chunk.ticks
 
 
-def _header(file: BinaryIO, path: str, head: Frame) -> dict[str, Any]:
+def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     """The header, with everything in it of the right kind."""
-    whole = unpack(content(file, path, head), path, head, LONGEST)
+    content = read_content(file, path, chunk, MAX_HEADER)
     try:
-        header = json.loads(whole)
-        fits = _fits(header)
+        header = json.loads(content)
+        valid = _is_valid(header)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        fits = False
-    if not fits:
+        valid = False
+    if not valid:
         raise RecordingError(f"{path} is not a recording: its header does not say what was recorded")
     return dict(header)
 
 
-def _fits(header: Any) -> bool:
+def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
         all(type(number) is int and number >= 0 for number in numbers)
-        and COUNT[0] <= header["worlds"] <= COUNT[1]
-        and COUNT[0] <= header["agents"] <= COUNT[1]
+        and 1 <= header["worlds"] <= MAX_COUNT
+        and 1 <= header["agents"] <= MAX_COUNT
         and header["first_world"] < 2**62
         and all(map(is_word, names))
         and type(header["modules"]) is type(digests["components"]) is list
         and is_identity(header["scenario"])
         and columns
-        and math.prod(size for _, _, size in actions) <= 2**32
+        and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
-        and len(digests["components"]) <= LONGEST
+        and len(digests["components"]) <= MAX_HEADER
     )
 
 

@@ -1,4 +1,4 @@
-"""Recording: what decides each run of the tick goes into a file, and a digest of what came of it."""
+"""Recording: what decides each tick goes into a file, and a digest of the state after it."""
 
 import json
 import os
@@ -17,47 +17,47 @@ from ..errors import RecordingError
 from ..scenarios.fingerprint import identity
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes
-from .container import DONE, HEAD, MAGIC, RUNS, frame
-from .digests import AT_ONCE, Digests
-from .joint_action import Joint
-from .tick_records import KEY, Run, Shape, pack
+from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
+from .digests import WORLDS_PER_DIGEST, Digests
+from .tick_records import KEY_SIZE, JointActions, TickFormat, TickRecord, encode_ticks
 
 Array = np.ndarray[Any, Any]
 
-LARGEST = 2**19  # bytes that wait to be written, at most: what a killed process loses
-NO_KEYS = np.zeros((0, KEY), np.uint64)
-LONGEST = 5.0  # seconds that they wait, as long as runs go on
+MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written: what a killed process loses
+MAX_PENDING_SECONDS = 5.0  # that they wait, as long as ticks go on
+NO_KEYS = np.zeros((0, KEY_SIZE), np.uint64)
 
 
 class Recorder:
-    """Runs worlds, and records every run in the file `path`; see SurvivalVectorEnv.record.
+    """Runs the worlds of an environment, and records every tick in the file `path`; made by outlast.record.
 
-    Works as a context manager; `close` writes what is left. After close it goes on
-    running the worlds, and records nothing. Raises RecordingError if the file exists, or cannot be made.
+    A context manager; `close` writes what is left. After that it goes on running the worlds, and records nothing.
+    Raises RecordingError if the file exists, or cannot be made.
     """
 
     def __init__(self, path: str | os.PathLike[str], scenario: Scenario, worlds: Worlds, first_world: int = 0) -> None:
         self.path, self._worlds = Path(path), worlds
-        self._joint, self._digests = Joint(worlds), Digests(worlds)
-        shape = Shape(
-            worlds.count, worlds.dims["agents"], self._joint.dtype, len(self._digests.names), self._digests.repeat
+        self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
+        form = TickFormat(
+            *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
+            *(len(self._digests.names), self._digests.period),
         )
-        head = _header(scenario, shape, self._joint, self._digests) | {"first_world": first_world}
-        self._file = _Appender(self.path, head, shape)
-        self._end = weakref.finalize(self, self._file.close)  # also when the process ends without close()
+        header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
+        self._file = _Appender(self.path, header, form)
+        self._finalizer = weakref.finalize(self, self._file.close)  # also when the process ends without close()
         self._owner = os.getpid()
-        self._whole = False  # whether the worlds are where the last recorded run left them
-        self._clock = np.zeros((worlds.count, KEY - 1), np.uint64)  # and their clocks, as far as they are recorded
+        self._continuous = False  # whether the worlds are where the last recorded tick left them
+        self._keyed = np.zeros((worlds.count, KEY_SIZE - 1), np.uint64)  # their clocks, as far as they are recorded
 
     @property
     def recording(self) -> bool:
         """Whether it has not been closed."""
-        return self._end.alive
+        return self._finalizer.alive
 
     @property
-    def runs(self) -> int:
-        """Runs recorded, among them those that are not in the file yet."""
-        return self._file.runs
+    def ticks(self) -> int:
+        """Ticks recorded, among them those that are not in the file yet."""
+        return self._file.ticks
 
     def __enter__(self) -> Self:
         return self
@@ -70,7 +70,7 @@ class Recorder:
     def run(self, mode: Array) -> None:
         """Take every world through the tick, as Worlds.run, and record it.
 
-        A run that is interrupted is not recorded; only a reset of all worlds goes on from there. Raises RecordingError
+        A tick that is interrupted is not recorded; only a reset of all worlds goes on from there. Raises RecordingError
         if that is missing, or if the file cannot be written, with which the recording ends.
         """
         if not self.recording:
@@ -79,58 +79,58 @@ class Recorder:
         self.check(mode)
         steps, keys = mode == STEP, NO_KEYS
         if all_step := bool(steps.all()):
-            codes = self._joint.encode(self._worlds.actions)
+            codes = self._joint_actions.encode(self._worlds.actions)
         else:
-            codes, keys = self._joint.encode(self._worlds.actions[:, steps]), self._keys()
-        self._whole = False
+            codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
+        self._continuous = False
         self._worlds.run(mode)
         if not all_step:
-            self._clock[mode == RESET, -1] += np.uint64(1)  # episode
-        digest = self._digests.take(self.runs)
+            self._keyed[mode == RESET, -1] += np.uint64(1)  # episode
+        digest = self._digests.compute(self.ticks)
         try:
-            self._file.append(Run(mode.copy(), codes, keys, digest))
+            self._file.append(TickRecord(mode.copy(), codes, keys, digest))
         except OSError as error:
-            self._end.detach()
+            self._finalizer.detach()
             self._file.abandon()
             raise RecordingError(
-                f"{self.path}: {error.strerror}; the recording ends here, and the {self._file.written} runs that are "
+                f"{self.path}: {error.strerror}; the recording ends here, and the {self._file.written} ticks that are "
                 "in the file can be replayed. The environment goes on without it"
             ) from error
-        self._whole = True
+        self._continuous = True
 
     def close(self) -> None:
         """Write what is left, and that this is all. Raises RecordingError if that is impossible."""
         try:
-            self._end()
+            self._finalizer()
         except OSError as error:
             raise RecordingError(f"{self.path}: {error.strerror}; its end is missing") from error
 
     def check(self, mode: Array) -> None:
-        """Raise RecordingError if a run of these modes cannot be recorded."""
+        """Raise RecordingError if a tick of these modes cannot be recorded."""
         if os.getpid() != self._owner:
             raise RecordingError(f"{self.path} is recorded by another process; close() the recorder in this one")
-        if not self._whole and (mode != RESET).any():
-            why = "a run was interrupted" if self.runs else "a recording begins with that"
+        if not self._continuous and (mode != RESET).any():
+            why = "a tick was interrupted" if self.ticks else "a recording begins with that"
             raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
 
-    def _keys(self) -> Array:
-        """What keys random numbers, where it is not what the recording so far says; and take note of it."""
+    def _new_keys(self) -> Array:
+        """What keys random numbers, of the worlds where the recording so far does not imply it; it does from now on."""
         clock = self._worlds[Clock]
         now = np.concatenate([clock.seed, clock.world, clock.episode], 1)
-        rows = np.flatnonzero((now != self._clock).any(1) | (not self._whole))
-        self._clock[rows] = now[rows]
+        rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
+        self._keyed[rows] = now[rows]
         return np.concatenate([rows[:, None].astype(np.uint64), now[rows]], 1)
 
 
 class _Appender:
-    """Appends frames of runs to a file. What was written before is never touched again.
+    """Appends chunks of tick records to a file. What was written before is never touched again.
 
-    Its state is replaced as a whole once a frame is in the file, so that Ctrl-C at any moment neither loses runs nor
-    writes them twice: a frame that was begun is begun again.
+    Its state is replaced as a whole once a chunk is in the file, so that Ctrl-C at any moment neither loses ticks nor
+    writes them twice: a chunk that was begun is begun again.
     """
 
-    def __init__(self, path: Path, head: dict[str, Any], shape: Shape) -> None:
-        self.shape, self._owner, self._since = shape, os.getpid(), time.monotonic()
+    def __init__(self, path: Path, header: dict[str, Any], form: TickFormat) -> None:
+        self._form, self._owner, self._since = form, os.getpid(), time.monotonic()
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
         try:
             self._descriptor = os.open(path, flags, 0o666)
@@ -140,10 +140,10 @@ class _Appender:
             ) from None
         except OSError as error:
             raise RecordingError(f"{path}: {error.strerror}; no recording can be written there") from None
-        self._state: tuple[int, int, list[Run]] = (0, 0, [])  # offset of the end, runs written, runs that wait
-        self._bytes = 0  # that wait
+        self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])  # offset of the end, ticks written, those that wait
+        self._pending_bytes = 0
         try:
-            self._write(MAGIC + frame(HEAD, json.dumps(head).encode(), 0, 0), 0)
+            self._write(MAGIC + encode_chunk(HEAD, json.dumps(header).encode(), 0, 0), 0)
         except OSError as error:
             os.close(self._descriptor)
             path.unlink()
@@ -151,19 +151,19 @@ class _Appender:
 
     @property
     def written(self) -> int:
-        """Runs in the file."""
+        """Ticks in the file."""
         return self._state[1]
 
     @property
-    def runs(self) -> int:
-        """Runs in the file, and those that wait."""
+    def ticks(self) -> int:
+        """Ticks in the file, and those that wait."""
         return self._state[1] + len(self._state[2])
 
-    def append(self, run: Run) -> None:
-        """Append a run. Raises OSError if the file cannot be written."""
-        self._state[2].append(run)
-        self._bytes += run.nbytes
-        if self._bytes >= LARGEST or time.monotonic() - self._since > LONGEST:
+    def append(self, record: TickRecord) -> None:
+        """Append a tick. Raises OSError if the file cannot be written."""
+        self._state[2].append(record)
+        self._pending_bytes += record.nbytes
+        if self._pending_bytes >= MAX_PENDING_BYTES or time.monotonic() - self._since > MAX_PENDING_SECONDS:
             self._flush()
 
     def close(self) -> None:
@@ -171,7 +171,7 @@ class _Appender:
         try:
             if os.getpid() == self._owner:
                 self._flush()
-                self._write(frame(DONE, b"", 0, self.runs), 0)
+                self._write(encode_chunk(DONE, b"", 0, self.ticks), 0)
         except OSError:
             self._cut()
             raise
@@ -184,24 +184,24 @@ class _Appender:
         os.close(self._descriptor)
 
     def _flush(self) -> None:
-        _, first, waiting = self._state
-        if waiting:
-            self._write(frame(RUNS, pack(waiting, self.shape), len(waiting), first), len(waiting))
-        self._bytes, self._since = 0, time.monotonic()
+        _, first, pending = self._state
+        if pending:
+            self._write(encode_chunk(RECORDS, encode_ticks(pending, self._form), len(pending), first), len(pending))
+        self._pending_bytes, self._since = 0, time.monotonic()
 
-    def _write(self, content: bytes, runs: int) -> None:
+    def _write(self, content: bytes, ticks: int) -> None:
         offset, first, _ = self._state
         os.lseek(self._descriptor, offset, os.SEEK_SET)
         rest = memoryview(content)
         while rest:
             rest = rest[os.write(self._descriptor, rest) :]
-        self._state = (offset + len(content), first + runs, [])
+        self._state = (offset + len(content), first + ticks, [])
 
     def _cut(self) -> None:
         os.ftruncate(self._descriptor, self._state[0])
 
 
-def _header(scenario: Scenario, shape: Shape, joint: Joint, digests: Digests) -> dict[str, Any]:
+def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, digests: Digests) -> dict[str, Any]:
     import outlast  # here, as it imports this package
 
     return {
@@ -209,8 +209,8 @@ def _header(scenario: Scenario, shape: Shape, joint: Joint, digests: Digests) ->
         "machine": f"{platform.system()} {platform.machine()}",
         "scenario": identity(scenario),
         "modules": classes(scenario),
-        "worlds": shape.worlds,
-        "agents": shape.agents,
-        "actions": [list(column) for column in joint.columns],
-        "digests": {"components": digests.names, "worlds": AT_ONCE, "repeat": digests.repeat},
+        "worlds": form.worlds,
+        "agents": form.agents,
+        "actions": [list(column) for column in joint_actions.columns],
+        "digests": {"components": digests.names, "worlds": WORLDS_PER_DIGEST, "repeat": digests.period},
     }

@@ -1,6 +1,6 @@
-"""Replaying: the recorded runs of the tick once more, each compared with the digest of what it was."""
+"""Replaying: the recorded ticks once more, each compared with the digest of what it was."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,18 +15,26 @@ from ..errors import RecordingError, ReplayError
 from ..rollout.summary import Summary
 from ..scenarios.scenario import ScenarioError
 from .digests import Digests
-from .joint_action import Joint
 from .reader import Recording
-from .tick_records import Run
+from .tick_records import JointActions, TickRecord
 
 Array = np.ndarray[Any, Any]
 
 
 class Replay:
-    """The worlds of a recording, and the runs that it holds of them.
+    """The worlds of a recording, taken through the recorded ticks.
 
-    worlds: an ecs.Worlds; read its tables and its `mode` between runs. summary: of the episodes that ended so far.
-    Raises RecordingError if this outlast has other actions or components than the one that recorded.
+    Attributes:
+        recording: The recording.
+        worlds: An ecs.Worlds, as it is after the tick that `ticks` yielded; read its tables and its `mode`.
+        summary: Of the episodes that have ended so far.
+
+    Args:
+        recording: What `Recording.open` returned.
+        threads: How many threads share the worlds.
+
+    Raises:
+        RecordingError: The worlds cannot be made, or have other actions or components here than there.
     """
 
     def __init__(self, recording: Recording, threads: int = 1) -> None:
@@ -36,72 +44,86 @@ class Replay:
             check_playable(self.worlds, recording.scenario.name)
         except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
-        self._joint, self._digests = Joint(self.worlds), Digests(self.worlds, recording.header["digests"]["worlds"])
-        self._check()
+        self._joint_actions = JointActions(self.worlds)
+        self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
+        self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
+        self._check("components", recording.components, self._digests.names)
         with announce_compilation(self.worlds, recording.scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # nobody moves, but the tick gets compiled or loaded
 
-    def ticks(self, verify: bool = True) -> Iterator[int]:
-        """Run the recorded runs from the first on, and yield the number of each once it is run: 0 resets all worlds.
+    def __repr__(self) -> str:
+        return f"<Replay of {self.recording.path}: {self.recording.contents}>"
 
-        verify: compare digests. Raises ReplayError at the first run after which the state is not what it was.
+    def ticks(
+        self,
+        verify: bool = True,
+        *,
+        first: int = 0,
+        last: int | None = None,
+        worlds: Sequence[int] | None = None,
+    ) -> Iterator[int]:
+        """Replay from the beginning, and yield the number of each tick once it is done: 0 resets all worlds.
+
+        Args:
+            verify: Compare digests.
+            first: Yield nothing before the tick of this number.
+            last: Stop after the tick of this number; None: after all.
+            worlds: Of the ticks after `first`, yield only those in which one of these worlds took part.
+
+        Yields:
+            Numbers of ticks.
+
+        Raises:
+            ReplayError: The state after a tick is not what it was.
+            RecordingError: The file is damaged.
         """
         self.summary = Summary()
-        for number, run in enumerate(self.recording.runs()):
-            self._repeat(run)
+        for number, record in enumerate(self.recording.tick_records()):
+            self._run(record)
             if verify:
-                self._compare(number, run.digest)
-            self._count()
-            yield number
+                self._compare(number, record.digest)
+            self._count_episodes()
+            if number == first or (number > first and (worlds is None or self.worlds.mode[worlds].any())):
+                yield number
+            if number == last:
+                return
 
     def close(self) -> None:
         """Let the threads go. The tables stay readable."""
         self.worlds.close()
 
-    def _repeat(self, run: Run) -> None:
-        clock, rows = self.worlds[Clock], run.keys[:, 0].astype(np.intp)
-        clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0] = run.keys[:, 1:].T
+    def _run(self, record: TickRecord) -> None:
+        clock, rows = self.worlds[Clock], record.keys[:, 0].astype(np.intp)
+        clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0] = record.keys[:, 1:].T
         try:
-            self.worlds.actions[:, run.mode == STEP] = self._joint.decode(run.codes)
+            self.worlds.actions[:, record.mode == STEP] = self._joint_actions.decode(record.codes)
         except ValueError as error:
             raise RecordingError(f"{self.recording.path} is damaged: {error}") from None
-        self.worlds.run(run.mode)
+        self.worlds.run(record.mode)
 
     def _compare(self, number: int, expected: Array) -> None:
-        different = np.flatnonzero(self._digests.take(number) != expected)
+        different = np.flatnonzero(self._digests.compute(number) != expected)
         if not different.size:
             return
         names = [self._digests.names[k] for k in different]
         span = self._digests.span(number)
-        which = f" (worlds {span.start} to {span.stop - 1})" if self._digests.period > 1 else ""
+        which = f" (worlds {span.start} to {span.stop - 1})" if self._digests.turns > 1 else ""
         header = self.recording.header
         raise ReplayError(
-            f"{self.recording.path}: run {number} is the first that differs{which}, in {', '.join(names)}; "
+            f"{self.recording.path}: tick {number} is the first that differs{which}, in {', '.join(names)}; "
             f"recorded by outlast {header['outlast']} on {header['machine']}"
         )
 
-    def _count(self) -> None:
-        """Count the episodes that ended in the last run."""
+    def _count_episodes(self) -> None:
+        """Count the episodes that ended in the last tick."""
         end = self.worlds[End]
-        over = (end.terminated | end.truncated)[:, 0] & (self.worlds.mode == STEP)
-        if over.any():
-            self.summary.add(statistics(self.worlds, over), over)
+        done = (end.terminated | end.truncated)[:, 0] & (self.worlds.mode == STEP)
+        if done.any():
+            self.summary.add(statistics(self.worlds, done), done)
 
-    def _check(self) -> None:
-        recording = self.recording
-        own = {
-            "agents": self.worlds.dims["agents"],
-            "actions": [list(column) for column in self._joint.columns],
-            "components": self._digests.names,
-        }
-        its = {
-            "agents": recording.num_agents,
-            "actions": recording.header["actions"],
-            "components": recording.components,
-        }
-        for key, mine in own.items():
-            if mine != its[key]:
-                raise RecordingError(
-                    f"{recording.path}: {key} are {its[key]} there and {mine} here; it was recorded by outlast "
-                    f"{recording.header['outlast']}"
-                )
+    def _check(self, what: str, there: object, here: object) -> None:
+        if here != there:
+            raise RecordingError(
+                f"{self.recording.path}: {what} are {there} there and {here} here; it was recorded by outlast "
+                f"{self.recording.header['outlast']}"
+            )

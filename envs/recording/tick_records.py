@@ -1,41 +1,51 @@
-"""Runs of the tick as bytes: what each world did, the joint actions of those that took a step, and digests."""
+"""Tick records as bytes: what each world did in a tick, the joint actions of those that took a step, and a digest."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import STEP
+from outlast.ecs import STEP, Action, Worlds
+
+from ..core.spaces import published
+from ..errors import RecordingError
 
 Array = np.ndarray[Any, Any]
 
-KEY = 4  # numbers in a row of Run.keys
+KEY_SIZE = 4  # numbers in a row of TickRecord.keys
+MAX_JOINT_ACTIONS = 2**32
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What all runs of a recording have in common. code: the type of a joint action (see joint)."""
+class TickFormat:
+    """What all tick records of a recording have in common."""
 
     worlds: int
     agents: int
-    code: np.dtype[Any]
-    digests: int  # numbers in a digest
-    repeat: int  # runs until a digest is made in the same way again
+    joint_actions: int  # how many there are for an agent
+    digest_size: int  # numbers in a digest
+    digest_period: int  # ticks until a digest is made in the same way again
 
     @property
-    def most(self) -> int:
-        """Bytes that a run takes, at most."""
-        return self.worlds * (1 + self.agents * self.code.itemsize + 8 * KEY) + 2 * self.digests + 4
+    def code(self) -> np.dtype[Any]:
+        """The smallest unsigned type that holds all joint actions."""
+        return np.min_scalar_type(self.joint_actions - 1)
+
+    @property
+    def max_bytes(self) -> int:
+        """Bytes that a tick record takes, at most."""
+        return self.worlds * (1 + self.agents * self.code.itemsize + 8 * KEY_SIZE) + 2 * self.digest_size + 4
 
 
 @dataclass(frozen=True)
-class Run:
-    """One run of the tick.
+class TickRecord:
+    """What decided one tick of all worlds.
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
     keys: uint64 (n, 4), worlds that were keyed anew just before, as (row, seed, world, episode); see ecs.Clock.
-    digest: uint16 (digests,), of the state after it; see digests.
+    digest: uint16 (digest_size,), of the state after it; see digests.
     """
 
     mode: Array
@@ -49,42 +59,44 @@ class Run:
         return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4
 
 
-def pack(runs: Sequence[Run], shape: Shape) -> bytes:
-    """The bytes of `runs`; `unpack` reads them."""
-    digests = np.array([run.digest for run in runs], "<u2").reshape(len(runs), shape.digests)
+def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
+    """The bytes of `records`; `decode_ticks` reads them."""
+    digests = np.array([record.digest for record in records], "<u2").reshape(len(records), form.digest_size)
     changes = digests.copy()  # components that never change become zeros
-    changes[shape.repeat :] -= digests[: -shape.repeat]
-    parts = [run.mode for run in runs]
-    parts.append(np.array([len(run.keys) for run in runs], "<u4"))
-    parts += [run.keys.astype("<u8") for run in runs if len(run.keys)]
+    changes[form.digest_period :] -= digests[: -form.digest_period]
+    parts = [record.mode for record in records]
+    parts.append(np.array([len(record.keys) for record in records], "<u4"))
+    parts += [record.keys.astype("<u8") for record in records if len(record.keys)]
     parts.append(np.ascontiguousarray(changes.T))
-    parts += [run.codes.astype(shape.code.newbyteorder("<")) for run in runs]
+    parts += [record.codes.astype(form.code.newbyteorder("<")) for record in records]
     return b"".join(part.tobytes() for part in parts)
 
 
-def unpack(content: bytes, count: int, shape: Shape) -> Iterator[Run]:
-    """The `count` runs of `content`. Raises ValueError if it is not `count` runs of that shape."""
-    take = _Reader(content)
-    modes = take("i1", count, shape.worlds)
+def decode_ticks(content: bytes, count: int, form: TickFormat) -> Iterator[TickRecord]:
+    """The `count` tick records of `content`. Raises ValueError if it is not `count` of them in that format."""
+    take = _ArrayReader(content)
+    modes = take("i1", count, form.worlds)
     if ((modes < 0) | (modes > 2)).any():
         raise ValueError("modes")
     keyed = take("<u4", count).astype(np.int64)
-    keys = take("<u8", int(keyed.sum()), KEY)
-    if (keys[:, 0] >= shape.worlds).any():
+    keys = take("<u8", int(keyed.sum()), KEY_SIZE)
+    if (keys[:, 0] >= form.worlds).any():
         raise ValueError("rows of worlds")
-    digests = take("<u2", shape.digests, count).T.copy()
-    for start in range(min(shape.repeat, count)):
-        np.cumsum(digests[start :: shape.repeat], axis=0, dtype=np.uint16, out=digests[start :: shape.repeat])
+    digests = take("<u2", form.digest_size, count).T.copy()
+    for start in range(min(form.digest_period, count)):
+        np.cumsum(
+            digests[start :: form.digest_period], axis=0, dtype=np.uint16, out=digests[start :: form.digest_period]
+        )
     steps = (modes == STEP).sum(1)
-    codes = take(shape.code.newbyteorder("<").str, int(steps.sum()), shape.agents)
+    codes = take(form.code.newbyteorder("<").str, int(steps.sum()), form.agents)
     take.end()
     row, key = 0, 0
     for mode, step, many, digest in zip(modes, steps, keyed, digests, strict=True):
-        yield Run(mode, codes[row : row + step], keys[key : key + many], digest)
+        yield TickRecord(mode, codes[row : row + step], keys[key : key + many], digest)
         row, key = row + int(step), key + int(many)
 
 
-class _Reader:
+class _ArrayReader:
     """Takes arrays off the front of some bytes."""
 
     def __init__(self, content: bytes) -> None:
@@ -101,3 +113,40 @@ class _Reader:
     def end(self) -> None:
         if self.offset != len(self.content):
             raise ValueError("too long")
+
+
+class JointActions:
+    """All actions of an agent as one number, 0 to 215 in the paper: mixed radix, in which the first action counts most.
+
+    columns: (key, low, size) of each action. count: how many joint actions there are.
+    """
+
+    def __init__(self, worlds: Worlds) -> None:
+        found = published(worlds, Action)
+        self.columns = [(key, int(column.low), int(column.high - column.low) + 1) for key, _, _, column in found]
+        self._sizes = [size for _, _, size in self.columns]
+        self.count = math.prod(self._sizes)
+        if self.count > MAX_JOINT_ACTIONS:
+            raise RecordingError(f"{self.count} joint actions an agent: at most 2**32 can be recorded")
+        code = np.min_scalar_type(self.count - 1)
+        self._lows = np.array([low for _, low, _ in self.columns], np.int64).reshape(-1, 1, 1)
+        radix = [math.prod(self._sizes[k + 1 :]) % 2**32 for k in range(len(self._sizes))]
+        zero = sum(number * low for number, (_, low, _) in zip(radix, self.columns, strict=True)) % 2**32
+        self._radix, self._zero = np.array(radix, np.uint32).astype(code), np.uint32(zero).astype(code)
+
+    def encode(self, actions: Array) -> Array:
+        """Numbers (worlds, agents) of actions (actions, worlds, agents) as the tables hold them, from low to high.
+
+        All is modulo 2 to the bits of the type, so lows may be negative.
+        """
+        codes: Array = np.einsum("kwi,k->wi", actions.astype(self._radix.dtype), self._radix)
+        codes -= self._zero
+        return codes
+
+    def decode(self, codes: Array) -> Array:
+        """Actions (actions, worlds, agents) from their numbers (worlds, agents). ValueError for one that is none."""
+        if codes.size and int(codes.max()) >= self.count:
+            raise ValueError(f"joint action {int(codes.max())} of {self.count}")
+        if not self._sizes:
+            return np.zeros((0, *codes.shape), np.int64)
+        return np.stack(np.unravel_index(codes.astype(np.intp), self._sizes)) + self._lows

@@ -1,25 +1,25 @@
-"""The canvas: an RGB picture that views draw on, in metres."""
+"""The canvas: an RGB picture that layers draw on, in metres."""
 
 import functools
 import math
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 
+from . import opencv as cv2
 from .scene import Scene
+from .style import Color
 
 Image = np.ndarray[Any, Any]
-Color = tuple[int, int, int]
 Point = tuple[float, float]
-Frame = tuple[float, float, float]  # of fixed-point numbers: units a metre, of the origin, and metres to where is far
+Projection = tuple[float, float, float]  # to fixed-point numbers: units a metre, units of the origin, metres to FAR
 
 SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
 SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
 UNIT = 1 << SHIFT
 FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
-FONT, FONT_HEIGHT = cv2.FONT_HERSHEY_DUPLEX, 21  # pixels, height of a digit at scale 1
+FONT_HEIGHT = 21  # pixels, height of a digit at scale 1 in the font that is used
 BOLD = 24  # pixels of height for each of a stroke's width
 READABLE = 5  # pixels, height of the smallest text worth drawing
 BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
@@ -43,7 +43,7 @@ class Canvas:
         self._unit = self.scale * UNIT
         self._origin = size * UNIT / 2 - UNIT / 2  # OpenCV counts from the centre of the first pixel, not its edge
         self._far = FAR * half
-        self._frame = self._unit, self._origin, self._far
+        self._projection = self._unit, self._origin, self._far
 
     def clear(self, color: Color) -> None:
         """Paint everything over."""
@@ -67,8 +67,8 @@ class Canvas:
             cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
 
     def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
-        """A filled convex polygon, which may let shine through what is below; or with a width (metres) its outline."""
-        points = _fixed(corners, self._frame)
+        """A filled convex polygon, blended in with an opacity below 1; or with a width (metres) its outline."""
+        points = _fixed(corners, self._projection)
         if points is None:
             return
         if width:
@@ -94,7 +94,7 @@ class Canvas:
         grow -= BLEED / self.scale
         thinnest = THINNEST / self.scale
         a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
-        points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._frame)
+        points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._projection)
         if points is not None:
             cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
@@ -108,7 +108,7 @@ class Canvas:
             cv2.line(self.image, start, end, color, thick, cv2.LINE_AA, SHIFT)
 
     def text(self, x: float, y: float, words: str, height: float, color: Color, anchor: float = 0.5) -> None:
-        """Words with digits `height` metres high around y; left out where nobody could read them.
+        """Words with digits `height` metres high around y; left out where they would be unreadable.
 
         anchor: which part of their ink is at x: 0 the left end (nearly), 0.5 the middle, 1 the right end.
         """
@@ -117,7 +117,7 @@ class Canvas:
             left, right, middle = _ink(words if anchor else "0", scale, thick)
             across = left + anchor * (right - left)
             place = round(self.size / 2 + x * self.scale - across), round(self.size / 2 - y * self.scale - middle)
-            cv2.putText(self.image, words, place, FONT, scale, color, thick, cv2.LINE_AA)
+            cv2.putText(self.image, words, place, cv2.FONT_HERSHEY_DUPLEX, scale, color, thick, cv2.LINE_AA)
 
     def length(self, words: str, height: float) -> float:
         """Metres from one end of the words to the other, as `text` writes them."""
@@ -152,7 +152,7 @@ class Canvas:
 
 @functools.lru_cache(maxsize=KEPT)
 def _turned(
-    x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float, frame: Frame
+    x: float, y: float, cosine: float, sine: float, half_width: float, half_height: float, projection: Projection
 ) -> Image | None:
     """The corners of a rectangle turned by an angle, counter-clockwise from its own lower left one; see `_fixed`.
 
@@ -160,12 +160,12 @@ def _turned(
     """
     a, b, c, d = cosine * half_width, sine * half_width, -sine * half_height, cosine * half_height
     corners = [(x - a - c, y - b - d), (x + a - c, y + b - d), (x + a + c, y + b + d), (x - a + c, y - b + d)]
-    return _fixed(corners, frame)
+    return _fixed(corners, projection)
 
 
-def _fixed(corners: Sequence[Point], frame: Frame) -> Image | None:
+def _fixed(corners: Sequence[Point], projection: Projection) -> Image | None:
     """Points in OpenCV's fixed-point numbers, int32 (points, 2); None if they cannot be drawn."""
-    unit, origin, far = frame
+    unit, origin, far = projection
     if not sum([abs(x) + abs(y) for x, y in corners]) < far:
         return None
     return np.array([(round(origin + x * unit), round(origin - y * unit)) for x, y in corners], np.int32)
@@ -178,7 +178,7 @@ def _whole(pixels: float) -> int:
 
 @functools.lru_cache(maxsize=KEPT)
 def _disc_at(pixels: float, x: int, y: int) -> Image:
-    """The same around a point; most things lie where they lay in the frame before."""
+    """The same around a point; most bodies lie where they lay in the frame before."""
     return _disc(pixels) + np.array((x, y), np.int32)
 
 
@@ -211,10 +211,10 @@ def _ink(words: str, scale: float, thick: int) -> tuple[float, float, float]:
 @functools.lru_cache(maxsize=4096)
 def _trial(words: str, scale: float, thick: int) -> tuple[Point, Point]:
     """The ends of the ink across and down, from where OpenCV starts to write."""
-    (width, height), below = cv2.getTextSize(words, FONT, scale, thick)
+    (width, height), below = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, scale, thick)
     margin = height + below + 2
     trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)
-    cv2.putText(trial, words, (margin, margin + height), FONT, scale, (255,), thick, cv2.LINE_AA)
+    cv2.putText(trial, words, (margin, margin + height), cv2.FONT_HERSHEY_DUPLEX, scale, (255,), thick, cv2.LINE_AA)
     ys, xs = np.nonzero(trial)
     if not len(xs):
         return (0.0, 0.0), (0.0, 0.0)

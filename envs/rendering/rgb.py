@@ -1,4 +1,4 @@
-"""Pictures of a world: RGB for people and videos, characters for terminals. Nothing is changed by looking."""
+"""Pictures of a world: RGB for people and videos, characters for terminals."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -9,33 +9,46 @@ from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shap
 from outlast.ecs import Component, Worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
-from .layers import VIEWS, Scene, View
-from .layers.palette import WALL
-from .layers.view import paint
+from .layers import LAYERS, Layer, Scene
+from .layers.layer import paint
+from .style import WALL
 
 COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
 SIGNS: tuple[tuple[type[Component], str], ...] = ((Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
 NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
-def draw(worlds: Worlds, w: int, size: int = 512, views: Iterable[View] | None = None) -> Image:
-    """World `w` as a picture: uint8 (size, size, 3), RGB, a new array. The same state gives the same bits.
+def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None = None) -> Image:
+    """Draw a world. The same state gives the same bits, and the world is not changed.
 
-    size: pixels, 64 to 4096. views: what to draw (default: VIEWS), in any order; those that this scenario has nothing
-    for stay out. Raises ValueError for a size or world that cannot be, TypeError for what is not a view.
+    Args:
+        worlds: All worlds.
+        w: The number of the one to draw.
+        size: Pixels, side of the picture, 64 to 4096.
+        layers: What to draw (default: LAYERS), in any order; those that this scenario has nothing for are left out.
+
+    Returns:
+        The picture, uint8 (size, size, 3), RGB, a new array.
+
+    Raises:
+        ValueError: For a size or world that cannot be.
+        TypeError: For a layer that is none.
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
     canvas = Canvas(int(size), scene.half)
     canvas.clear(WALL)
-    return paint(canvas, [view for view in _checked(views) if view.fits(scene)], scene)
+    return paint(canvas, [layer for layer in _checked(layers) if layer.fits(scene)], scene)
 
 
 def text(worlds: Worlds, w: int) -> str:
-    """World `w` as a map of 40 x 20 characters in a frame, and a line for every agent.
+    """Draw world `w` as a map of 40 x 20 characters in a frame, with a line for every agent.
 
-    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. The colons are
-    where it is not safe. Raises ValueError for a world that is not there.
+    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. Colons are
+    outside of the safe zone.
+
+    Raises:
+        ValueError: For a world that is not there.
     """
     scene = _scene(worlds, w)
     grid = [[" "] * COLUMNS for _ in range(LINES)]
@@ -64,11 +77,11 @@ def _check(name: str, value: Any, least: int, most: int, unit: str) -> None:
         raise ValueError(f"{name} = {value!r}: an integer from {least} to {most} is needed ({unit})")
 
 
-def _checked(views: Iterable[View] | None) -> list[View]:
-    found = list(VIEWS if views is None else views)
-    for view in found:
-        if not isinstance(view, View):
-            raise TypeError(f"{view!r} is not a view: pass instances, as in views=[*VIEWS, Cameras()]")
+def _checked(layers: Iterable[Layer] | None) -> list[Layer]:
+    found = list(LAYERS if layers is None else layers)
+    for layer in found:
+        if not isinstance(layer, Layer):
+            raise TypeError(f"{layer!r} is not a layer: pass instances, as in layers=[*LAYERS, CamerasLayer()]")
     return found
 
 
@@ -116,7 +129,7 @@ def _agents(scene: Scene) -> Iterator[str]:
         elif Health in scene:
             words.append(f"health {scene[Health].points[e]}")
         if e in alive and Bag in scene:
-            words += [_kind(scene, thing) for thing in scene[Bag].items[e] if thing >= 0]
+            words += [_kind(scene, item) for item in scene[Bag].items[e] if item >= 0]
         yield " ".join(words)
 
 

@@ -1,4 +1,4 @@
-"""The scene: one world as views read it."""
+"""The scene: one world as layers read it."""
 
 import functools
 import math
@@ -7,16 +7,17 @@ from typing import Any, TypeVar
 from outlast.components import Body, Floor, Shape
 from outlast.ecs import Component, Entity, Layout, Module, Worlds
 
+from .style import SIZES
+
 M = TypeVar("M", bound=Module)
-MARGIN = 1.1  # of the picture's side over the room's: bars of agents at a wall fit in, or words
 
 
 class Scene:
     """World `w` in plain Python: scene[C] is the table of component C, its columns as lists of Python numbers.
 
-    The lists are copies, made when they are first asked for: a view cannot change the world, and reading single numbers
-    from lists is ten times faster than from arrays. room, half: metres from the origin to the edge of the room, and of
-    the picture, which is a little larger.
+    The lists are copies, made when they are first asked for: a layer cannot change the world, and reading numbers from
+    lists is ten times faster than from arrays. room, half: metres from the origin to the edge of the room, and of the
+    picture, which is a little larger.
     """
 
     def __init__(self, worlds: Worlds, w: int) -> None:
@@ -25,7 +26,7 @@ class Scene:
         self.body, self.shape = self[Body], self[Shape]
         self._alive = self[Entity].alive
         self.room = self._reach()
-        self.half = MARGIN * self.room
+        self.half = SIZES.margin * self.room
 
     def __getitem__(self, component: type[Component]) -> Any:
         table = self._tables.get(component)

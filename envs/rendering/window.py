@@ -11,7 +11,7 @@ class Window:
 
     def __init__(self, title: str, fps: int) -> None:
         try:
-            self.pygame: Any = import_module("pygame")  # here: whoever opens no window does without
+            self.pygame: Any = import_module("pygame")  # optional
         except ModuleNotFoundError as error:
             raise ImportError("a window needs pygame: pip install 'outlast[window]'") from error
         self.title, self.fps = title, fps
@@ -30,7 +30,7 @@ class Window:
         self.clock.tick(self.fps)
 
     def close(self) -> None:
-        """Take it off the screen."""
+        """Close the window; again does no harm."""
         if self.surface is not None:
             self.pygame.display.quit()
         self.surface = None

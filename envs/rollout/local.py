@@ -15,8 +15,8 @@ from .summary import Summary
 
 Array = np.ndarray[Any, Any]
 
-BLOCK = 256  # worlds in a block, at most: little to do again when a worker is lost
-LONGEST = 100_000  # steps that a whole episode without a limit is waited for
+MAX_BATCH = 256  # worlds that a worker plays at a time: little to do again when it is lost
+MAX_STEPS = 100_000  # of a whole episode without a limit
 
 
 def rollout(
@@ -33,21 +33,23 @@ def rollout(
 
     Args:
         env: Worlds that restart by themselves.
-        policy: Acts in all of them.
+        policy: A function from the observations to the actions of all worlds.
         steps: Take so many steps of every world instead, and count all episodes that end in them.
         progress: Called after every step with the summary so far.
-        episodes: How many of each world.
+        episodes: How many of each world; without effect if `steps` are given.
 
     Returns:
-        The summary of the episodes.
+        Means and standard errors of the statistics of the episodes.
 
     Raises:
         EndlessError: A world without a limit was in one episode for 100,000 steps. Not with `steps`.
         KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument.
     """
-    summary = Summary(each=0 if steps else episodes)
-    left = np.full(env.num_worlds, np.iinfo(np.int64).max if steps else episodes)  # that are to be counted
-    begun = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
+    summary = Summary(episodes_per_world=0 if steps else episodes)
+    remaining = np.full(
+        env.num_worlds, np.iinfo(np.int64).max if steps else episodes
+    )  # episodes that are to be counted
+    began = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
     endless = not steps and not env.scenario.numbers().get("ending_limit")
     observations, _ = env.reset()
     try:
@@ -55,28 +57,34 @@ def rollout(
             observations, _, _, _, info = env.step(policy(observations))
             summary.world_steps += env.num_worlds
             if "statistics" in info:
-                counted = info["_statistics"] & (left > 0)
+                counted = info["_statistics"] & (remaining > 0)
                 summary.add(info["statistics"], counted)
-                left -= counted
-                begun[info["_statistics"]] = step
+                remaining -= counted
+                began[info["_statistics"]] = step
             progress(summary)
-            if not left.any():
+            if not remaining.any():
                 break
-            if endless and (late := (left > 0) & (step - begun >= LONGEST)).any():
+            if endless and (late := (remaining > 0) & (step - began >= MAX_STEPS)).any():
                 raise EndlessError(
-                    f"world {env.first_world + late.argmax()} has been in one episode for {LONGEST:,} steps, which may "
-                    "never end: set ending_limit, or roll out a fixed number of steps"
+                    f"world {env.first_world + late.argmax()} has been in one episode for {MAX_STEPS:,} steps, which "
+                    "may never end: set ending_limit, or roll out a fixed number of steps"
                 )
     except KeyboardInterrupt:
-        summary.each = 0
+        summary.episodes_per_world = 0
         raise KeyboardInterrupt(summary) from None
     return summary
 
 
 def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
-    """Reset everything, then take `steps` steps, one whenever the next item is asked for: the number of steps done.
+    """Reset everything, then take a step whenever the next item is asked for; between items, look at the worlds.
 
-    The first item is 0: the worlds are just reset. Between items the worlds can be looked at.
+    Args:
+        env: Worlds that restart by themselves.
+        policy: A function from the observations to the actions of all worlds.
+        steps: How many to take.
+
+    Yields:
+        The number of steps done: 0, when the worlds are just reset, to `steps`.
     """
     observations, _ = env.reset()
     yield 0
@@ -96,7 +104,7 @@ class Task:
     episodes: int = 1
 
 
-def play(task: Task, first: int, count: int) -> Summary:
+def run_task(task: Task, first: int, count: int) -> Summary:
     """The summary of `count` worlds from `first` on: the same as theirs in a rollout of all."""
     env = SurvivalVectorEnv(task.scenario, count, seed=task.seed, first_world=first, check_actions=False)
     try:
@@ -105,7 +113,7 @@ def play(task: Task, first: int, count: int) -> Summary:
         env.close()
 
 
-def blocks(worlds: int, workers: int) -> list[tuple[int, int]]:
-    """(first world, number of worlds) of each block: something for every worker, nothing larger than BLOCK."""
-    size = min(BLOCK, -(-worlds // workers))
+def split_worlds(worlds: int, workers: int) -> list[tuple[int, int]]:
+    """(first world, number of worlds) of each batch: something for every worker, none larger than MAX_BATCH."""
+    size = min(MAX_BATCH, -(-worlds // workers))
     return [(first, min(size, worlds - first)) for first in range(0, worlds, size)]

@@ -9,7 +9,7 @@ from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 
 Policy = Callable[[Arrays], Actions]
 
-REACH = 2.0  # metres: strike when an enemy ahead is this near or nearer
+REACH = 2.0  # metres: strike when an enemy ahead is this close or closer
 WOUNDED = 70  # hit points at or below which a heal is used
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the golden ratio
 
@@ -17,60 +17,81 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the gold
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Every action uniform and independent: one draw among all joint actions (216 in the paper).
 
-    It is a function of (seed, world, agent, number of the step): a world's actions are the same in every batch. Each
-    agent draws from a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
+    Each agent draws from a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Actions are a function of (seed, world, agent, number of the step), so a world's are the same in every
+            batch.
+
+    Returns:
+        A policy; the observations do not matter to it.
     """
-    draw = joint_actions(env.action_sizes)
+    draw = joint_action_sampler(env.action_sizes)
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
     worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
-    state = mixed(mixed(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
+    state = mix64(mix64(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
 
     def act(observations: Arrays) -> Actions:
         np.add(state, GOLDEN, out=state)
-        return draw(mixed(state))
+        return draw(mix64(state))
 
     return act
 
 
 def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Do nothing: motors idle, nothing attacked, used or given."""
+    """Do nothing: motors idle, nothing attacked, used or given.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; all policies are made with one.
+
+    Returns:
+        A policy; the observations do not matter to it.
+    """
     actions = np.broadcast_to(env.noop.astype(np.int8), (env.num_worlds, env.num_agents, len(env.noop)))
     return lambda observations: actions
 
 
 def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile."""
+    """Stay in the zone, fetch heals in sight, use them when wounded, strike enemies in reach; look around meanwhile.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; the policy is a function of the observations.
+
+    Returns:
+        A policy.
+    """
     levels = {key: -low for key, low in env.action_columns}  # each way
     teams = env.worlds.dims["features"] - 8  # 1 if rows hold a team
 
     def act(observations: Arrays) -> Actions:
-        me, zone = observations["self"], observations.get("zone")
-        health, place, angle = me[..., teams + 1], me[..., teams + 2 : teams + 4], me[..., teams + 4]
-        speed, omega = me[..., teams + 5 : teams + 7], me[..., teams + 7]
-        goal, urgent = np.zeros_like(place), np.zeros(health.shape, bool)
+        own, zone = observations["self"], observations.get("zone")
+        health, position, angle = own[..., teams + 1], own[..., teams + 2 : teams + 4], own[..., teams + 4]
+        velocity, omega = own[..., teams + 5 : teams + 7], own[..., teams + 7]
+        goal, urgent = np.zeros_like(position), np.zeros(health.shape, bool)
         if zone is not None:  # towards the next circle; at once if outside of the present one
-            goal, urgent = zone[..., 3:5], _length(place - zone[..., :2]) > 0.9 * zone[..., 2]
+            goal, urgent = zone[..., 3:5], _length(position - zone[..., :2]) > 0.9 * zone[..., 2]
         if "heals" in observations:
-            heal, found = _nearest(place, observations["heals"], observations["heals_mask"])
+            heal, found = _nearest(position, observations["heals"], observations["heals_mask"])
             goal = np.where((found & ~urgent)[..., None], heal, goal)
-        others, seen = observations["others"], observations["others_mask"]
+        others, visible = observations["others"], observations["others_mask"]
         if teams:
-            seen = seen * (others[..., 1] != me[..., None, 1])
-        enemy, met = _nearest(place, others[..., teams + 2 : teams + 4], seen)
-        near = met & (_length(enemy - place) < 2 * REACH) & ~urgent
-        goal = np.where(near[..., None], enemy, goal)
-        wish = 2 * (goal - place) - speed  # slow down in time
-        ahead, left = _turned(wish, -angle)
-        view = _turned(enemy - place, -angle)
-        error = np.where(met, np.arctan2(view[1], view[0]), 1.0)  # nobody in sight: keep turning
+            visible = visible * (others[..., 1] != own[..., None, 1])
+        enemy, met = _nearest(position, others[..., teams + 2 : teams + 4], visible)
+        close = met & (_length(enemy - position) < 2 * REACH) & ~urgent
+        goal = np.where(close[..., None], enemy, goal)
+        ahead, left = _rotate(2 * (goal - position) - velocity, -angle)  # slow down in time
+        bearing = _rotate(enemy - position, -angle)
+        error = np.where(met, np.arctan2(bearing[1], bearing[0]), 1.0)  # nobody in sight: keep turning
+        use = (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0) if "heal_slot" in observations else 0
         choice = {
             "ahead": _level(ahead / 0.6, levels.get("ahead", 0)),
             "left": _level(left / 0.6, levels.get("left", 0)),
             "turn": _level((4 * error - 3 * omega) / 0.4, levels.get("turn", 0)),
-            "attack": met & (_length(enemy - place) < REACH + 0.5),
-            "use": (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0)
-            if "heal_slot" in observations
-            else 0,
+            "attack": met & (_length(enemy - position) < REACH + 0.5),
+            "use": use,
         }
         zeros = np.zeros(health.shape, np.int8)
         return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in levels], axis=-1)
@@ -85,20 +106,20 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 }
 
 
-def joint_actions(sizes: Any) -> Callable[[Any], Actions]:
-    """A function from uniform uint64 words to joint actions, int8 (..., actions), all of them equally likely."""
+def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
+    """A function from uniform uint64 numbers to joint actions, int8 (..., actions), all of them equally likely."""
     joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
     count, half = np.uint64(len(joint)), np.uint64(32)
 
-    def drawn(words: Any) -> Actions:
-        actions: Actions = joint[(words >> half) * count >> half]
+    def sample(numbers: Any) -> Actions:
+        actions: Actions = joint[(numbers >> half) * count >> half]
         return actions
 
-    return drawn
+    return sample
 
 
-def mixed(words: Any) -> Any:
-    """SplitMix64's mixing of uint64: every bit of the result depends on all bits."""
+def mix64(words: Any) -> Any:
+    """The mixing function of SplitMix64, on uint64: every bit of the result depends on all bits."""
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return words ^ (words >> np.uint64(31))
@@ -108,20 +129,20 @@ def _length(vectors: Any) -> Any:
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
-def _level(values: Any, most: int) -> Any:
-    """The action for a wish that is a whole number of levels, or nearly: `most` is to do nothing."""
-    return most + np.clip(np.rint(values), -most, most).astype(np.int8)
+def _level(values: Any, idle: int) -> Any:
+    """The action for a motor at the nearest whole level, of which there are `idle` each way."""
+    return idle + np.clip(np.rint(values), -idle, idle).astype(np.int8)
 
 
-def _turned(vectors: Any, angle: Any) -> tuple[Any, Any]:
+def _rotate(vectors: Any, angle: Any) -> tuple[Any, Any]:
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
 
 
-def _nearest(place: Any, points: Any, mask: Any) -> tuple[Any, Any]:
-    """The nearest of the seen points to each agent, and whether there is one."""
+def _nearest(position: Any, points: Any, mask: Any) -> tuple[Any, Any]:
+    """The nearest of the visible points to each agent, and whether there is one."""
     if points.shape[-2] == 0:
-        return np.zeros_like(place), np.zeros(place.shape[:-1], bool)
-    distance = np.where(mask > 0, _length(points - place[..., None, :]), np.inf)
+        return np.zeros_like(position), np.zeros(position.shape[:-1], bool)
+    distance = np.where(mask > 0, _length(points - position[..., None, :]), np.inf)
     index = distance.argmin(-1)
     return np.take_along_axis(points, index[..., None, None], -2)[..., 0, :], np.isfinite(distance.min(-1))

@@ -10,7 +10,7 @@ from typing import Any
 import outlast
 
 from ..errors import ClusterError, EndlessError
-from .local import Task, blocks, play
+from .local import Task, run_task, split_worlds
 from .summary import Summary
 
 try:
@@ -19,9 +19,9 @@ try:
 except ImportError as error:
     raise ModuleNotFoundError("--ray needs Ray: pip install 'outlast[ray]'", name="ray") from error
 
-RETRIES = 5  # how often a block starts anew after it lost its worker
-GRACE = 2.0  # seconds that running blocks have to end before they are stopped
-PATIENCE = 10.0  # seconds that the head of a cluster has to answer
+MAX_RETRIES = 5  # of a batch of worlds that lost its worker
+GRACE = 2.0  # seconds that running batches have to end before they are stopped
+CONNECT_TIMEOUT = 10.0  # seconds that the head of a cluster has to answer
 
 
 @contextlib.contextmanager
@@ -36,7 +36,7 @@ def connected(address: str = "") -> Iterator[None]:
         return
     address = address or os.environ.get("RAY_ADDRESS", "")
     try:
-        _knock(address)
+        _check_listening(address)
         ray.init(address or None, logging_level="warning")
     except (OSError, ValueError, RuntimeError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
@@ -47,21 +47,31 @@ def connected(address: str = "") -> Iterator[None]:
         ray.shutdown()
 
 
-def rollout(task: Task, worlds: int, progress: Callable[[Summary], None] = lambda summary: None) -> Summary:
-    """The summary of `worlds` worlds, in blocks spread over the connected cluster (see `connected`).
+def rollout_on_cluster(task: Task, worlds: int, progress: Callable[[Summary], None] = lambda summary: None) -> Summary:
+    """The summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
 
-    A block counts when all of it is done, and then once: one whose worker is lost starts anew elsewhere. progress is
-    called with the numbers of episodes and world-steps done, and no sums. Ctrl-C ends it early; the summary of the
-    finished blocks is returned by raising KeyboardInterrupt with it as its argument. Raises ClusterError if a block
-    loses too many workers, and whatever a worker raises.
+    A batch counts when all of it is done, and then once: one whose worker is lost starts anew elsewhere.
+
+    Args:
+        task: What to roll out.
+        worlds: How many.
+        progress: Called with the numbers of episodes and world-steps done, and no sums.
+
+    Returns:
+        The same as that of one machine.
+
+    Raises:
+        ClusterError: A batch lost too many workers.
+        KeyboardInterrupt: After Ctrl-C, with the summary of the finished batches as its argument.
     """
-    remote, room = ray.remote(max_retries=RETRIES)(_play), max(1, int(ray.cluster_resources().get("CPU", 1)))
-    ahead = deque(blocks(worlds, room))
-    waiting: dict[Any, tuple[int, int]] = {}  # blocks by Ray's references to their results, one for each core
+    remote = ray.remote(max_retries=MAX_RETRIES)(_run_on_worker)
+    cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+    ahead = deque(split_worlds(worlds, cores))
+    waiting: dict[Any, tuple[int, int]] = {}  # batches by Ray's references to their results, one for each core
     done: dict[tuple[int, int], Summary] = {}
     try:
         while ahead or waiting:
-            while ahead and len(waiting) < room:
+            while ahead and len(waiting) < cores:
                 part = ahead.popleft()
                 waiting[remote.remote(outlast.__version__, task, *part)] = part
             ready, _ = ray.wait(list(waiting), timeout=1)
@@ -76,7 +86,7 @@ def rollout(task: Task, worlds: int, progress: Callable[[Summary], None] = lambd
             )
     except KeyboardInterrupt:
         summary = _merged(done)
-        summary.each = 0  # blocks of short episodes are done first
+        summary.episodes_per_world = 0  # batches of short episodes are done first
         raise KeyboardInterrupt(summary) from None
     finally:
         _stop(list(waiting))
@@ -91,18 +101,18 @@ def _stop(references: list[Any]) -> None:
             ray.cancel(reference)
 
 
-def _knock(address: str) -> None:
+def _check_listening(address: str) -> None:
     """OSError if nobody listens at host:port: Ray itself would go on asking for many minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdigit():
-        socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), PATIENCE).close()
+        socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), CONNECT_TIMEOUT).close()
 
 
-def _play(version: str, task: Task, first: int, count: int) -> Summary:
+def _run_on_worker(version: str, task: Task, first: int, count: int) -> Summary:
     """What a worker does; a function of its arguments, so that it can be repeated elsewhere."""
     if version != outlast.__version__:
         raise ClusterError(f"a worker has outlast {outlast.__version__}, this machine {version}: install the same")
-    return play(task, first, count)
+    return run_task(task, first, count)
 
 
 def _result(reference: Any, first: int, count: int) -> Summary:
@@ -115,8 +125,8 @@ def _result(reference: Any, first: int, count: int) -> Summary:
         raise
     except RayError as error:
         raise ClusterError(
-            f"worlds {first} to {first + count - 1} lost their worker {RETRIES + 1} times ({type(error).__name__}); "
-            "the worker may have run out of memory: its log tells"
+            f"worlds {first} to {first + count - 1} lost their worker {MAX_RETRIES + 1} times "
+            f"({type(error).__name__}); it may have run out of memory: see its log"
         ) from error
 
 

@@ -12,32 +12,39 @@ Array = np.ndarray[Any, Any]
 
 @dataclass
 class Summary:
-    """Mean and standard error of every episode statistic. Kept are sums for each world, nothing of single episodes.
+    """Means and standard errors of all statistics of episodes; `str(summary)` is a table.
 
-    Sums over worlds are exact before they are rounded once, so worlds may be summed up in any order and in any parts.
+    Kept are sums for each world, nothing of single episodes. They are exact before they are rounded once, so worlds may
+    be summed up in any order and in any parts.
 
-    each: how many episodes of every world are counted, its first ones; means and standard errors are unbiased. 0: all
-    that ended before the worlds were stopped. Long ones are more likely to be cut off then, so means lean towards short
-    ones. world_steps: how many were taken, of all worlds.
+    Attributes:
+        episodes: How many were counted.
+        episodes_per_world: How many of every world, its first ones; means and standard errors are unbiased. 0: all that
+            ended before the worlds were stopped. Long ones are more likely to be cut off then, so means lean towards
+            short ones.
+        world_steps: How many were taken, of all worlds.
+        sums: Of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
+        squares: The sums of squares, likewise.
     """
 
     episodes: int = 0
-    each: int = 0
+    episodes_per_world: int = 0
     world_steps: int = 0
-    sums: dict[str, Array] = field(default_factory=dict)  # float64 (worlds,) or (worlds, n), n agents, sides ...
+    sums: dict[str, Array] = field(default_factory=dict)
     squares: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
         """The summary of all worlds of `parts`, none of which may be in two of them."""
         parts = list(parts)
-        each, world_steps = min((part.each for part in parts), default=0), sum(part.world_steps for part in parts)
+        per_world = min((part.episodes_per_world for part in parts), default=0)
+        world_steps = sum(part.world_steps for part in parts)
         parts = [part for part in parts if part.episodes]
         sums, squares = (
             {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
             for tables in ([part.sums for part in parts], [part.squares for part in parts])
         )
-        return cls(sum(part.episodes for part in parts), each, world_steps, sums, squares)
+        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares)
 
     def add(self, statistics: dict[str, Any], where: Array) -> None:
         """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,)."""
@@ -71,7 +78,10 @@ class Summary:
         return "\n".join(lines)
 
     def _heading(self) -> str:
-        if not self.each:
-            told = "those cut off at the end are missing, so means lean towards short episodes"
-            return f"{self.episodes:,} episodes ended; {told}"
-        return f"{self.episodes:,} whole episodes, the first {f'{self.each:,} ' if self.each > 1 else ''}of every world"
+        if not self.episodes_per_world:
+            return (
+                f"{self.episodes:,} episodes ended; those cut off at the end are missing, so means lean towards short "
+                "episodes"
+            )
+        count = f"{self.episodes_per_world:,} " if self.episodes_per_world > 1 else ""
+        return f"{self.episodes:,} whole episodes, the first {count}of every world"

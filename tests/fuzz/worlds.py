@@ -20,8 +20,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, RecordingError, StateError
 from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RUNS, frame, frames
-from outlast.envs.recording.container import content as stored
+from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_stored
 from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
 from tests.fuzz.mutations import (
@@ -140,15 +139,15 @@ def _file(scenario: dict[str, Any], arrays: dict[str, Any]) -> bytes:
 
 
 class Recordings:
-    """Recordings of two worlds, in several frames; replayed, and exported as a page, a dataset and pictures."""
+    """Recordings of two worlds, in several chunks; replayed, and exported as a page, a dataset and pictures."""
 
     refusals: ClassVar = (RecordingError,)
 
     def __init__(self) -> None:
         self.folder = folder_of(self)
-        largest, recorder.LARGEST = recorder.LARGEST, 400
+        limit, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 400
         self.files = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
-        recorder.LARGEST = largest
+        recorder.MAX_PENDING_BYTES = limit
         self.valid = self.files[0]
         self.compiled: dict[Any, bool] = {}
 
@@ -173,18 +172,18 @@ class Recordings:
         content = rng.choice(self.files)
         parts = [*_parts(content)]
         k = rng.randrange(len(parts))
-        tag, inner, runs, first = parts[k]
+        tag, inner, ticks, first = parts[k]
         match rng.randrange(9):
             case 0:
                 return mutated(content, rng)
             case 1:
                 parts = [rng.choice(parts) for _ in range(rng.randrange(9))]
             case 2:
-                parts[k] = (tag, mutated(inner, rng), runs, first)
+                parts[k] = (tag, mutated(inner, rng), ticks, first)
             case 3:
-                parts[k] = (rng.choice((HEAD, RUNS, b"DONE", b"WHAT")), inner, rng.choice(INTEGERS) % 2**32, first)
+                parts[k] = (rng.choice((HEAD, RECORDS, b"DONE", b"WHAT")), inner, rng.choice(INTEGERS) % 2**32, first)
             case 4:
-                return _with_frame_fields(content, rng)
+                return _with_chunk_fields(content, rng)
             case 5:
                 parts[0] = (HEAD, to_json(mutated_json(json.loads(parts[0][1]), rng)), 0, 0)
             case _:
@@ -193,14 +192,14 @@ class Recordings:
                 for name in rng.sample([*numbers], rng.choice((1, 1, 2, 6))):
                     numbers[name] = rng.choice((*FLOATS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
                 parts[0] = (HEAD, to_json(head), 0, 0)
-        return MAGIC + b"".join(frame(*part) for part in parts)
+        return MAGIC + b"".join(encode_chunk(*part) for part in parts)
 
     def changed(self, content: bytes, changes: dict[str, Any] | None = None, **numbers: Any) -> bytes:
         """A recording with changes to its header and to the numbers of its scenario."""
         first, *rest = _parts(content)
         head = json.loads(first[1]) | (changes or {})
         head["scenario"]["numbers"] |= numbers
-        return MAGIC + b"".join(frame(*part) for part in [(HEAD, to_json(head), 0, 0), *rest])
+        return MAGIC + b"".join(encode_chunk(*part) for part in [(HEAD, to_json(head), 0, 0), *rest])
 
     def use(self, path: Path) -> None:
         """Run `outlast replay` on it, for some with an export to a page, a dataset or pictures."""
@@ -219,15 +218,15 @@ class Recordings:
 
 
 def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int]]:
-    """The frames of a recording, as arguments of `frame`."""
+    """The chunks of a recording, as arguments of `encode_chunk`."""
     file = io.BytesIO(content)
-    for each in frames(file, "", len(content)):
-        yield each.tag, zlib.decompress(stored(file, "", each)), each.runs, each.first
+    for chunk in read_chunks(file, "", len(content)):
+        yield chunk.tag, zlib.decompress(read_stored(file, "", chunk)), chunk.ticks, chunk.first
 
 
-def _with_frame_fields(content: bytes, rng: Random) -> bytes:
-    """The recording with a wrong number in the header of one frame, whose checksum is correct."""
-    at = rng.choice([*frames(io.BytesIO(content), "", len(content))]).offset
+def _with_chunk_fields(content: bytes, rng: Random) -> bytes:
+    """The recording with a wrong number in the header of one chunk, whose checksum is correct."""
+    at = rng.choice([*read_chunks(io.BytesIO(content), "", len(content))]).offset
     fields = list(FIELDS.unpack_from(content, at))
     k = rng.choice((1, 2, 3, 4))
     fields[k] = rng.choice((fields[k] + 1, *INTEGERS)) % 2 ** (64 if k == 4 else 32)

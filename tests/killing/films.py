@@ -28,7 +28,7 @@ class Record(Writer):
         found, expected = Recording.open(path), Recording.open(reference / "a.rec")
         assert [*visible(folder)] == [path]
         assert bool(found.cut) == (len(found) < len(expected)) or "end is missing" in found.cut
-        for one, other in zip(found.runs(), expected.runs(), strict=False):
+        for one, other in zip(found.tick_records(), expected.tick_records(), strict=False):
             for field in ("mode", "codes", "keys", "digest"):
                 assert np.array_equal(getattr(one, field), getattr(other, field)), field
         return COMPLETE if not found.cut else "a part" if len(found) else "no run"

@@ -1,4 +1,4 @@
-"""Data sets made of recordings: what the environment returned while it was recorded, row by row."""
+"""Datasets made of recordings: what the environment returned while it was recorded, row by row."""
 
 import json
 import os
@@ -14,14 +14,14 @@ import outlast
 from outlast.ecs import Entity
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.datasets import batches as dataset
-from outlast.envs.datasets.samples import Samples, Wish, joined, samples
+from outlast.envs.datasets import samples as dataset
+from outlast.envs.datasets.samples import Samples, Selection, concatenate, read_samples
 from outlast.envs.recording import Recording, Replay
 from tests.conftest import COMPILED, draw_actions, scaled
 
 WORLDS, STEPS = 4, scaled(70, least=8)
 SHORT = {"ending_limit": 20, "agents_health": 30} if COMPILED else {"ending_limit": 3}
-Row = dict[str, Any]
+Step = dict[str, Any]
 
 
 def make(variant: str, autoreset: str) -> SurvivalVectorEnv:
@@ -29,30 +29,30 @@ def make(variant: str, autoreset: str) -> SurvivalVectorEnv:
     return outlast.make_vec(scenario, WORLDS, seed=1, autoreset=autoreset, copy=True, first_world=10)
 
 
-def play(env: SurvivalVectorEnv) -> list[Row]:
+def play(env: SurvivalVectorEnv) -> list[Step]:
     """Play, and write down each step of each world as any learner would: from what the calls return."""
-    rng, rows, mode = np.random.default_rng(0), list[Row](), env.autoreset
+    rng, rows, mode = np.random.default_rng(0), list[Step](), env.autoreset
     observations, _ = env.reset()
-    episode, tick, over = np.ones(WORLDS, int), np.zeros(WORLDS, int), np.zeros(WORLDS, bool)
+    episode, tick, done = np.ones(WORLDS, int), np.zeros(WORLDS, int), np.zeros(WORLDS, bool)
     for _ in range(STEPS):
         alive = env.worlds[Entity].alive[:, env.worlds.span("agent")] != 0
         actions = draw_actions(env, rng)
         after, rewards, terminated, truncated, info = env.step(actions)
         for w in range(WORLDS):
-            if over[w]:  # NEXT_STEP: it was only reset
+            if done[w]:  # NEXT_STEP: it was only reset
                 episode[w], tick[w] = episode[w] + 1, 0
                 continue
             ended = bool(terminated[w] or truncated[w])
             same = ended and mode is AutoresetMode.SAME_STEP
-            told = info["final_obs"][w] if same else {key: array[w] for key, array in after.items()}
+            following = info["final_obs"][w] if same else {key: array[w] for key, array in after.items()}
             row = {"world": 10 + w, "episode": episode[w], "tick": tick[w], "alive": alive[w], "actions": actions[w]}
             row |= {"rewards": rewards[w], "terminated": terminated[w], "truncated": truncated[w], "last": ended}
-            rows.append(row | {"before": {key: array[w] for key, array in observations.items()}, "after": told})
+            rows.append(row | {"before": {key: array[w] for key, array in observations.items()}, "after": following})
             tick[w] += 1
             if same:
                 episode[w], tick[w] = episode[w] + 1, 0
         ended = terminated | truncated
-        over = ended if mode is AutoresetMode.NEXT_STEP else over
+        done = ended if mode is AutoresetMode.NEXT_STEP else done
         observations = after
         if mode is AutoresetMode.DISABLED and (mask := ended | (rng.random(WORLDS) < 0.05)).any():
             observations, _ = env.reset(options={"reset_mask": mask})
@@ -63,7 +63,7 @@ def play(env: SurvivalVectorEnv) -> list[Row]:
     return rows
 
 
-def check(found: Samples, rows: list[Row]) -> None:
+def check(found: Samples, rows: list[Step]) -> None:
     """Every row, in the same order; final is what came after the last ones."""
     assert len(found) == len(rows)
     for key, column in found.columns.items():
@@ -74,15 +74,15 @@ def check(found: Samples, rows: list[Row]) -> None:
         np.testing.assert_array_equal(found.final[key], np.array([after[key] for after in last]))
 
 
-def whole(path: Path) -> tuple[Replay, Wish]:
+def whole(path: Path) -> tuple[Replay, Selection]:
     recording = Recording.open(path)
-    return Replay(recording), Wish(range(recording.num_worlds), 0, len(recording) - 1)
+    return Replay(recording), Selection(range(recording.num_worlds), 0, len(recording) - 1)
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: Any) -> tuple[Path, list[Row]]:
+def recorded(tmp_path_factory: Any) -> tuple[Path, list[Step]]:
     env, path = make("teams_3", "NextStep"), tmp_path_factory.mktemp("data") / "a.rec"
-    with env.record(path):
+    with outlast.record(env, path):
         return path, play(env)
 
 
@@ -90,16 +90,16 @@ def recorded(tmp_path_factory: Any) -> tuple[Path, list[Row]]:
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep", "Disabled"])
 def test_samples_are_what_step_returned(tmp_path: Path, variant: str, autoreset: str) -> None:
     env = make(variant, autoreset)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rows = play(env)
     assert sum(row["last"] for row in rows) > WORLDS
-    check(joined(list(samples(*whole(tmp_path / "a.rec")))), rows)
+    check(concatenate(list(read_samples(*whole(tmp_path / "a.rec")))), rows)
 
 
-def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, list[Row]]) -> None:
+def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, list[Step]]) -> None:
     """Or final: what the documentation says of how to put transitions together."""
     path, rows = recorded
-    found = joined(list(samples(*whole(path))))
+    found = concatenate(list(read_samples(*whole(path))))
     places = {
         key: k for k, key in enumerate(zip(*(found.columns[c] for c in ("world", "episode", "tick")), strict=True))
     }
@@ -112,11 +112,11 @@ def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, l
         np.testing.assert_array_equal(following, row["after"]["self"], err_msg=str(k))
 
 
-def test_some_worlds_and_some_runs(recorded: tuple[Path, list[Row]]) -> None:
+def test_some_worlds_and_some_ticks(recorded: tuple[Path, list[Step]]) -> None:
     """What is last is so within what was asked for."""
     path, rows = recorded
     replay, _ = whole(path)
-    found = joined(list(samples(replay, Wish([1, 3], 1, STEPS // 2))))
+    found = concatenate(list(read_samples(replay, Selection([1, 3], 1, STEPS // 2))))
     inside = [row for row in rows if row["world"] in (11, 13)]
     assert set(found.columns["world"]) == {11, 13}
     keys = ("world", "episode", "tick")
@@ -134,11 +134,11 @@ def export(capsys: Any, path: Path, out: object, *options: str) -> tuple[int, st
     return status, captured.out, captured.err
 
 
-def test_shards(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, monkeypatch: Any) -> None:
+def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
     path, rows = recorded
-    monkeypatch.setattr(dataset, "SHARD", 200_000 if COMPILED else 20_000)
-    status, told, _ = export(capsys, path, tmp_path / "data")
-    assert (status, told) == (0, f"{tmp_path / 'data'}: {len(rows) * 4:,} agent-steps\n")
+    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000 if COMPILED else 20_000)
+    status, out, _ = export(capsys, path, tmp_path / "data")
+    assert (status, out) == (0, f"{tmp_path / 'data'}: {len(rows) * 4:,} agent-steps\n")
     about = json.loads((tmp_path / "data" / "manifest.json").read_text())
     files = [shard["file"] for shard in about["shards"]]
     assert len(files) > 1
@@ -153,19 +153,19 @@ def test_shards(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, m
         )
         for shard in shards
     ]
-    check(joined(parts), rows)
+    check(concatenate(parts), rows)
     assert {key: list(a.shape[2:]) for key, a in parts[0].observations.items()} == about["observations"]
     assert about["columns"].keys() == parts[0].columns.keys()
     assert [action["size"] for action in about["actions"]] == [3, 3, 3, 2, 2, 2]
     assert os.listdir(tmp_path) == ["data"]
 
 
-def test_parquet(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, monkeypatch: Any) -> None:
+def test_parquet(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     path, rows = recorded
-    monkeypatch.setattr(dataset, "SHARD", 200_000 if COMPILED else 20_000)  # row groups
-    status, told, _ = export(capsys, path, tmp_path / "data.parquet")
-    assert (status, f"{len(rows) * 4:,} agent-steps" in told) == (0, True)
+    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000 if COMPILED else 20_000)  # row groups
+    status, out, _ = export(capsys, path, tmp_path / "data.parquet")
+    assert (status, f"{len(rows) * 4:,} agent-steps" in out) == (0, True)
     file = pq.ParquetFile(tmp_path / "data.parquet")
     assert file.num_row_groups > 1
     about = json.loads(file.schema_arrow.metadata[b"outlast"])
@@ -182,21 +182,21 @@ def test_parquet(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, 
         assert (
             str(table.schema.field(f"observation_{key}").type) == f"fixed_size_list<element: float>[{np.prod(shape)}]"
         )
-        told_of = np.array(table[f"observation_{key}"].to_pylist(), np.float32).reshape(-1, *shape)
-        np.testing.assert_array_equal(told_of, np.array([row["before"][key][i] for row, i in agents]))
+        seen = np.array(table[f"observation_{key}"].to_pylist(), np.float32).reshape(-1, *shape)
+        np.testing.assert_array_equal(seen, np.array([row["before"][key][i] for row, i in agents]))
         final = table[f"final_{key}"].to_pylist()
         assert [entry is not None for entry in final] == [row["last"] for row, _ in agents]
         ends = np.array([entry for entry in final if entry is not None], np.float32).reshape(-1, *shape)
         np.testing.assert_array_equal(ends, np.array([row["after"][key][i] for row, i in agents if row["last"]]))
 
 
-def test_minari(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, monkeypatch: Any) -> None:
+def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
     """An episode for each agent of each episode of a world; what was cut off is truncated."""
     minari = pytest.importorskip("minari")
     path, rows = recorded
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    status, told, err = export(capsys, path, "minari:outlast/test-v0")
-    assert (status, err, f"{len(rows) * 4:,} agent-steps" in told) == (0, "", True)
+    status, out, err = export(capsys, path, "minari:outlast/test-v0")
+    assert (status, err, f"{len(rows) * 4:,} agent-steps" in out) == (0, "", True)
     found = minari.load_dataset("outlast/test-v0")
     metadata = list(found.storage.get_episode_metadata(range(found.total_episodes)))
     assert found.total_steps == len(rows) * 4
@@ -209,10 +209,10 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, m
         assert episode.terminations.tolist() == [row["terminated"] for row in own]
         assert episode.truncations.tolist() == [False] * (len(own) - 1) + [not own[-1]["terminated"]]
         for key, array in episode.observations.items():
-            told_of = [*(row["before"][key][i] for row in own), own[-1]["after"][key][i]]
-            np.testing.assert_array_equal(array, np.array(told_of))
+            seen = [*(row["before"][key][i] for row in own), own[-1]["after"][key][i]]
+            np.testing.assert_array_equal(array, np.array(seen))
     status, _, err = export(capsys, path, "minari:outlast/test-v0")
-    assert (status, "there is a Minari data set outlast/test-v0" in err) == (2, True)
+    assert (status, "there is a Minari dataset outlast/test-v0" in err) == (2, True)
     status, _, err = export(capsys, path, "minari:nothing")
     assert (status, "NAME-v0 is needed" in err) == (2, True)
 
@@ -221,8 +221,8 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, m
     ("module", "library", "name", "extra"),
     [("minari", "minari", "minari:outlast/none-v0", "minari"), ("parquet", "pyarrow", "none.parquet", "data")],
 )
-def test_without_the_library_the_cure_is_told(
-    capsys: Any, recorded: tuple[Path, list[Row]], monkeypatch: Any, module: str, library: str, name: str, extra: str
+def test_without_the_library_the_error_names_the_cure(
+    capsys: Any, recorded: tuple[Path, list[Step]], monkeypatch: Any, module: str, library: str, name: str, extra: str
 ) -> None:
     monkeypatch.delitem(sys.modules, f"outlast.envs.datasets.{module}", raising=False)
     monkeypatch.setitem(sys.modules, library, None)
@@ -231,31 +231,31 @@ def test_without_the_library_the_cure_is_told(
 
 
 @pytest.mark.parametrize("name", ["data", "data.parquet"])
-def test_a_place_that_cannot_be_written_is_told(
-    capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, name: str
+def test_a_place_that_cannot_be_written_is_one_sentence(
+    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, name: str
 ) -> None:
     status, _, err = export(capsys, recorded[0], tmp_path / "nowhere" / name)
     assert (status, len(err.strip().splitlines())) == (2, 1)
-    assert "no data set was written" in err
+    assert "no dataset was written" in err
 
 
 @pytest.mark.parametrize("name", ["data", "data.parquet"])
 def test_nothing_is_overwritten_and_nothing_left_half_written(
-    capsys: Any, recorded: tuple[Path, list[Row]], tmp_path: Path, monkeypatch: Any, name: str
+    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any, name: str
 ) -> None:
     out = tmp_path / name
     out.write_text("precious")
     status, _, err = export(capsys, recorded[0], out)
     assert (status, "overwrites nothing" in err, out.read_text()) == (2, True, "precious")
     out.unlink()
-    monkeypatch.setattr(dataset, "SHARD", 20_000)
-    repeat, count = Replay._repeat, iter(range(STEPS // 2))
+    monkeypatch.setattr(dataset, "SHARD_BYTES", 20_000)
+    run, count = Replay._run, iter(range(STEPS // 2))
 
-    def interrupted(self: Any, run: Any) -> None:
+    def interrupted(self: Any, record: Any) -> None:
         if next(count, None) is None:
             raise KeyboardInterrupt
-        repeat(self, run)
+        run(self, record)
 
-    monkeypatch.setattr(Replay, "_repeat", interrupted)
+    monkeypatch.setattr(Replay, "_run", interrupted)
     assert export(capsys, recorded[0], out)[0] == 130
     assert os.listdir(tmp_path) == []

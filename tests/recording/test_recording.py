@@ -14,7 +14,7 @@ from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, NotResetError, RecordingError
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.recording.container import RUNS
+from outlast.envs.recording.container import RECORDS
 from tests.conftest import COMPILED, draw_actions
 from tests.helpers.model import digest_of_episode
 
@@ -34,7 +34,7 @@ def play(env: SurvivalVectorEnv, steps: int) -> None:
 def recorded(path: Path, steps: int, **options: Any) -> Path:
     """A recording of a reset and that many steps."""
     env = make(**options)
-    with env.record(path):
+    with outlast.record(env, path):
         env.reset()
         play(env, steps)
     env.close()
@@ -45,18 +45,18 @@ CHILD = """
 import sys
 sys.path.insert(0, {tests!r})
 from tests.recording.test_recording import make, play
-from outlast.envs.recording import recorder
-recorder.LARGEST = 2000
+from outlast.envs.recording import record, recorder
+recorder.MAX_PENDING_BYTES = 2000
 env = make()
-env.record({path!r})
+record(env, {path!r})
 env.reset()
 print("ready", flush=True)
 play(env, {steps})
 """
 
 
-def ran(recording: Recording) -> int:
-    """Replay all of it, digests compared; the number of runs."""
+def replayed_ticks(recording: Recording) -> int:
+    """Replay all of it, digests compared; the number of ticks."""
     return sum(1 for _ in Replay(recording).ticks())
 
 
@@ -78,31 +78,31 @@ def test_it_says_what_was_recorded(tmp_path: Path) -> None:
 def test_a_byte_an_agent_step(tmp_path: Path) -> None:
     """All included, for 64 worlds of four random agents."""
     env = make(64, "teams_3")
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         play(env, 1000)
     assert (tmp_path / "a.rec").stat().st_size < 1.15 * 1000 * 64 * 4
 
 
 @pytest.mark.skipif(not COMPILED, reason="takes minutes")
-def test_long_recordings_have_many_frames(tmp_path: Path) -> None:
-    """With the smallest runs there are: each frame is as large as a reader takes."""
+def test_long_recordings_have_many_chunks(tmp_path: Path) -> None:
+    """With the smallest tick records there are: each chunk is as large as a reader takes."""
     path = recorded(tmp_path / "a.rec", 12_000, worlds=1)
-    assert path.read_bytes().count(RUNS) >= 2
-    assert ran(Recording.open(path)) == 12_001
+    assert path.read_bytes().count(RECORDS) >= 2
+    assert replayed_ticks(Recording.open(path)) == 12_001
 
 
 def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
     """With a seventh action there are 432 of them."""
     env = outlast.make_vec(outlast.variant("ffa_3").with_(outlast.systems.DropLast()), 2, seed=0)
     assert np.prod(env.action_sizes) == 432
-    with env.record(tmp_path / "a.rec") as recorder:
+    with outlast.record(env, tmp_path / "a.rec") as recorder:
         env.reset()
         play(env, 5)
-        assert recorder.runs == 6
+        assert recorder.ticks == 6
     found = Recording.open(tmp_path / "a.rec")
-    assert {run.codes.dtype for run in found.runs()} == {np.dtype("<u2")}
-    assert ran(found) == 6
+    assert {record.codes.dtype for record in found.tick_records()} == {np.dtype("<u2")}
+    assert replayed_ticks(found) == 6
 
 
 # ---- when it can be begun, and what is refused meanwhile
@@ -111,7 +111,7 @@ def test_many_joint_actions_take_two_bytes(tmp_path: Path) -> None:
 def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     env = make()
     env.reset()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     before, some = digest_of_episode(env.worlds), {"reset_mask": np.array([True, False, True])}
     for call in (lambda: play(env, 1), lambda: env.reset(options=some), lambda: env.reset(seed=7, options=some)):
         with pytest.raises(RecordingError, match="reset all worlds before anything else"):
@@ -121,7 +121,7 @@ def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     env.reset()
     play(env, 3)
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 4
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 4
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
@@ -129,30 +129,39 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     path.write_text("precious")
     env = make()
     with pytest.raises(RecordingError, match=r"a\.rec exists; a recording overwrites nothing"):
-        env.record(path)
+        outlast.record(env, path)
     with pytest.raises(RecordingError, match="No such file or directory"):
-        env.record(tmp_path / "nowhere" / "a.rec")
+        outlast.record(env, tmp_path / "nowhere" / "a.rec")
     assert path.read_text() == "precious"
-    env.record(tmp_path / "b.rec")  # the environment is as it was
+    outlast.record(env, tmp_path / "b.rec")  # the environment is as it was
     env.close()
+
+
+def test_what_is_no_environment_is_not_recorded(tmp_path: Path) -> None:
+    env = outlast.make_agents("ffa_1", 1, seed=0)
+    with pytest.raises(
+        TypeError, match=r"record\(\) needs what make_vec returns, not SurvivalAgentVectorEnv: give env\.un"
+    ):
+        outlast.record(env, tmp_path / "a.rec")
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
     env = make(check_actions=False)
     env.reset()
     state = env.get_state()
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         with pytest.raises(RecordingError, match=r"set_state\(\) while a recording goes on; close\(\) that first"):
             env.set_state(state)
         with pytest.raises(RecordingError, match=r"record\(\) while a recording goes on"):
-            env.record(tmp_path / "b.rec")
+            outlast.record(env, tmp_path / "b.rec")
         with pytest.raises(ActionError, match="0 to 2 is allowed"):
             env.step(np.full((3, 2, 6), 9))
         play(env, 2)
     env.set_state(state)
     play(env, 2)
-    assert ran(Recording.open(tmp_path / "a.rec")) == 3
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 3
     assert not (tmp_path / "b.rec").exists()
 
 
@@ -161,18 +170,18 @@ def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
     env, episodes = make(), list[list[int]]()
     for name in ("a.rec", "b.rec"):
         episodes.append(env.worlds[Clock].episode[:, 0].tolist())
-        with env.record(tmp_path / name):
+        with outlast.record(env, tmp_path / name):
             env.reset()
             play(env, 4)
         play(env, 3)
-    assert [ran(Recording.open(tmp_path / name)) for name in ("a.rec", "b.rec")] == [5, 5]
-    (run,) = (run for run in Recording.open(tmp_path / "b.rec").runs() if len(run.keys))
-    assert run.keys[:, 3].tolist() == episodes[1] != episodes[0]
+    assert [replayed_ticks(Recording.open(tmp_path / name)) for name in ("a.rec", "b.rec")] == [5, 5]
+    (keyed,) = (record.keys for record in Recording.open(tmp_path / "b.rec").tick_records() if len(record.keys))
+    assert keyed[:, 3].tolist() == episodes[1] != episodes[0]
 
 
-def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_tick_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     env, path = make(), tmp_path / "a.rec"
-    env.record(path)
+    outlast.record(env, path)
     env.reset()
     play(env, 4)
     run = env.worlds.run
@@ -187,29 +196,29 @@ def test_a_run_that_is_interrupted_is_not_recorded(tmp_path: Path, monkeypatch: 
             play(env, 1)
     with pytest.raises(NotResetError, match="interrupted"):
         play(env, 1)
-    with pytest.raises(RecordingError, match="a run was interrupted"):
+    with pytest.raises(RecordingError, match="a tick was interrupted"):
         env.reset(options={"reset_mask": np.array([True, False, False])})
     env.reset()
     play(env, 3)
     env.close()
-    assert ran(Recording.open(path)) == 9
+    assert replayed_ticks(Recording.open(path)) == 9
 
 
 def test_a_sent_step_is_recorded_too(tmp_path: Path) -> None:
     env = make()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     env.reset()
     for _ in range(4):
         env.send(np.ones((3, 2, 6), int))
         env.recv()
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 5
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 5
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_forked_process_leaves_it_alone(tmp_path: Path) -> None:
     env = make()
-    env.record(tmp_path / "a.rec")
+    outlast.record(env, tmp_path / "a.rec")
     env.reset()
     child = os.fork()
     if child == 0:
@@ -222,7 +231,7 @@ def test_a_forked_process_leaves_it_alone(tmp_path: Path) -> None:
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
     play(env, 2)
     env.close()
-    assert ran(Recording.open(tmp_path / "a.rec")) == 3
+    assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 3
 
 
 def test_who_forgets_to_close_loses_nothing(tmp_path: Path) -> None:

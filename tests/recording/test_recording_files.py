@@ -15,17 +15,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+import outlast
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.container import AHEAD, DONE, HEAD, MAGIC, RUNS, frame
+from outlast.envs.recording.container import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
 from tests.conftest import COMPILED
-from tests.recording.test_recording import CHILD, make, ran, recorded
+from tests.recording.test_recording import CHILD, make, recorded, replayed_ticks
 
 # ---- kill -9, and a full disk
 
 
 def killed(path: Path, after: float) -> tuple[int, int]:
-    """Kill a process that records, some time after its first step; runs that are whole, and bytes left over."""
+    """Kill a process that records, some time after its first step; ticks that are whole, and bytes left over."""
     child = CHILD.format(tests=str(Path(__file__).parents[2]), path=str(path), steps=10**9)
     with subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
@@ -33,18 +34,18 @@ def killed(path: Path, after: float) -> tuple[int, int]:
         time.sleep(after)
         process.send_signal(signal.SIGKILL)
     found = Recording.open(path)
-    assert found.cut.startswith(f"{path} was cut off: {len(found)} runs of the tick are whole, ")
+    assert found.cut.startswith(f"{path} was cut off: {len(found)} ticks are whole, ")
     if len(found):
-        assert ran(found) == len(found)
+        assert replayed_ticks(found) == len(found)
     return len(found), path.stat().st_size
 
 
 @pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
 def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
-    """Of 2000 bytes of runs here: what is missing is no more than that."""
+    """Of 2000 bytes of tick records here: what is missing is no more than that."""
     rng = np.random.default_rng(0)
-    runs = [killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.2))[0] for k in range(3)]
-    assert max(runs) > 100
+    ticks = [killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.2))[0] for k in range(3)]
+    assert max(ticks) > 100
 
 
 @pytest.mark.nightly
@@ -60,11 +61,11 @@ import resource, sys
 sys.path.insert(0, {tests!r})
 from tests.recording.test_recording import make, play
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording import recorder
-recorder.LARGEST = 2000
+from outlast.envs.recording import record, recorder
+recorder.MAX_PENDING_BYTES = 2000
 env = make()
 resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
-env.record({path!r})
+record(env, {path!r})
 env.reset()
 try:
     play(env, 1000)
@@ -75,14 +76,14 @@ env.close()
 """
 
 
-def test_a_full_disk_is_told_and_leaves_whole_chunks(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_whole_chunks(tmp_path: Path) -> None:
     """And the environment goes on without the recording."""
     path = tmp_path / "a.rec"
     child = FULL.format(tests=str(Path(__file__).parents[2]), path=str(path))
-    told = subprocess.check_output([sys.executable, "-c", child], text=True)
+    out = subprocess.check_output([sys.executable, "-c", child], text=True)
     found = Recording.open(path)
-    assert f"{path}: File too large; the recording ends here, and the {len(found)} runs that are in the file" in told
-    assert ran(found) == len(found) > 10
+    assert f"{path}: File too large; the recording ends here, and the {len(found)} ticks that are in the file" in out
+    assert replayed_ticks(found) == len(found) > 10
 
 
 def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monkeypatch: Any) -> None:
@@ -92,7 +93,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monke
     env = make()
     monkeypatch.setattr(recorder.os, "write", full)
     with pytest.raises(RecordingError, match="No space left on device; no recording can be written there"):
-        env.record(tmp_path / "a.rec")
+        outlast.record(env, tmp_path / "a.rec")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -103,11 +104,11 @@ def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monke
 def small(tmp_path_factory: Any) -> bytes:
     """A recording in several chunks."""
     folder = tmp_path_factory.mktemp("small")
-    largest, recorder.LARGEST = recorder.LARGEST, 300
+    largest, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 300
     try:
         return recorded(folder / "a.rec", 12, worlds=1).read_bytes()
     finally:
-        recorder.LARGEST = largest
+        recorder.MAX_PENDING_BYTES = largest
 
 
 def opened(path: Path) -> Recording | str:
@@ -118,7 +119,7 @@ def opened(path: Path) -> Recording | str:
         return str(error)
 
 
-def test_cut_at_every_byte_it_opens_with_fewer_runs_or_says_why(tmp_path: Path, small: bytes) -> None:
+def test_cut_at_every_byte_it_opens_with_fewer_ticks_or_says_why(tmp_path: Path, small: bytes) -> None:
     path, lengths, refused = tmp_path / "a.rec", list[int](), set[int]()
     path.write_bytes(small)
     for size in reversed(range(len(small))):
@@ -128,9 +129,9 @@ def test_cut_at_every_byte_it_opens_with_fewer_runs_or_says_why(tmp_path: Path, 
             refused.add(size)
             continue
         assert found.cut
-        assert len(list(found.runs())) == len(found)
+        assert len(list(found.tick_records())) == len(found)
         lengths.append(len(found))
-    assert refused == set(range(small.index(RUNS)))  # where not even the header is whole
+    assert refused == set(range(small.index(RECORDS)))  # where not even the header is whole
     assert lengths == sorted(lengths, reverse=True)
     assert len(set(lengths)) >= 4  # chunks
     assert lengths[0] == 13
@@ -146,27 +147,33 @@ def test_a_flipped_bit_anywhere_is_refused(tmp_path: Path, small: bytes) -> None
             for now in (byte ^ 1 << position % 8, byte):
                 file.seek(position)
                 file.write(bytes([now]))
-                told = opened(path)
-                assert isinstance(told, Recording) == (now == byte)
-                assert now == byte or re.search(r"is damaged at byte \d+|is not a recording|version", str(told))
+                found = opened(path)
+                assert isinstance(found, Recording) == (now == byte)
+                assert now == byte or re.search(r"is damaged at byte \d+|is not a recording|version", str(found))
 
 
 def test_damage_in_the_middle_is_named_by_its_place_and_the_rest_can_be_saved(tmp_path: Path, small: bytes) -> None:
     """A copy that ends at that byte can be replayed."""
     path = tmp_path / "a.rec"
-    third = [k for k in range(len(small)) if small[k : k + 4] == RUNS][2]
-    path.write_bytes(small[: third + AHEAD + 3] + b"!" + small[third + AHEAD + 4 :])
+    third = [k for k in range(len(small)) if small[k : k + 4] == RECORDS][2]
+    path.write_bytes(small[: third + HEADER_SIZE + 3] + b"!" + small[third + HEADER_SIZE + 4 :])
     with pytest.raises(RecordingError, match=f"is damaged at byte {third}: a checksum does not fit"):
         Recording.open(path)
     path.write_bytes(small[:third])
-    assert ran(Recording.open(path)) > 3
+    assert replayed_ticks(Recording.open(path)) > 3
 
 
-def test_frames_that_are_missing_or_doubled_are_found(tmp_path: Path, small: bytes) -> None:
-    starts = [k for k in range(len(small)) if small[k : k + 4] in (HEAD, RUNS, DONE)] + [len(small)]
-    head, *runs, done = (small[a:b] for a, b in pairwise(starts))
-    orders = ([head, *runs[1:]], [head, runs[0], runs[0]], [head, runs[0], *runs[2:]], [head, *runs[:2], done], [*runs])
-    for parts in (*orders, [head, head, *runs], [head, *runs, done, b"more"]):
+def test_chunks_that_are_missing_or_doubled_are_found(tmp_path: Path, small: bytes) -> None:
+    starts = [k for k in range(len(small)) if small[k : k + 4] in (HEAD, RECORDS, DONE)] + [len(small)]
+    head, *chunks, done = (small[a:b] for a, b in pairwise(starts))
+    orders = (
+        [head, *chunks[1:]],
+        [head, chunks[0], chunks[0]],
+        [head, chunks[0], *chunks[2:]],
+        [head, *chunks[:2], done],
+        [*chunks],
+    )
+    for parts in (*orders, [head, head, *chunks], [head, *chunks, done, b"more"]):
         (tmp_path / "a.rec").write_bytes(MAGIC + b"".join(parts))
         with pytest.raises(RecordingError, match=r"not follow the one before it|bytes follow its end|is not a rec"):
             Recording.open(tmp_path / "a.rec")
@@ -187,9 +194,9 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
 
 def header(small: bytes, **changes: Any) -> bytes:
     """The recording with another header, its checksums right."""
-    end = small.index(RUNS)
-    found = json.loads(zlib.decompress(small[len(MAGIC) + AHEAD : end]))
-    return MAGIC + frame(HEAD, json.dumps(found | changes).encode(), 0, 0) + small[end:]
+    end = small.index(RECORDS)
+    found = json.loads(zlib.decompress(small[len(MAGIC) + HEADER_SIZE : end]))
+    return MAGIC + encode_chunk(HEAD, json.dumps(found | changes).encode(), 0, 0) + small[end:]
 
 
 @pytest.mark.parametrize(
@@ -216,20 +223,20 @@ def test_headers_that_cannot_be_are_refused(tmp_path: Path, small: bytes, change
     path = tmp_path / "a.rec"
     path.write_bytes(header(small, **changes))
     with pytest.raises(RecordingError, match=reason):
-        ran(Recording.open(path))
+        replayed_ticks(Recording.open(path))
 
 
-def test_a_frame_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -> None:
+def test_a_chunk_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -> None:
     """A hundred million zeros in a few bytes."""
     path = tmp_path / "a.rec"
-    path.write_bytes(small[: small.index(RUNS)] + frame(RUNS, b"\0" * 10**8, 5, 0))
+    path.write_bytes(small[: small.index(RECORDS)] + encode_chunk(RECORDS, b"\0" * 10**8, 5, 0))
     with pytest.raises(RecordingError, match="says that it holds 100000000 bytes"):
-        list(Recording.open(path).runs())
+        list(Recording.open(path).tick_records())
 
 
 def test_scenarios_with_other_numbers_are_refused(tmp_path: Path) -> None:
     path = recorded(tmp_path / "a.rec", 5)
     same = make().scenario
-    assert ran(Recording.open(path, scenario=same)) == 6
+    assert replayed_ticks(Recording.open(path, scenario=same)) == 6
     with pytest.raises(RecordingError, match=r"another scenario \('ffa_1'\): melee_damage is 5 there and 6 here"):
         Recording.open(path, scenario=same.replace(melee_damage=6))

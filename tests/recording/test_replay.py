@@ -1,4 +1,4 @@
-"""Replays: the same bits as what was recorded, whatever was done; where they are not, run and component are named."""
+"""Replays: the same bits as what was recorded, whatever was done; where they are not, tick and component are named."""
 
 import sys
 from pathlib import Path
@@ -10,11 +10,9 @@ import pytest
 import outlast
 from outlast.components import Body, Fault, Health, Told
 from outlast.ecs import Action, Clock, Entity, Signal
-from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.recording.container import RUNS
 from outlast.envs.recording.digests import Digests
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
@@ -29,14 +27,14 @@ def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Surv
 
 
 def state(worlds: Any) -> str:
-    """Everything but the actions of worlds that took no step, and what was told before, which mean nothing any more."""
+    """Everything but the actions of worlds that took no step, and observation masks: they mean nothing any more."""
     parts = [c for c in worlds.components if not c.packed and c is not Told and not issubclass(c, Action)]
     buffers = [column.tobytes() for c in parts for column in worlds[c]]
     return worlds.block.tobytes().hex() + b"".join(buffers).hex()
 
 
 class Watched:
-    """Keeps the state after every run of an environment's worlds."""
+    """Keeps the state after every tick of an environment's worlds."""
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
         self.states: list[int] = []
@@ -50,7 +48,7 @@ class Watched:
 
 
 def replayed(path: Path, **options: Any) -> list[int]:
-    """The state after every run of a replay, digests compared."""
+    """The state after every tick of a replay, digests compared."""
     replay = Replay(Recording.open(path, **options))
     return [hash(state(replay.worlds)) for _ in replay.ticks()]
 
@@ -60,12 +58,12 @@ def replayed(path: Path, **options: Any) -> list[int]:
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("variant", ["ffa_1", "ffa_3", "teams_3"])
-def test_every_run_is_the_same(tmp_path: Path, variant: str, autoreset: str) -> None:
+def test_every_tick_is_the_same(tmp_path: Path, variant: str, autoreset: str) -> None:
     env = make(variant, autoreset=autoreset)
     env.reset()
     env.step(draw_actions(env, np.random.default_rng(9)))  # it has a past
     watched, rng = Watched(env), np.random.default_rng(0)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset()
         for _ in range(STEPS):
             env.step(draw_actions(env, rng))
@@ -77,23 +75,23 @@ def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
     """Of any worlds, at any time, ended or not; also seeds by world, and resets of all."""
     env = make(autoreset="Disabled")
     watched, rng = Watched(env), np.random.default_rng(0)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         env.reset(seed=5)
         for step in range(STEPS):
             *_, terminated, truncated, _ = env.step(draw_actions(env, rng))
-            if (over := terminated | truncated | (rng.random(WORLDS) < 0.05)).any():
+            if (done := terminated | truncated | (rng.random(WORLDS) < 0.05)).any():
                 seed = [None, 2**64 - 1 - step, list(range(step, step + WORLDS))][step % 3]
-                env.reset(seed=seed, options={"reset_mask": over})
+                env.reset(seed=seed, options={"reset_mask": done})
         env.reset()
         env.step(draw_actions(env, rng))
     assert len(watched.states) > STEPS + 4
     assert replayed(tmp_path / "a.rec") == watched.states
 
 
-def test_other_faces_are_recorded_by_their_core(tmp_path: Path) -> None:
+def test_adapters_are_recorded_by_their_base_environment(tmp_path: Path) -> None:
     env = outlast.make_agents("ffa_1", 3, seed=0)
     watched = Watched(env.core)
-    with env.core.record(tmp_path / "a.rec"):
+    with outlast.record(env.core, tmp_path / "a.rec"):
         env.reset()
         for _ in range(5):
             env.step(np.ones((6, 6), int))
@@ -101,10 +99,10 @@ def test_other_faces_are_recorded_by_their_core(tmp_path: Path) -> None:
 
 
 def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> None:
-    """Digests of larger batches take turns: 64 worlds a run."""
+    """Digests of larger batches take turns: 64 worlds a tick."""
     env = make("ffa_1", worlds=scaled(150, least=70), threads=2, first_world=3)
     summary = None
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         summary = rollout(env, POLICIES["random"](env, 0), scaled(60, least=4))
     replay = Replay(found := Recording.open(tmp_path / "a.rec"), threads=3)
     assert list(replay.ticks()) == list(range(len(found)))
@@ -114,7 +112,7 @@ def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> Non
 
 def test_a_replay_begins_anew_as_often_as_asked(tmp_path: Path) -> None:
     env = make()
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rollout(env, POLICIES["scripted"](env, 0), STEPS)
     replay = Replay(Recording.open(tmp_path / "a.rec"))
     for _ in zip(range(7), replay.ticks(), strict=False):
@@ -136,7 +134,7 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
     scenario = outlast.variant("teams_2").with_(Poison(strength=20))
     env = outlast.make_vec(scenario, 2, seed=0)
     watched = Watched(env)
-    with env.record(tmp_path / "a.rec"):
+    with outlast.record(env, tmp_path / "a.rec"):
         rollout(env, POLICIES["random"](env, 0), scaled(30, least=5))
     monkeypatch.delitem(sys.modules, "poison")
     with pytest.raises(RecordingError, match=r"poison\.Poison is not one of outlast's own.*scenario=\.\.\."):
@@ -147,6 +145,27 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
         Recording.open(tmp_path / "a.rec", scenario=scenario.with_(Poison()))
 
 
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_recordings_of_the_first_version_replay(name: str) -> None:
+    path = Path(__file__).parents[1] / "data" / "before" / f"{name}.rec"
+    replay = Replay(recording := Recording.open(path))
+    assert list(replay.ticks()) == list(range(len(recording)))
+    assert repr(recording) == f"<Recording {path}: {name}, 2 worlds, 41 ticks>"
+    assert repr(replay) == f"<Replay of {path}: {name}, 2 worlds, 41 ticks>"
+
+
+def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
+    """The first and the last that are asked for, and of those between the ones in which a world takes part."""
+    env, third = make(worlds=3, autoreset="Disabled"), np.array([False, False, True])
+    with outlast.record(env, tmp_path / "a.rec"):
+        for mask in (None, third, ~third, third, ~third, None):
+            env.reset(options=None if mask is None else {"reset_mask": mask})
+    replay = Replay(Recording.open(tmp_path / "a.rec"))
+    assert list(replay.ticks(first=2, last=4)) == [2, 3, 4]
+    assert list(replay.ticks(first=2, worlds=[2])) == [2, 3, 5]
+    assert list(replay.ticks(first=1, last=4, worlds=[0, 1])) == [1, 2, 4]
+
+
 # ---- differences are named
 
 
@@ -155,7 +174,7 @@ def path(tmp_path_factory: Any) -> Path:
     """A rollout of 70 worlds, whose digests take turns."""
     path: Path = tmp_path_factory.mktemp("replay") / "a.rec"
     env = outlast.make_vec("teams_3", 70, seed=1)
-    with env.record(path):
+    with outlast.record(env, path):
         rollout(env, POLICIES["random"](env, 0), scaled(60, least=12))
     return path
 
@@ -164,15 +183,15 @@ def path(tmp_path_factory: Any) -> Path:
     ("component", "column", "world", "after", "found"),
     [
         (Health, "points", 3, 5, 6),
-        (Body, "angle", 63, 6, 8),  # digests are of worlds 0 to 63 in every other run
+        (Body, "angle", 63, 6, 8),  # digests are of worlds 0 to 63 in every other tick
         (Entity, "identity", 65, 6, 7),
         (Fault, "physics", 0, 7, 8),
     ],
 )
-def test_a_difference_is_named_by_run_and_component(
+def test_a_difference_is_named_by_tick_and_component(
     path: Path, component: Any, column: str, world: int, after: int, found: int
 ) -> None:
-    """In the next run whose digest is of that world."""
+    """In the next tick whose digest is of that world."""
     replay = Replay(Recording.open(path))
 
     def meddle() -> None:
@@ -182,18 +201,18 @@ def test_a_difference_is_named_by_run_and_component(
                 values[world, min(2, values.shape[1] - 1)] += 1
 
     of = "0 to 63" if world < 64 else "64 to 69"
-    with pytest.raises(ReplayError, match=rf"run {found} is the first that differs \(worlds {of}\)") as told:
+    with pytest.raises(ReplayError, match=rf"tick {found} is the first that differs \(worlds {of}\)") as error:
         meddle()
-    assert component.__name__ in str(told.value)
-    assert f"recorded by outlast {outlast.__version__} on " in str(told.value)
+    assert component.__name__ in str(error.value)
+    assert f"recorded by outlast {outlast.__version__} on " in str(error.value)
 
 
 def test_another_action_is_a_difference(path: Path, tmp_path: Path) -> None:
     """The file's checksums are for damage; digests are for everything else."""
     replay = Replay(Recording.open(path))
-    decode = replay._joint.decode
-    replay._joint.decode = lambda codes: decode(np.roll(codes, 1, axis=1))  # type: ignore[method-assign]
-    with pytest.raises(ReplayError, match=r"run [12] is the first that differs"):
+    decode = replay._joint_actions.decode
+    replay._joint_actions.decode = lambda codes: decode(np.roll(codes, 1, axis=1))  # type: ignore[method-assign]
+    with pytest.raises(ReplayError, match=r"tick [12] is the first that differs"):
         for _ in replay.ticks():
             pass
     for _ in replay.ticks(verify=False):
@@ -203,17 +222,17 @@ def test_another_action_is_a_difference(path: Path, tmp_path: Path) -> None:
 def test_an_altered_number_is_a_difference(path: Path, tmp_path: Path) -> None:
     recording = Recording.open(path)
     recording.scenario = recording.scenario.replace(motors_ahead=0.26)
-    with pytest.raises(ReplayError, match=r"run [12] is the first that differs .*Body"):
+    with pytest.raises(ReplayError, match=r"tick [12] is the first that differs .*Body"):
         for _ in Replay(recording).ticks():
             pass
 
 
-def test_digests_feel_every_byte_of_every_world_alone() -> None:
+def test_digests_depend_on_every_byte_of_every_world_alone() -> None:
     """A flipped bit changes the digest of its own component and no other; moved to another world it is another one."""
     env = make("teams_3", 3)
     env.reset()
     digests, worlds = Digests(env.worlds), env.worlds
-    before, rng = digests.take(0), np.random.default_rng(0)
+    before, rng = digests.compute(0), np.random.default_rng(0)
     missed = tried = 0
     for k, component in enumerate(c for c in worlds.components if c.packed or issubclass(c, Signal)):
         assert digests.names[k] == component.__name__
@@ -223,16 +242,16 @@ def test_digests_feel_every_byte_of_every_world_alone() -> None:
                 where = tuple(int(rng.integers(size)) for size in column.shape)
                 kept = column[where].copy()
                 column[where] = _flipped(kept, int(rng.integers(8 * column.itemsize)))
-                changed = np.flatnonzero(digests.take(0) != before)
+                changed = np.flatnonzero(digests.compute(0) != before)
                 assert set(changed) <= {k}
                 missed, tried = missed + (len(changed) == 0), tried + 1
-                found.append(digests.take(0)[k])
+                found.append(digests.compute(0)[k])
                 column[where] = kept
-    assert (digests.take(0) == before).all()
+    assert (digests.compute(0) == before).all()
     assert missed <= max(2, tried // 2**12)
 
 
-def test_digests_feel_where_a_change_is_and_signs_in_many_worlds() -> None:
+def test_digests_depend_on_where_a_change_is_and_signs_in_many_worlds() -> None:
     env = make("teams_3", 64)
     env.reset()
     digests, points = Digests(env.worlds), env.worlds[Health].points
@@ -240,12 +259,12 @@ def test_digests_feel_where_a_change_is_and_signs_in_many_worlds() -> None:
     for w in range(64):
         for e in range(4):
             points[w, e] -= 1
-            seen.add(digests.take(0)[digests.names.index("Health")])
+            seen.add(digests.compute(0)[digests.names.index("Health")])
             points[w, e] += 1
     assert len(seen) > 250  # of 256
-    before = digests.take(0)
+    before = digests.compute(0)
     env.worlds[Body].vx[:, 0] = -0.0  # in an even number of worlds
-    changed = np.flatnonzero(digests.take(0) != before)
+    changed = np.flatnonzero(digests.compute(0) != before)
     assert [digests.names[k] for k in changed] == ["Body"]
 
 
@@ -253,102 +272,3 @@ def _flipped(value: Any, bit: int) -> Any:
     raw = np.array(value).reshape(1).view(np.uint8).copy()
     raw[bit // 8] ^= np.uint8(1 << bit % 8)
     return raw.view(np.array(value).dtype)[0]
-
-
-# ---- the command line
-
-
-def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
-    status = cli.main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
-ROLLOUT = (
-    "rollout",
-    "ffa_2",
-    "--worlds",
-    "3",
-    "--steps",
-    "150",
-    "--policy",
-    "noop",
-    "--set",
-    "zone_harm=50",
-    "--quiet",
-)
-
-
-def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:
-    status, told, _ = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
-    assert status == 0
-    status, again, err = run(capsys, "replay", tmp_path / "a.rec", "--quiet")
-    assert (status, err) == (0, "")
-    assert "ffa_2, 3 worlds, 151 runs of the tick; every digest is the same" in again
-    assert told[told.index(" episodes ended") - 2 :] == again[again.index(" episodes ended") - 2 :]
-    assert "std. error" in again
-    status, _, err = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
-    assert (status, "overwrites nothing" in err) == (2, True)
-
-
-def test_a_difference_is_status_1(capsys: Any, path: Path, monkeypatch: Any) -> None:
-    real = Replay._repeat
-
-    def wrong(self: Any, run: Any) -> None:
-        real(self, run)
-        self.worlds[Health].points[0, 0] -= 1
-
-    monkeypatch.setattr(Replay, "_repeat", wrong)
-    status, out, err = run(capsys, "replay", path, "--quiet")
-    assert (status, out) == (1, "")
-    assert "run 0 is the first that differs" in err
-    assert "in Health;" in err
-    assert len(err.strip().splitlines()) == 1
-    assert run(capsys, "replay", path, "--quiet", "--no-verify")[0] == 0
-
-
-def test_what_was_cut_off_is_told(capsys: Any, path: Path, tmp_path: Path) -> None:
-    whole = path.read_bytes()
-    (tmp_path / "b.rec").write_bytes(whole[:-10])
-    status, _, err = run(capsys, "replay", tmp_path / "b.rec", "--quiet")
-    assert status == 0
-    assert "was cut off: " in err
-    (tmp_path / "c.rec").write_bytes(whole[: whole.index(RUNS)])
-    status, _, err = run(capsys, "replay", tmp_path / "c.rec", "--quiet")
-    assert (status, "there is no run of the tick in it" in err) == (2, True)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--worlds", "0,70"), "there is no world 70; they are 0 to 69"),
-        (("--from", "9", "--to", "5"), "0 <= from <= to <= "),
-        (("--to", "999"), "0 <= from <= to <= "),
-    ],
-)
-def test_mistakes_are_told_in_one_line(capsys: Any, path: Path, options: tuple[str, ...], words: str) -> None:
-    status, _, err = run(capsys, "replay", path, "--quiet", *options)
-    assert (status, words in err, len(err.strip().splitlines())) == (2, True, 1)
-
-
-def test_files_that_are_none_are_told_in_one_line(capsys: Any, tmp_path: Path) -> None:
-    assert "No such file" in run(capsys, "replay", tmp_path / "nowhere.rec")[2]
-    (tmp_path / "a.rec").write_text("hello")
-    status, _, err = run(capsys, "replay", tmp_path / "a.rec")
-    assert (status, "is not a recording" in err) == (2, True)
-
-
-def test_ray_does_not_record(capsys: Any, tmp_path: Path) -> None:
-    status, _, err = run(capsys, *ROLLOUT, "--ray", "--record", tmp_path / "a.rec")
-    assert (status, "leave them out with --ray" in err) == (2, True)
-    assert not (tmp_path / "a.rec").exists()
-
-
-def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_path: Path) -> None:
-    """As many frames as runs that are asked for; each world by itself, side by side."""
-    options = ("--worlds", "0,3", "--from", "2", "--to", "6", "--quiet")
-    status, *_ = run(capsys, "replay", path, "--out", tmp_path / "frames", "--size", "64", *options)
-    assert (status, len(list((tmp_path / "frames").glob("*.png")))) == (0, 5)
-    status, *_ = run(capsys, "replay", path, "--html", tmp_path / "page.html", *options)
-    assert status == 0
-    assert (tmp_path / "page.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")

@@ -36,7 +36,7 @@ def test_a_folder_of_pictures_shows_what_was_played(capsys, tmp_path: Path) -> N
     assert out.startswith(f"{folder}: 3 frames, ")
     env = make_vec(variant("teams_3").replace(n_heals=3), 3, seed=7)
     steps = ticks(env, scripted_policy(env), 4)
-    expected = footage(env.worlds, steps, range(3), size=64, views=select("+vision,-ids"), every=2)
+    expected = footage(env.worlds, steps, range(3), size=64, layers=select("+vision,-ids"), every=2)
     assert np.array_equal(pictures(folder), np.array(list(expected)))
 
 
@@ -90,7 +90,7 @@ def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
     [
         (("ffa_3", "--out", "film.avi"), ("film.avi", ".mp4, .webm, .gif, .apng")),
         (("ffa_3", "--out", "nowhere/film.webm"), ("there is no folder nowhere",)),
-        (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no view 'vison'", "did you mean 'vision'")),
+        (("ffa_3", "--out", "f.webm", "--views", "+vison"), ("no layer 'vison'", "did you mean 'vision'")),
         (("ffa_3", "--out", "f.webm", "--size", "32"), ("size = 32", "64 to 4096")),
         (("ffa_3", "--out", "f.webm", "--fps", "5000"), ("fps = 5000",)),
         (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast.envs.rendering.video import write
+from outlast.envs.rendering.video import write_film
 from tests.conftest import scaled
 
 SUFFIXES = (".mp4", ".webm", ".gif", ".apng", "")
@@ -56,7 +56,7 @@ def decoded(path: Path, height: int, width: int) -> Image:
 def test_films_hold_every_frame(tmp_path: Path, suffix: str) -> None:
     needs(suffix)
     path = tmp_path / f"film{suffix}"
-    assert write(path, frames(), 25) == COUNT
+    assert write_film(path, frames(), 25) == COUNT
     seen, drawn = decoded(path, 96, 128), np.array(list(frames()))
     assert seen.shape == drawn.shape
     difference = np.abs(seen.astype(int) - drawn).mean((1, 2, 3))
@@ -71,7 +71,7 @@ def test_films_hold_every_frame(tmp_path: Path, suffix: str) -> None:
 def test_flat_colours_stay_what_they_are(tmp_path: Path, suffix: str) -> None:
     """To a few of 255 where a codec loses something: no tint by a wrong matrix, no dithering."""
     needs(suffix)
-    write(path := tmp_path / f"film{suffix}", frames())
+    write_film(path := tmp_path / f"film{suffix}", frames())
     seen = decoded(path, 96, 128)[-1]
     for y, x in ((5, 5), (70, 75)):
         patch = seen[y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3).astype(int)
@@ -82,7 +82,7 @@ def test_flat_colours_stay_what_they_are(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(("height", "width"), [(65, 96), (64, 97), (65, 97)])
 def test_odd_sizes_are_padded_where_the_codec_needs_it(tmp_path: Path, suffix: str, height: int, width: int) -> None:
     needs(suffix)
-    write(path := tmp_path / f"film{suffix}", frames(3, height, width))
+    write_film(path := tmp_path / f"film{suffix}", frames(3, height, width))
     even = suffix in (".mp4", ".webm")
     seen = decoded(path, height + height % 2 * even, width + width % 2 * even)
     assert len(seen) == 3
@@ -92,8 +92,8 @@ def test_odd_sizes_are_padded_where_the_codec_needs_it(tmp_path: Path, suffix: s
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_one_frame_and_frames_that_stand_still(tmp_path: Path, suffix: str) -> None:
     needs(suffix)
-    assert write(tmp_path / f"one{suffix}", frames(1)) == 1
-    assert write(path := tmp_path / f"still{suffix}", [frame(0)] * 7) == 7
+    assert write_film(tmp_path / f"one{suffix}", frames(1)) == 1
+    assert write_film(path := tmp_path / f"still{suffix}", [frame(0)] * 7) == 7
     assert len(decoded(path, 96, 128)) == 7
 
 
@@ -101,7 +101,7 @@ def test_one_frame_and_frames_that_stand_still(tmp_path: Path, suffix: str) -> N
 @pytest.mark.parametrize("fps", [10, 25, 50])
 def test_films_last_as_long_as_they_should(tmp_path: Path, suffix: str, fps: int) -> None:
     needs(suffix)
-    write(path := tmp_path / f"film{suffix}", frames(20), fps)
+    write_film(path := tmp_path / f"film{suffix}", frames(20), fps)
     video = cv2.VideoCapture(str(path))
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(fps, rel=0.05)
     video.release()
@@ -110,16 +110,16 @@ def test_films_last_as_long_as_they_should(tmp_path: Path, suffix: str, fps: int
 def test_an_mp4_plays_everywhere(tmp_path: Path) -> None:
     """H.264, 4:2:0, colours tagged, its index in front: what browsers ask for."""
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
-    write(path := tmp_path / "film.mp4", frames())
-    told = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True).stderr
-    assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", told)
+    write_film(path := tmp_path / "film.mp4", frames())
+    output = subprocess.run([ffmpeg, "-i", path], capture_output=True, text=True).stderr
+    assert re.search(r"Video: h264 .*yuv420p\(tv, bt709", output)
     content = path.read_bytes()
     assert content.index(b"moov") < content.index(b"mdat")
 
 
 def test_an_apng_is_an_animation_for_others_and_a_png_for_the_rest(tmp_path: Path) -> None:
     pillow = pytest.importorskip("PIL.Image")
-    write(path := tmp_path / "film.apng", frames(5), 20)
+    write_film(path := tmp_path / "film.apng", frames(5), 20)
     with pillow.open(path) as image:
         assert (image.format, image.n_frames, image.info["loop"]) == ("PNG", 5, 0)
         for k in range(5):
@@ -132,7 +132,7 @@ def test_an_apng_is_an_animation_for_others_and_a_png_for_the_rest(tmp_path: Pat
 def test_a_gif_plays_for_ever(tmp_path: Path) -> None:
     needs(".gif")
     pillow = pytest.importorskip("PIL.Image")
-    write(path := tmp_path / "film.gif", frames(6), 20)
+    write_film(path := tmp_path / "film.gif", frames(6), 20)
     with pillow.open(path) as image:
         assert (image.n_frames, image.info["loop"], image.info["duration"]) == (6, 0, 50)
 
@@ -142,9 +142,9 @@ def test_a_gif_plays_for_ever(tmp_path: Path) -> None:
 
 def test_a_folder_holds_numbered_pictures(tmp_path: Path) -> None:
     """A new one, and one that is there: what it held of an earlier film is replaced, all else stays."""
-    write(folder := tmp_path / "film", frames(4))
+    write_film(folder := tmp_path / "film", frames(4))
     assert sorted(os.listdir(folder)) == [f"frame_{k:06}.png" for k in range(4)]
     (folder / "notes.txt").write_text("mine")
-    write(folder, (frame(k + 9) for k in range(2)))
+    write_film(folder, (frame(k + 9) for k in range(2)))
     assert sorted(os.listdir(folder)) == ["frame_000000.png", "frame_000001.png", "notes.txt"]
     assert np.array_equal(cv2.imread(str(folder / "frame_000001.png"))[..., ::-1], frame(10))

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.video import codecs, write, writer
+from outlast.envs.rendering.video import codecs, write_film, writer
 from tests.rendering.test_film import SUFFIXES, Image, frame, frames, needs
 
 # ---- mistakes
@@ -34,7 +34,7 @@ def test_mistakes_leave_what_was_there(tmp_path: Path, suffix: str, mistake: str
     needs(suffix)
     given, fps, message = MISTAKES[mistake]
     with pytest.raises(FilmError, match=message):
-        write(tmp_path / f"film{suffix}", given, fps)
+        write_film(tmp_path / f"film{suffix}", given, fps)
     assert os.listdir(tmp_path) == []
 
 
@@ -50,7 +50,7 @@ def test_paths_that_cannot_be(tmp_path: Path, name: str, message: str) -> None:
         yield
 
     with pytest.raises(FilmError, match=message):
-        write(tmp_path / name, never())
+        write_film(tmp_path / name, never())
     assert os.listdir(tmp_path) == ["taken"]
 
 
@@ -63,11 +63,11 @@ def test_names_that_are_not_utf_8(tmp_path: Path, suffix: str) -> None:
     folder.mkdir()
     code = """
         import os, sys
-        from outlast.envs.rendering.video import write
+        from outlast.envs.rendering.video import write_film
         from tests.rendering.test_film import frames
         there = set(os.listdir("/proc/self/fd"))
         for name in "film", os.fsdecode(b"n\\xff"):
-            assert write(name + sys.argv[1], frames()) == len(list(frames()))
+            assert write_film(name + sys.argv[1], frames()) == len(list(frames()))
         assert set(os.listdir("/proc/self/fd")) == there
     """
     root = Path(__file__).parents[2]
@@ -80,16 +80,16 @@ def test_names_that_are_not_utf_8(tmp_path: Path, suffix: str) -> None:
 
 def test_gifs_have_a_highest_speed(tmp_path: Path) -> None:
     with pytest.raises(FilmError, match=r"fps = 60: an integer from 1 to 50 is needed for \.gif"):
-        write(tmp_path / "film.gif", frames(), 60)
+        write_film(tmp_path / "film.gif", frames(), 60)
 
 
 def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     for suffix in (".mp4", ".gif"):
         with pytest.raises(FilmError, match=r"pip install 'outlast\[video\]'.*\.webm"):
-            write(tmp_path / f"film{suffix}", frames())
+            write_film(tmp_path / f"film{suffix}", frames())
     for suffix in (".webm", ".apng", ""):
-        assert write(tmp_path / f"film{suffix}", frames(3)) == 3
+        assert write_film(tmp_path / f"film{suffix}", frames(3)) == 3
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -102,7 +102,7 @@ def test_an_error_while_drawing_is_passed_on_and_leaves_nothing(tmp_path: Path, 
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        write(tmp_path / f"film{suffix}", broken())
+        write_film(tmp_path / f"film{suffix}", broken())
     assert os.listdir(tmp_path) == ["film.mp4"]
     assert path.read_text() == "an earlier film"
 
@@ -113,7 +113,7 @@ SCRIPT = """
 import resource, sys, time
 import numpy as np
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.video import write
+from outlast.envs.rendering.video import write_film
 
 def frames(count, pause):
     generator = np.random.default_rng(0)
@@ -127,7 +127,7 @@ def frames(count, pause):
 FULL = """
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 try:
-    write(sys.argv[1], frames(60, 0), 30)
+    write_film(sys.argv[1], frames(60, 0), 30)
 except FilmError as error:
     print("FilmError", error)
 """
@@ -156,7 +156,7 @@ def test_who_is_stopped_leaves_no_partial_film(tmp_path: Path, suffix: str, how:
     """After Ctrl-C nothing is left; after kill -9 something may be, but not under the film's name."""
     needs(suffix)
     path = tmp_path / f"film{suffix}"
-    process = start(path, "write(sys.argv[1], frames(10_000, 0.01), 30)")
+    process = start(path, "write_film(sys.argv[1], frames(10_000, 0.01), 30)")
     assert process.stdout is not None
     for line in process.stdout:
         if int(line) == 10:
@@ -181,5 +181,5 @@ def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch:
 
     monkeypatch.setitem(writer.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
     with pytest.raises(FilmError, match="the film was not written whole"):
-        write(tmp_path / f"film{suffix}", frames())
+        write_film(tmp_path / f"film{suffix}", frames())
     assert os.listdir(tmp_path) == []

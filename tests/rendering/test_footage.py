@@ -11,18 +11,17 @@ from outlast import make_vec
 from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.layers import VIEWS, Agents, Room
+from outlast.envs.rendering.layers import LAYERS, AgentsLayer, RoomLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video.footage import footage, near_square
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
-from tests.conftest import digest
 
 SIZE = 64
 
 
-def played(worlds: int = 5, first_world: int = 0) -> SurvivalVectorEnv:
-    return make_vec("teams_3", worlds, seed=3, first_world=first_world)
+def played() -> SurvivalVectorEnv:
+    return make_vec("teams_3", 5, seed=3)
 
 
 def shots(env: SurvivalVectorEnv, chosen: Any, steps: int = 6, **options: Any) -> list[np.ndarray]:
@@ -53,14 +52,6 @@ def test_ticks_run_only_when_they_are_asked_for() -> None:
     assert list(ticks(env, scripted_policy(env), 3)) == [0, 1, 2, 3]
 
 
-def test_looking_changes_nothing() -> None:
-    seen, blind = played(), played()
-    shots(seen, [0, 4])
-    for _ in ticks(blind, scripted_policy(blind), 6):
-        pass
-    assert digest(seen.worlds) == digest(blind.worlds)
-
-
 @pytest.mark.parametrize("every", [1, 2, 5, 100])
 def test_every_nth_tick_is_drawn(every: int) -> None:
     whole = shots(played(), [1], steps=11)
@@ -81,11 +72,6 @@ def test_a_mosaic_holds_each_world_once_and_thin_black_lines(chosen: list[int], 
     assert not frame.any()
 
 
-def test_worlds_alone_look_as_in_a_batch() -> None:
-    frames = shots(played(), [3])
-    assert np.array_equal(frames, shots(played(1, first_world=3), [0]))
-
-
 def test_frames_are_new_arrays() -> None:
     frames = shots(played(), [0, 1])
     for one, other in itertools.combinations(frames, 2):
@@ -93,12 +79,12 @@ def test_frames_are_new_arrays() -> None:
         assert not np.array_equal(one, other)
 
 
-def test_views_are_those_that_are_asked_for() -> None:
+def test_layers_are_those_that_are_asked_for() -> None:
     """Also where they come from an iterator."""
     (env := played()).reset()
-    [frame] = footage(env.worlds, [0], [0], size=SIZE, views=iter([Room(), Agents()]))
-    assert np.array_equal(frame, draw(env.worlds, 0, SIZE, [Room(), Agents()]))
-    assert not np.array_equal(frame, draw(env.worlds, 0, SIZE, VIEWS))
+    [frame] = footage(env.worlds, [0], [0], size=SIZE, layers=iter([RoomLayer(), AgentsLayer()]))
+    assert np.array_equal(frame, draw(env.worlds, 0, SIZE, [RoomLayer(), AgentsLayer()]))
+    assert not np.array_equal(frame, draw(env.worlds, 0, SIZE, LAYERS))
 
 
 def test_grids_are_nearly_square() -> None:

@@ -1,5 +1,8 @@
 """Pictures and maps: looking changes nothing, the same state looks the same, and every scenario can be looked at."""
 
+import subprocess
+import sys
+import textwrap
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +13,12 @@ from outlast import Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Death, Heal, Health, Weapon, Zone
 from outlast.ecs import Clock, Entity, Module, Worlds
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import VIEWS, Cameras, Layer, Scene, View
+from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, Scene, ZOrder
 from outlast.envs.rendering.rgb import draw, text
 from tests.conftest import digest, scaled
 from tests.stage import Stage
 
-EVERYTHING = (*VIEWS, Cameras())
+EVERYTHING = (*LAYERS, CamerasLayer())
 CARRYING = (systems.Inventory, systems.AutoPickup, systems.GiveLast, systems.DeathDrop)
 
 
@@ -31,7 +34,7 @@ def played(name: str, ticks: int, worlds: int = 2, first_world: int = 0) -> Worl
 
 
 def scattered(scenario: Scenario) -> Worlds:
-    """One world whose things lie anywhere: no tick is run, so nothing is compiled."""
+    """One world whose entities lie anywhere: no tick is run, so nothing is compiled."""
     worlds = Worlds(scenario.modules, 1)
     for kind in ("agent", "box", "heal"):
         rows = worlds.span(kind)
@@ -61,14 +64,14 @@ def test_looking_changes_nothing_and_shows_the_same_again(name: str) -> None:
     assert text(alone, 0) == maps[1]
 
 
-def test_views_read_copies() -> None:
+def test_layers_read_copies() -> None:
     worlds = played("ffa_1", 1)
     before = digest(worlds)
     Scene(worlds, 0)[Body].x[0] = 7.0
     assert digest(worlds) == before
 
 
-def test_the_order_of_views_makes_no_difference() -> None:
+def test_the_order_of_layers_makes_no_difference() -> None:
     worlds, rng = played("teams_3", scaled(30, least=3)), np.random.default_rng(0)
     expected = draw(worlds, 0, 256, EVERYTHING)
     for _ in range(3):
@@ -91,6 +94,19 @@ def test_what_is_no_number_or_far_away_is_left_out() -> None:
         assert text(stage.env.worlds, 0).splitlines()[:22] == expected[1]
 
 
+def test_opencv_is_loaded_by_the_first_picture() -> None:
+    """It takes longer to import than everything else, and those who train need none."""
+    code = """
+        import sys, outlast, outlast.envs.cli.main, outlast.envs.rendering.video
+        texts = outlast.make_vec("ffa_1", 1, render_mode="ansi").render()
+        env = outlast.make_vec("ffa_1", 1, render_mode="rgb_array")
+        assert "cv2" not in sys.modules
+        env.render()
+        assert "cv2" in sys.modules
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True)
+
+
 # ---- arguments
 
 
@@ -107,9 +123,9 @@ def test_worlds_that_are_not_there(w: Any) -> None:
             look(played("ffa_1", 0), w)
 
 
-def test_views_that_are_none() -> None:
-    with pytest.raises(TypeError, match=r"Cameras.* is not a view: pass instances"):
-        draw(played("ffa_1", 0), 0, 64, [Cameras])  # type: ignore[list-item]
+def test_what_is_no_layer() -> None:
+    with pytest.raises(TypeError, match=r"Cameras.* is not a layer: pass instances"):
+        draw(played("ffa_1", 0), 0, 64, [CamerasLayer])  # type: ignore[list-item]
 
 
 def test_pictures_of_all_sizes_show_the_same() -> None:
@@ -123,11 +139,11 @@ def test_pictures_of_all_sizes_show_the_same() -> None:
     assert np.abs(reduced[512] - reduced[64]).mean() < 20
 
 
-# ---- views come and go
+# ---- layers come and go
 
 
-@pytest.mark.parametrize("left_out", [type(view).__name__ for view in EVERYTHING])
-def test_a_view_that_is_left_out_is_not_seen(left_out: str) -> None:
+@pytest.mark.parametrize("left_out", [type(layer).__name__ for layer in EVERYTHING])
+def test_a_layer_that_is_left_out_is_not_seen(left_out: str) -> None:
     worlds = played("teams_3", 1, worlds=1)
     worlds[Weapon].target[0, :2] = 3
     worlds[Zone].radius[0], worlds[Clock].tick[0] = 5, 7
@@ -136,22 +152,25 @@ def test_a_view_that_is_left_out_is_not_seen(left_out: str) -> None:
     worlds[Body].x[0, items], worlds[Body].y[0, items] = np.arange(8) - 4, -9
     worlds[Bag].items[0, 0, 0], worlds[Bag].count[0, 0] = worlds.span("heal").start, 1
     worlds[Entity].alive[0, 2], worlds[Death].cause[0, 2], worlds[Health].doomed[0, 2] = 0, 0, 7
-    hidden = "SafeZone" if left_out == "Room" else ""  # which paints the floor anew
-    every = [view for view in EVERYTHING if type(view).__name__ != hidden]
-    views = [view for view in every if type(view).__name__ != left_out]
-    assert len(views) == len(every) - 1
-    assert not np.array_equal(draw(worlds, 0, 256, views), draw(worlds, 0, 256, every))
+    hidden = "SafeZoneLayer" if left_out == "RoomLayer" else ""  # which paints the floor anew
+    every = [layer for layer in EVERYTHING if type(layer).__name__ != hidden]
+    layers = [layer for layer in every if type(layer).__name__ != left_out]
+    assert len(layers) == len(every) - 1
+    assert not np.array_equal(draw(worlds, 0, 256, layers), draw(worlds, 0, 256, every))
 
 
 WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {
-    "heals": ((systems.Heals,), {"Heals"}),
-    "boxes": ((systems.Boxes,), {"Boxes", "BoxItems"}),
-    "zone": ((systems.SafeZone,), {"SafeZone"}),
-    "melee": ((systems.Melee,), {"Melee", "Hits"}),
-    "cameras": ((systems.Cameras,), {"Cameras"}),
-    "bags": (CARRYING, {"Inventory"}),
-    "items": ((*CARRYING, systems.Heals, systems.Boxes), {"Inventory", "Heals", "Boxes", "BoxItems"}),
-    "room": ((systems.Room, systems.SpawnGrid, systems.SafeZone), {"Room", "SafeZone"}),
+    "heals": ((systems.Heals,), {"HealsLayer"}),
+    "boxes": ((systems.Boxes,), {"BoxesLayer", "BoxItemsLayer"}),
+    "zone": ((systems.SafeZone,), {"SafeZoneLayer"}),
+    "melee": ((systems.Melee,), {"MeleeLayer", "HitsLayer"}),
+    "cameras": ((systems.Cameras,), {"CamerasLayer"}),
+    "bags": (CARRYING, {"InventoryLayer"}),
+    "items": (
+        (*CARRYING, systems.Heals, systems.Boxes),
+        {"InventoryLayer", "HealsLayer", "BoxesLayer", "BoxItemsLayer"},
+    ),
+    "room": ((systems.Room, systems.SpawnGrid, systems.SafeZone), {"RoomLayer", "SafeZoneLayer"}),
     "mortality": ((systems.Mortality,), set()),
     "motors": ((systems.Motors,), set()),
     "contacts": ((systems.Contacts,), set()),
@@ -160,13 +179,13 @@ WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {
 
 @pytest.mark.parametrize("name", WITHOUT)
 def test_scenarios_without_a_mechanic(name: str) -> None:
-    """Its views stay out by themselves, and everything else is there."""
+    """Its layers are left out by themselves, and everything else is there."""
     kinds, absent = WITHOUT[name]
     worlds = scattered(variant("teams_3").without(*kinds))
     scene = Scene(worlds, 0)
-    assert {type(view).__name__ for view in EVERYTHING if not view.fits(scene)} == absent
+    assert {type(layer).__name__ for layer in EVERYTHING if not layer.fits(scene)} == absent
     image = draw(worlds, 0, 128, EVERYTHING)
-    rest = [view for view in EVERYTHING if type(view).__name__ not in absent]
+    rest = [layer for layer in EVERYTHING if type(layer).__name__ not in absent]
     assert np.array_equal(image, draw(worlds, 0, 128, rest))
     assert not np.array_equal(image, draw(worlds, 0, 128, []))
     assert len(text(worlds, 0).splitlines()) == 22 + 4
@@ -189,10 +208,10 @@ class Tide(Module):
 
 
 @dataclass(frozen=True)
-class TideView(View):
+class TideLayer(Layer):
     """And what it looks like."""
 
-    layer = Layer.ZONE + 1
+    zorder = ZOrder.ZONE + 1
     needs = (Tide, Heal)
     color: tuple[int, int, int] = (1, 2, 3)
 
@@ -200,11 +219,11 @@ class TideView(View):
         canvas.rectangle(-5, 0, 5, scene.mechanic(Tide).height, self.color)
 
 
-def test_new_views_need_no_change_elsewhere() -> None:
+def test_new_layers_need_no_change_elsewhere() -> None:
     tidal = variant("ffa_3").with_(Tide())
     for scenario, fits in ((variant("ffa_3"), False), (tidal, True), (tidal.without(systems.Heals), False)):
-        image = draw(Worlds(scenario.modules, 1), 0, 128, [*VIEWS, TideView()])
-        assert ((image == TideView().color).all(-1).sum() > 500) == fits
+        image = draw(Worlds(scenario.modules, 1), 0, 128, [*LAYERS, TideLayer()])
+        assert ((image == TideLayer().color).all(-1).sum() > 500) == fits
 
 
 # ---- maps

@@ -50,7 +50,7 @@ def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
     assert out.split("length")[1].split()[0].replace(".", "").isdigit()
 
 
-def test_rollout_plays_whole_episodes_unless_it_is_told_for_how_long(capsys):
+def test_rollout_plays_whole_episodes_unless_steps_are_given(capsys):
     arguments = ("rollout", "ffa_2", "--worlds", "3", "--policy", "noop", "--set", "zone_harm=100")
     status, out, err = run(capsys, *arguments)
     assert status == 0
@@ -86,10 +86,13 @@ def test_the_same_seed_gives_the_same_table(capsys):
         (("rollout", "ffa_1", "--set", "zone_radii="), ("zone.radii[0] = ''", "finite number")),
         (("rollout", "ffa_1", "--set", "zone_radii=13,4"), ("zone.radii: 13 does not fit into a room of side 25",)),
         (("rollout", "ffa_1", "--set", "melee_damage=1,2"), ("melee.damage = '1,2': an integer",)),
+        (("rollout", "ffa_1", "--set", "melee_damage"), ("--set melee_damage: NUMBER=VALUE is needed",)),
+        (("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"), ("physics cannot take",)),
+        (("rollout", "ffa_1", "--worlds", "1000000000000"), ("not enough memory, take fewer --worlds",)),
         (("schedule", "nothing"), ("nothing", "known")),
     ],
 )
-def test_mistakes_are_told_in_one_line(capsys, arguments, words):
+def test_mistakes_are_one_line(capsys, arguments, words):
     status, _, err = run(capsys, *arguments)
     assert status == 2
     assert len(err.strip().splitlines()) == 1
@@ -140,6 +143,18 @@ def test_numbers_that_cannot_be_are_refused(capsys, option, value, least):
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", option, value))
     assert f"{value}: an integer of at least {least} is needed" in capsys.readouterr().err
+
+
+def test_a_seed_has_64_bits(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(("rollout", "ffa_1", "--seed", str(2**64)))
+    assert f"{2**64}: an integer of at most 2**64 - 1 is needed" in capsys.readouterr().err
+
+
+def test_a_misspelt_policy_gets_a_hint(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(("rollout", "ffa_1", "--policy", "scriptd"))
+    assert "scriptd: did you mean scripted? random, noop, scripted or a saved policy" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])

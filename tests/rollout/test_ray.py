@@ -15,7 +15,7 @@ import outlast
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import ClusterError, EndlessError
 from outlast.envs.rollout import local
-from outlast.envs.rollout.local import Task, play
+from outlast.envs.rollout.local import Task, run_task
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
 
@@ -67,10 +67,10 @@ def test_no_cluster_is_said_at_once(capsys, address):
 
 @pytest.mark.parametrize("size", [1, 4, 256])
 def test_a_cluster_computes_what_one_machine_does(workers, monkeypatch, size):
-    monkeypatch.setattr(local, "BLOCK", size)
+    monkeypatch.setattr(local, "MAX_BATCH", size)
     seen = []
-    spread = cluster.rollout(task(), WORLDS, seen.append)
-    alone = play(task(), 0, WORLDS)
+    spread = cluster.rollout_on_cluster(task(), WORLDS, seen.append)
+    alone = run_task(task(), 0, WORLDS)
     assert spread.episodes == alone.episodes >= WORLDS
     assert same(spread, alone)
     assert spread.world_steps == alone.world_steps == WORLDS * STEPS
@@ -80,27 +80,27 @@ def test_a_cluster_computes_what_one_machine_does(workers, monkeypatch, size):
 
 
 def test_a_cluster_plays_as_many_whole_episodes_of_every_world(workers, monkeypatch):
-    monkeypatch.setattr(local, "BLOCK", 4)
+    monkeypatch.setattr(local, "MAX_BATCH", 4)
     work = dataclasses.replace(task(), steps=0, episodes=2)
-    spread = cluster.rollout(work, WORLDS)
+    spread = cluster.rollout_on_cluster(work, WORLDS)
     assert spread.episodes == 2 * WORLDS
-    assert str(spread) == str(play(work, 0, WORLDS))
+    assert str(spread) == str(run_task(work, 0, WORLDS))
     assert "the first 2 of every world" in str(spread)
 
 
 def test_an_episode_without_an_end_is_told_as_on_one_machine(workers):
     def impatient(env, seed):
-        local.LONGEST = 30  # in the worker, which has this module, too
+        local.MAX_STEPS = 30  # in the worker, which has this module, too
         return POLICIES["noop"](env, seed)
 
     never = Task(outlast.variant("ffa_1").replace(zone_harm=0), impatient, 0, SEED)
     with pytest.raises(EndlessError, match="world 0 has been in one episode for 30 steps"):
-        cluster.rollout(never, 1)
+        cluster.rollout_on_cluster(never, 1)
 
 
 @pytest.mark.parametrize("how", ["exit", "kill"])
 def test_a_lost_worker_loses_no_episode_and_repeats_none(workers, monkeypatch, tmp_path, how):
-    """The worker of the second block is lost in mid-rollout, the first time; every start leaves a file."""
+    """The worker of the second batch is lost in mid-rollout, the first time; every start leaves a file."""
 
     def fragile(env, seed):
         first, steps, act = env.first_world, itertools.count(), POLICIES["random"](env, seed)
@@ -114,10 +114,10 @@ def test_a_lost_worker_loses_no_episode_and_repeats_none(workers, monkeypatch, t
 
         return policy
 
-    monkeypatch.setattr(local, "BLOCK", 3)
-    spread = cluster.rollout(task(fragile), WORLDS)
+    monkeypatch.setattr(local, "MAX_BATCH", 3)
+    spread = cluster.rollout_on_cluster(task(fragile), WORLDS)
     assert {path.name for path in tmp_path.iterdir()} >= {"0-0", "3-0", "3-1", "6-0", "9-0"}
-    alone = play(task(), 0, WORLDS)
+    alone = run_task(task(), 0, WORLDS)
     assert spread.episodes == alone.episodes
     assert same(spread, alone)
 
@@ -128,10 +128,10 @@ def test_a_worker_that_is_always_lost_is_an_error_that_names_its_worlds(workers,
             os._exit(1)
         return POLICIES["random"](env, seed)
 
-    monkeypatch.setattr(local, "BLOCK", 5)
-    monkeypatch.setattr(cluster, "RETRIES", 1)
+    monkeypatch.setattr(local, "MAX_BATCH", 5)
+    monkeypatch.setattr(cluster, "MAX_RETRIES", 1)
     with pytest.raises(ClusterError, match=r"worlds 5 to 9 lost their worker 2 times .*memory"):
-        cluster.rollout(task(deadly), WORLDS)
+        cluster.rollout_on_cluster(task(deadly), WORLDS)
 
 
 def test_what_a_policy_raises_comes_back(workers):
@@ -139,17 +139,17 @@ def test_what_a_policy_raises_comes_back(workers):
         raise ZeroDivisionError("in the policy")
 
     with pytest.raises(ZeroDivisionError, match="in the policy"):
-        cluster.rollout(task(broken), WORLDS)
+        cluster.rollout_on_cluster(task(broken), WORLDS)
 
 
 def test_workers_with_another_version_are_refused(workers, monkeypatch):
     monkeypatch.setattr(outlast, "__version__", "0.0.7")
     with pytest.raises(ClusterError, match=r"this machine 0\.0\.7: install the same"):
-        cluster.rollout(task(), WORLDS)
+        cluster.rollout_on_cluster(task(), WORLDS)
 
 
-def test_ctrl_c_leaves_the_summary_of_the_finished_blocks(workers, monkeypatch, tmp_path):
-    """The last block never ends by itself."""
+def test_ctrl_c_leaves_the_summary_of_the_finished_batches(workers, monkeypatch, tmp_path):
+    """The last batch never ends by itself."""
 
     def endless(env, seed):
         act = POLICIES["random"](env, seed)
@@ -165,11 +165,11 @@ def test_ctrl_c_leaves_the_summary_of_the_finished_blocks(workers, monkeypatch, 
         if summary.world_steps == 8 * STEPS:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(local, "BLOCK", 4)
+    monkeypatch.setattr(local, "MAX_BATCH", 4)
     with pytest.raises(KeyboardInterrupt) as stop:
-        cluster.rollout(task(endless), WORLDS, progress)
-    assert same(stop.value.args[0], play(task(), 0, 8))
-    assert cluster.rollout(task(), WORLDS).episodes  # its worker is free again
+        cluster.rollout_on_cluster(task(endless), WORLDS, progress)
+    assert same(stop.value.args[0], run_task(task(), 0, 8))
+    assert cluster.rollout_on_cluster(task(), WORLDS).episodes  # its worker is free again
 
 
 def test_the_command_prints_the_same_table(workers, capsys):

@@ -9,8 +9,8 @@ import outlast
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import EndlessError
 from outlast.envs.rollout import local as rollouts
-from outlast.envs.rollout.local import BLOCK, Task, blocks, play, rollout
-from outlast.envs.rollout.policies import GOLDEN, POLICIES, mixed, random_policy
+from outlast.envs.rollout.local import MAX_BATCH, Task, rollout, run_task, split_worlds
+from outlast.envs.rollout.policies import GOLDEN, POLICIES, mix64, random_policy
 from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, scaled
 
@@ -31,7 +31,7 @@ def whole(policy: str = "random", variant: str = "ffa_1", seed: int = 3, episode
 def equal(one: Summary, other: Summary) -> bool:
     tables = ((one.sums, other.sums), (one.squares, other.squares))
     same = all(a.keys() == b.keys() and all(np.array_equal(a[key], b[key]) for key in a) for a, b in tables)
-    numbers = [(summary.episodes, summary.each, summary.world_steps) for summary in (one, other)]
+    numbers = [(summary.episodes, summary.episodes_per_world, summary.world_steps) for summary in (one, other)]
     return same and numbers[0] == numbers[1] and one.rows() == other.rows()
 
 
@@ -40,13 +40,13 @@ def equal(one: Summary, other: Summary) -> bool:
 
 @pytest.mark.parametrize("policy", sorted(POLICIES))
 @pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
-def test_blocks_of_worlds_are_worth_the_whole(policy, variant):
+def test_batches_of_worlds_add_up_to_the_whole(policy, variant):
     work = task(policy, variant)
-    whole = play(work, 0, WORLDS)
+    whole = run_task(work, 0, WORLDS)
     assert whole.episodes >= WORLDS
     for parts in ([(0, 2), (2, WORLDS - 2)], [(0, 1), (1, WORLDS - 2), (WORLDS - 1, 1)]):
-        assert equal(whole, Summary.merge(play(work, *part) for part in parts))
-    assert not equal(whole, play(work, 1, WORLDS))
+        assert equal(whole, Summary.merge(run_task(work, *part) for part in parts))
+    assert not equal(whole, run_task(work, 1, WORLDS))
 
 
 @pytest.mark.parametrize("policy", sorted(POLICIES))
@@ -63,10 +63,10 @@ def test_a_world_is_played_the_same_in_every_batch(policy):
 
 
 @pytest.mark.parametrize(("worlds", "workers"), [(1, 1), (1, 8), (5, 2), (256, 1), (257, 1), (1000, 3), (1024, 64)])
-def test_blocks_have_every_world_once_and_work_for_all(worlds, workers):
-    parts = blocks(worlds, workers)
+def test_batches_have_every_world_once_and_work_for_all(worlds, workers):
+    parts = split_worlds(worlds, workers)
     assert [w for first, count in parts for w in range(first, first + count)] == list(range(worlds))
-    assert max(count for _, count in parts) <= BLOCK
+    assert max(count for _, count in parts) <= MAX_BATCH
     assert len(parts) >= min(workers, worlds) / 2
 
 
@@ -99,7 +99,7 @@ def test_means_and_errors_are_those_of_the_single_episodes():
         observations, _, _, _, info = env.step(policy(observations))
         for w in np.flatnonzero(info.get("_statistics", ())):
             episodes.append({key: values[w] for key, values in info["statistics"].items()})
-    summary = play(work, 0, WORLDS)
+    summary = run_task(work, 0, WORLDS)
     assert summary.episodes == len(episodes)
     for name, mean, error in summary.rows():
         key, _, k = name.partition(" ")
@@ -110,7 +110,7 @@ def test_means_and_errors_are_those_of_the_single_episodes():
 
 
 def test_nothing_ended_is_said_so():
-    assert "no episode ended" in str(play(Task(outlast.variant("ffa_1"), POLICIES["noop"], 2, 0), 0, 2))
+    assert "no episode ended" in str(run_task(Task(outlast.variant("ffa_1"), POLICIES["noop"], 2, 0), 0, 2))
     assert "no episode ended" in str(Summary.merge([]))
 
 
@@ -128,11 +128,11 @@ def first_episodes(task: Task, count: int) -> dict[str, np.ndarray]:
     found: dict[str, list[np.ndarray]] = {}
     for w in range(count):
         env = outlast.make_vec(task.scenario, 1, seed=task.seed, first_world=w, autoreset="Disabled")
-        policy, over = task.policy(env, task.seed), False
+        policy, done = task.policy(env, task.seed), False
         observations, _ = env.reset()
-        while not over:
+        while not done:
             observations, _, terminated, truncated, info = env.step(policy(observations))
-            over = bool(terminated[0] or truncated[0])
+            done = bool(terminated[0] or truncated[0])
         for key, values in info["statistics"].items():
             found.setdefault(key, []).append(values[0].copy())
         env.close()
@@ -145,7 +145,7 @@ def length(summary: Summary) -> tuple[float, float]:
 
 def test_the_first_episode_of_every_world_is_counted_and_no_other():
     count = scaled(30, least=3)
-    summary, alone = play(whole(), 0, count), first_episodes(whole(), count)
+    summary, alone = run_task(whole(), 0, count), first_episodes(whole(), count)
     assert summary.episodes == count
     assert summary.sums.keys() == alone.keys()
     for key, values in alone.items():
@@ -163,19 +163,19 @@ def test_of_every_world_as_many_are_counted():
         observations, _, _, _, info = env.step(policy(observations))
         for w in np.flatnonzero(info.get("_statistics", ())):
             lengths[w].append(int(info["statistics"]["length"][w]))
-    summary = play(work, 0, WORLDS)
+    summary = run_task(work, 0, WORLDS)
     assert max(map(len, lengths)) > 3
     assert summary.sums["length"].tolist() == [sum(each[:3]) for each in lengths]
     assert str(summary).startswith(f"{3 * WORLDS} whole episodes, the first 3 of every world\n")
-    assert summary.rows() == Summary.merge([play(work, 0, 2), play(work, 2, WORLDS - 2)]).rows()
+    assert summary.rows() == Summary.merge([run_task(work, 0, 2), run_task(work, 2, WORLDS - 2)]).rows()
 
 
 @pytest.mark.skipif(not COMPILED, reason="thousands of episodes")
 def test_whole_episodes_are_unbiased_and_those_that_fit_into_a_time_are_not():
     """Against the first episodes of 2000 other worlds, in standard errors."""
-    wide = play(whole(seed=11), 0, 2000)
+    wide = run_task(whole(seed=11), 0, 2000)
     truth, error = length(wide)
-    mean, own = length(play(whole(seed=12, episodes=2), 0, 300))
+    mean, own = length(run_task(whole(seed=12, episodes=2), 0, 300))
     assert abs(mean - truth) < 3 * np.hypot(own, error)
     env = outlast.make_vec(whole().scenario, 300, seed=12)
     cut = rollout(env, random_policy(env, 12), int(truth))
@@ -185,7 +185,7 @@ def test_whole_episodes_are_unbiased_and_those_that_fit_into_a_time_are_not():
 
 
 def test_an_episode_without_an_end_is_not_waited_for_in_silence(monkeypatch, capsys):
-    monkeypatch.setattr(rollouts, "LONGEST", 40)
+    monkeypatch.setattr(rollouts, "MAX_STEPS", 40)
     never = outlast.variant("ffa_1").replace(zone_harm=0)
     env = outlast.make_vec(never, 2, seed=0, first_world=7)
     with pytest.raises(EndlessError, match=r"world 7 has been in one episode for 40 steps, .* set ending_limit, or"):
@@ -201,10 +201,10 @@ def test_an_episode_without_an_end_is_not_waited_for_in_silence(monkeypatch, cap
 def test_the_limit_is_of_one_episode(monkeypatch):
     """Not of the whole rollout."""
     work = whole(episodes=10)
-    expected = play(work, 0, 1)
+    expected = run_task(work, 0, 1)
     assert expected.world_steps > 700
-    monkeypatch.setattr(rollouts, "LONGEST", 700)
-    assert equal(expected, play(work, 0, 1))
+    monkeypatch.setattr(rollouts, "MAX_STEPS", 700)
+    assert equal(expected, run_task(work, 0, 1))
 
 
 def test_what_is_stopped_says_that_it_leans():
@@ -216,9 +216,11 @@ def test_what_is_stopped_says_that_it_leans():
 
     with pytest.raises(KeyboardInterrupt) as stopped:
         rollout(env, random_policy(env, 3), progress=stop)
-    told = stopped.value.args[0]
-    assert 20 < told.episodes < 40
-    assert str(told).startswith(f"{told.episodes} episodes ended; those cut off at the end are missing, so means lean ")
+    partial = stopped.value.args[0]
+    assert 20 < partial.episodes < 40
+    assert str(partial).startswith(
+        f"{partial.episodes} episodes ended; those cut off at the end are missing, so means lean "
+    )
 
 
 @pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
@@ -233,7 +235,7 @@ def test_a_missing_ray_is_named_with_its_cure(capsys):
 def test_words_are_those_of_splitmix64():
     """The first ones of seed 1234567, as published with the reference implementation."""
     state = np.array([1234567], np.uint64) + GOLDEN * np.arange(1, 6, dtype=np.uint64)
-    assert mixed(state).tolist() == [
+    assert mix64(state).tolist() == [
         6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821
     ]  # fmt: skip
 

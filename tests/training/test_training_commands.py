@@ -95,7 +95,7 @@ def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path:
     def full(*_: object, **__: object) -> None:
         raise FilmError("the disk is full")
 
-    monkeypatch.setattr(film, "write", full)
+    monkeypatch.setattr(film, "write_film", full)
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
     with pytest.raises(FilmError):
         evaluate("ffa_1", "noop", "scripted", *small, "--film")
@@ -163,7 +163,7 @@ def test_a_saved_policy_rolls_out_with_what_it_was_trained_to_be_told(capsys, tm
 
 def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
-    scenario, player = options.saved(str(tmp_path / "a.zip"), variant("teams_3"), 0)
+    scenario, player = options.load_policy(str(tmp_path / "a.zip"), variant("teams_3"), 0)
     game = Game(scenario, others=player)
     game.hold({"ahead": 1}, {})
     before = game.worlds[Body].x[0, game.worlds.span("agent")].copy()

@@ -1,4 +1,4 @@
-"""Pages: what is told of a world, how it is packed, and what is refused. tests/web/test_page_browser.py opens them."""
+"""Replay pages: how worlds are described and packed, and what is refused. test_page_browser.py opens them."""
 
 import gzip
 import html
@@ -15,35 +15,16 @@ import outlast
 from docs.examples.poison import Poison
 from outlast.components import Bag, Body, Health
 from outlast.ecs import Clock, Entity, Worlds
-from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import PageError
 from outlast.envs.inspect.trace import describe, snapshot
-from outlast.envs.rendering.layers import palette
-from outlast.envs.rollout.policies import scripted_policy
-from outlast.envs.web.replay import write
-from outlast.envs.web.replay.pack import Episode, pack
-from outlast.envs.web.replay.write import record
+from outlast.envs.rendering import style
+from outlast.envs.web.replay import write_page
+from outlast.envs.web.replay.pack import EpisodeTrack, pack
+from outlast.envs.web.replay.write import record_ticks
 from tests.conftest import COMPILED, scaled
+from tests.web.browser import ticks
 
 Json = dict[str, Any]
-
-
-def ticks(env: SurvivalVectorEnv, steps: int, finished: list[Json] | None = None) -> Iterator[int]:
-    """A scripted rollout in which everybody strikes all the time, and now and then uses what it has.
-
-    finished: takes the statistics of its episodes.
-    """
-    observations, _ = env.reset()
-    act = scripted_policy(env)
-    yield 0
-    for step in range(steps):
-        actions = act(observations).copy()
-        actions[..., 3], actions[..., 4] = 1, step % 30 == 0
-        observations, _, _, _, info = env.step(actions)
-        if finished is not None and "statistics" in info:
-            for w in np.flatnonzero(info["_statistics"]):
-                finished.append({"world": int(w), **{key: value[w] for key, value in info["statistics"].items()}})
-        yield step + 1
 
 
 def unpacked(content: bytes) -> Json:
@@ -76,7 +57,7 @@ def seen() -> tuple[Json, list[Json], list[Any]]:
             states.append({c: c.Table(*(column.copy() for column in env.worlds[c])) for c in kept})
             yield
 
-    return unpacked(pack("a title", record(env.worlds, watched(), [0, 1]))), finished, states
+    return unpacked(pack("a title", record_ticks(env.worlds, watched(), [0, 1]))), finished, states
 
 
 def test_what_is_packed_comes_out_again(seen: tuple[Json, list[Json], list[Any]]) -> None:
@@ -97,15 +78,15 @@ def check_row(episode: Json, k: int, state: Any, w: int) -> None:
     agents = np.arange(4)  # rows are in alphabetical order of kinds
     assert numbers["agent.alive"].tolist() == state[Entity].alive[w, agents].tolist()
     assert numbers["agent.health"].tolist() == state[Health].points[w, agents].tolist()
-    rows = np.r_[agents, [e for e in range(len(state[Body].x[w])) if e not in agents]]  # agents first, then things
+    rows = np.r_[agents, [e for e in range(len(state[Body].x[w])) if e not in agents]]  # agents first, then objects
     for name, scale in (("x", 1000), ("y", 1000), ("angle", 10000)):
-        packed = np.r_[numbers[f"agent.{name}"], numbers[f"thing.{name}"]] / scale
+        packed = np.r_[numbers[f"agent.{name}"], numbers[f"object.{name}"]] / scale
         np.testing.assert_allclose(packed, getattr(state[Body], name)[w, rows], atol=0.6 / scale)
     bags = numbers["agent.bag"].reshape(4, -1)
     for i, e in enumerate(agents):
         carried = state[Bag].items[w, e, : state[Bag].count[w, e]]
-        assert [rows[4 + thing] for thing in bags[i] if thing >= 0] == carried.tolist()
-    here = np.r_[numbers["agent.alive"], numbers["thing.here"]]
+        assert [rows[4 + j] for j in bags[i] if j >= 0] == carried.tolist()
+    here = np.r_[numbers["agent.alive"], numbers["object.here"]]
     assert here.tolist() == state[Entity].alive[w, rows].tolist()
 
 
@@ -137,7 +118,7 @@ def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]
 def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
     env = outlast.make_vec("teams_3", 1, seed=1)
     steps = scaled(1000, 30)
-    write(tmp_path / "page.html", env.worlds, ticks(env, steps), [0], title="small")
+    write_page(tmp_path / "page.html", env.worlds, ticks(env, steps), [0], title="small")
     assert (tmp_path / "page.html").stat().st_size < 150_000
 
 
@@ -148,47 +129,47 @@ def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
 def test_every_variant_is_described(variant: str) -> None:
     env = outlast.make_vec(variant, 1, seed=0)
     env.reset()
-    told, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
-    json.dumps([told, now], allow_nan=False)
+    description, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
+    json.dumps([description, now], allow_nan=False)
     boxes = 8 if "boxes" in outlast.variant(variant) else 0
-    kinds = Counter(thing["role"] for thing in told["things"])
+    kinds = Counter(body["role"] for body in description["objects"])
     assert kinds == Counter({"heal": 15, "box": boxes, "box_item": boxes, "wall": 4})
-    assert told["teams"] == variant.startswith("teams")
-    assert [agent["side"] for agent in told["agents"]] == ([0, 0, 1, 1] if told["teams"] else [0, 1])
-    assert told["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*palette.VERMILLION)
-    assert sum(thing["here"] for thing in now["things"]) == 15 + boxes + 4
+    assert description["teams"] == variant.startswith("teams")
+    assert [agent["side"] for agent in description["agents"]] == ([0, 0, 1, 1] if description["teams"] else [0, 1])
+    assert description["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*style.VERMILLION)
+    assert sum(body["here"] for body in now["objects"]) == 15 + boxes + 4
     assert len(now["zone"]) == 6
 
 
 BARE = ("zone", "heals", "cameras", "give", "inventory", "pickup", "drop", "melee")
 
 
-def told_of(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
+def described(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
     """Description, snapshot and packed episode of a world that nothing was run in yet."""
     worlds = Worlds(scenario.modules, 1, 1)
-    told, now = describe(worlds, 0), snapshot(worlds, 0)
-    episode = Episode(told, 1, 0)
+    description, now = describe(worlds, 0), snapshot(worlds, 0)
+    episode = EpisodeTrack(description, 1, 0)
     episode.add(now, [])
-    return told, now, unpacked(pack("", {0: [episode]}))["worlds"][0]["episodes"][0]
+    return description, now, unpacked(pack("", {0: [episode]}))["worlds"][0]["episodes"][0]
 
 
 def test_what_a_scenario_lacks_is_left_out() -> None:
-    told, now, episode = told_of(outlast.variant("ffa_1").without(*BARE))
-    assert [thing["role"] for thing in told["things"]] == ["wall"] * 4
-    assert (told["zone"], told["cone"], told["slots"], told["reach"]) == (False, None, 0, 0)
+    description, now, episode = described(outlast.variant("ffa_1").without(*BARE))
+    assert [body["role"] for body in description["objects"]] == ["wall"] * 4
+    assert (description["zone"], description["cone"], description["slots"], description["reach"]) == (False, None, 0, 0)
     assert now["zone"] is None
     assert [(agent["bag"], agent["strike"], agent["target"]) for agent in now["agents"]] == [([], 0, -1)] * 2
     assert {agent["sees"] for agent in now["agents"]} == {None}
     assert episode["numbers"]["agent.sees"].tolist() == [[-1, -1]]
 
 
-def test_an_item_of_a_new_kind_is_told_by_its_name() -> None:
-    told, now, episode = told_of(outlast.variant("teams_3").with_(Poison(count=3)))
-    vials = [j for j, thing in enumerate(told["things"]) if thing["kind"] == "vial"]
-    assert [told["things"][j]["role"] for j in vials] == ["item"] * 3
-    assert all(now["things"][j]["here"] for j in vials)
-    assert told["causes"] == ["melee", "poison", "zone"]
-    assert episode["numbers"]["thing.here"][0, vials].tolist() == [1, 1, 1]
+def test_an_item_of_a_new_kind_has_its_name() -> None:
+    description, now, episode = described(outlast.variant("teams_3").with_(Poison(count=3)))
+    vials = [j for j, body in enumerate(description["objects"]) if body["kind"] == "vial"]
+    assert [description["objects"][j]["role"] for j in vials] == ["item"] * 3
+    assert all(now["objects"][j]["here"] for j in vials)
+    assert description["damage_types"] == ["melee", "poison", "zone"]
+    assert episode["numbers"]["object.here"][0, vials].tolist() == [1, 1, 1]
 
 
 # ---- what is refused
@@ -199,13 +180,13 @@ def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> No
     pulled: list[int] = []
     frames = (pulled.append(k) for k in range(3))
     with pytest.raises(PageError, match=r"worlds \[5\]; choose among 0 to 1"):
-        write(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
+        write_page(tmp_path / "page.html", env.worlds, frames, [0, 5], title="")
     with pytest.raises(PageError, match="none; choose among 0 to 1"):
-        write(tmp_path / "page.html", env.worlds, frames, [], title="")
+        write_page(tmp_path / "page.html", env.worlds, frames, [], title="")
     with pytest.raises(PageError, match="in a folder that is there"):
-        write(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
+        write_page(tmp_path / "nowhere" / "page.html", env.worlds, frames, [0], title="")
     with pytest.raises(PageError, match="not one tick"):
-        write(tmp_path / "page.html", env.worlds, [], [0], title="")
+        write_page(tmp_path / "page.html", env.worlds, [], [0], title="")
     assert not pulled
     assert not list(tmp_path.iterdir())
 
@@ -220,7 +201,7 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write(target, env.worlds, broken(), [0], title="")
+        write_page(target, env.worlds, broken(), [0], title="")
     assert target.read_text() == "the one before"
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
@@ -228,7 +209,7 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_a_page_is_nothing_but_itself(tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_3", 1, seed=0)
     title = "</title></script><script>alert(1)</script> $data & more"
-    write(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
+    write_page(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert html.escape(title) in page
     assert title not in page

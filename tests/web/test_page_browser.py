@@ -7,14 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast.envs.inspect.trace import MARGIN
-from outlast.envs.rendering.layers import palette
-from tests import screen as screen_
-from tests.screen import TITLE, Screen, Truth
+from outlast.envs.rendering import style
+from tests.web.browser import TITLE, Screen, Truth
 
-browser, file, truths, look = screen_.browser, screen_.file, screen_.truths, screen_.look
-
-HALF = MARGIN * 12.5  # metres from the middle of the stage to its edge
+HALF = style.SIZES.margin * 12.5  # metres from the middle of the stage to its edge
 
 
 def check(screen: Screen, truth: Truth, episode: int) -> None:
@@ -56,7 +52,7 @@ def test_agents_are_where_they_are(look: Any, truths: dict[int, Truth]) -> None:
             if not (state["living"][i] and apart):
                 continue
             behind = pixel(screen, x - 0.36 * np.cos(angle), y - 0.36 * np.sin(angle))
-            assert behind == (palette.BLUE if i < 2 else palette.VERMILLION), (row, i)
+            assert behind == (style.BLUE if i < 2 else style.VERMILLION), (row, i)
             looked_at += 1
     assert looked_at >= 3
 
@@ -73,8 +69,8 @@ def pixel(screen: Screen, x: float, y: float) -> tuple[int, ...]:
 def test_the_ground_has_the_colours_of_the_pictures(look: Any, scheme: str) -> None:
     screen = look(color_scheme=scheme)
     screen.key("v")
-    assert (pixel(screen, 0.3, 0.3) == palette.FLOOR) == (scheme == "light")
-    assert (pixel(screen, 12, 12) == palette.UNSAFE) == (scheme == "light")
+    assert (pixel(screen, 0.3, 0.3) == style.FLOOR) == (scheme == "light")
+    assert (pixel(screen, 12, 12) == style.UNSAFE) == (scheme == "light")
     assert (sum(pixel(screen, 0.3, 0.3)) < 200) == (scheme == "dark")
 
 

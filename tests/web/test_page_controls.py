@@ -6,14 +6,11 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.web.replay import write
-from tests import screen as screen_
-from tests.screen import WORLDS, Screen, Truth
-from tests.web.test_page import ticks
+from outlast.envs.web.replay import write_page
+from tests.web.browser import WORLDS, Screen, Truth, ticks
 from tests.web.test_page_browser import HALF, check
 
 pytestmark = pytest.mark.nightly  # each of them loads a page of its own
-browser, file, truths, look = screen_.browser, screen_.file, screen_.truths, screen_.look
 
 LEFT, RIGHT = 30, 10  # pixels of the timeline beside its strips
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "device_scale_factor": 3}
@@ -42,7 +39,7 @@ def test_a_click_on_a_kill_leads_to_it(look: Any, truths: dict[int, Truth]) -> N
     assert screen.number("tick") == tick
     check(screen, truth, 1)
     assert screen.page.locator("#tip").inner_text().startswith(f"{tick}: agent ")
-    assert "killed by" in screen.page.locator(f".agent[data-agent='{victim}'] .fate").inner_text()
+    assert "killed by" in screen.page.locator(f".agent[data-agent='{victim}'] .status").inner_text()
 
 
 def test_every_event_in_the_list_leads_to_its_tick(look: Any, truths: dict[int, Truth]) -> None:
@@ -211,7 +208,7 @@ def test_a_finger_drags_the_timeline(look: Any) -> None:
 
 def test_one_world_of_one_episode_offers_no_choice(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_1", 1, seed=0)
-    write(tmp_path / "one.html", env.worlds, ticks(env, 20), [0], title="one")
+    write_page(tmp_path / "one.html", env.worlds, ticks(env, 20), [0], title="one")
     screen = look(tmp_path / "one.html")
     for name in ("world", "episode", "episodes"):
         assert not screen.page.locator(f"#{name}").is_visible()

@@ -1,4 +1,4 @@
-"""Events of single ticks, as pages and games tell them."""
+"""Events of single ticks, as pages and games show them."""
 
 from typing import Any
 
@@ -42,16 +42,16 @@ def test_boxes_break_are_picked_up_and_placed() -> None:
     stage.put("agent", 0, 0, 0)
     stage.put("box", 1, 1.2, 0)
     stage.step({0: "attack"})
-    assert happened(stage) == [{"kind": "break", "agent": 0, "side": 0, "thing": 1}]
+    assert happened(stage) == [{"kind": "break", "agent": 0, "side": 0, "object": 1}]
     stage.step(times=2)
     assert happened(stage) == []
     stage.hand(0, "box_item", 1)
     stage.step({0: "use"})
-    boxes = describe(stage.env.worlds, 0)["things"]
-    assert happened(stage) == [{"kind": "place", "agent": 0, "thing": 3}]
+    boxes = describe(stage.env.worlds, 0)["objects"]
+    assert happened(stage) == [{"kind": "place", "agent": 0, "object": 3}]
     assert boxes[3]["role"] == "box_item"
     assert boxes[3]["of"] == 1
-    assert snapshot(stage.env.worlds, 0)["things"][1]["owner"] == 0
+    assert snapshot(stage.env.worlds, 0)["objects"][1]["owner"] == 0
 
 
 def test_a_heal_is_used() -> None:
@@ -59,7 +59,7 @@ def test_a_heal_is_used() -> None:
     stage.hand(1, "heal", 4)
     assert snapshot(stage.env.worlds, 0)["agents"][1]["bag"] == [8]
     stage.step({1: "use"})
-    assert happened(stage) == [{"kind": "heal", "agent": 1, "thing": 8}]
+    assert happened(stage) == [{"kind": "heal", "agent": 1, "object": 8}]
     assert snapshot(stage.env.worlds, 0)["agents"][1]["health"] == 175
 
 

@@ -10,14 +10,14 @@ from outlast.components import Health, Side
 from outlast.ecs import Clock
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import PlayError
-from outlast.envs.inspect.words import tell
+from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.web.play.game import Game, Phase
+from outlast.envs.web.play.game import Game, GamePhase
 from outlast.envs.web.play.messages import Command, MessageError, Speed, Steer, parse
 from tests.conftest import digest
-from tests.players import MALFORMED
+from tests.web.clients import MALFORMED
 
-KEYS = [  # held, tapped, and what the environment is told: ahead, left, turn, attack, use, give
+KEYS = [  # held, tapped, and the environment's action: ahead, left, turn, attack, use, give
     ({"ahead": 1}, {}, (2, 1, 1, 0, 0, 0)),
     ({"ahead": 1, "turn": 1, "attack": 1}, {}, (2, 1, 2, 1, 0, 0)),
     ({"ahead": -1, "left": -1}, {"use": 1}, (0, 0, 1, 0, 1, 0)),
@@ -45,11 +45,11 @@ def test_keys_are_the_actions_of_the_batched_environment_bit_for_bit(variant, ag
     policy = POLICIES[others](env)
     observations, _ = env.reset()
     assert digest(game.worlds) == digest(env.worlds)
-    for held, tapped, told in itertools.islice(itertools.cycle(KEYS), 60):
+    for held, tapped, expected in itertools.islice(itertools.cycle(KEYS), 60):
         game.hold(held, tapped)
         play(game, 1)
         actions = policy(observations).copy()
-        actions[0, agent] = told
+        actions[0, agent] = expected
         observations, *_ = env.step(actions)
         assert digest(game.worlds) == digest(env.worlds)
     game.close()
@@ -78,7 +78,7 @@ def test_a_tap_counts_for_one_tick_even_if_it_ends_before_it(game):
 
 
 def test_an_episode_begins_with_the_first_key(game):
-    assert game.phase is Phase.READY
+    assert game.phase is GamePhase.READY
     game.hold({}, {})
     assert not game.tick()
     game.hold({}, {"attack": 1})
@@ -106,7 +106,7 @@ def test_restart_is_the_next_episode_of_the_seed(game):
     game.hold({"ahead": 1}, {})
     play(game, 10)
     game.restart()
-    assert game.phase is Phase.READY
+    assert game.phase is GamePhase.READY
     env.reset()
     env.reset()
     assert game.worlds[Clock].tick[0, 0] == 0
@@ -132,7 +132,7 @@ def test_the_verdict_is_who_lived_longest(seed):
     while game.tick():
         pass
     result = game.state()["result"]
-    assert game.phase is Phase.OVER
+    assert game.phase is GamePhase.OVER
     assert result["verdict"] == ("won" if lived[0] > lived[1] else "lost" if lived[0] < lived[1] else "drawn")
     assert result["length"] == info["statistics"]["length"][0]
     assert result["return"] == info["statistics"]["return"][0, 0]
@@ -145,7 +145,7 @@ def test_the_verdict_is_who_lived_longest(seed):
 def test_kills_are_counted_and_named():
     laser = outlast.variant("ffa_2").replace(melee_damage=200, melee_reach=40.0, melee_blocked=False)
     game = Game(laser, others="noop")
-    while game.phase is not Phase.OVER:  # spin until the other one is struck
+    while game.phase is not GamePhase.OVER:  # spin until the other one is struck
         game.hold({"turn": 1, "attack": 1}, {})
         game.tick()
     state = game.state()
@@ -160,10 +160,10 @@ def test_an_agent_that_is_not_there_is_refused(agent, words):
         Game(outlast.variant("ffa_3"), agent=agent)
 
 
-def test_words_are_the_observation():
+def test_the_text_is_the_observation():
     """An agent at (1, 0) that faces +y, in a world that is made up."""
     f4, rest = np.float32, (0, 0, 0, 0)
-    seen = {
+    observation = {
         "self": np.array([0, 1, 63, 1, 0, np.pi / 2, 0, 0, 0], f4),
         "others": np.array([[1, 1, 80, 1, 5, *rest], [2, 0, 55, 4, 0, *rest], [3, 0, 1, 9, 9, *rest]], f4),
         "others_mask": np.array([1, 1, 0], f4),
@@ -174,7 +174,7 @@ def test_words_are_the_observation():
         "heal_slot_mask": np.array([1], f4),
         "poison": np.array([2.5], f4),
     }
-    assert tell(seen) == {
+    assert observation_text(observation) == {
         "Health": ["63"],
         "Next item": ["heal, +75"],
         "Zone": ["inside, 3.0 m to the edge", "next: 4.0 m away, ahead"],
@@ -185,20 +185,20 @@ def test_words_are_the_observation():
     }
 
 
-def test_words_outside_of_the_zone_and_after_death():
+def test_the_text_outside_of_the_zone_and_after_death():
     row = np.array([0, 100, 0, -8, -np.pi / 2, 0, 0, 0], np.float32)
-    seen = {"self": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
-    words = tell(seen | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)})
-    assert words["Zone"] == ["outside by 3.0 m, behind", "it vanishes next, 8.0 m behind"]
-    assert tell(seen | {"zone": np.zeros(6, np.float32)})["Zone"] == ["nowhere is safe"]
-    assert tell(seen | {"self": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
+    observation = {"self": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
+    text = observation_text(observation | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)})
+    assert text["Zone"] == ["outside by 3.0 m, behind", "it vanishes next, 8.0 m behind"]
+    assert observation_text(observation | {"zone": np.zeros(6, np.float32)})["Zone"] == ["nowhere is safe"]
+    assert observation_text(observation | {"self": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
 
 
-def test_the_panel_tells_the_health_of_the_world(game):
+def test_the_text_has_the_health_of_the_world(game):
     game.worlds[Health].points[0, game.worlds.layout.rows(Side)[0]] = 42
     game.hold({}, {"turn": 1})
     play(game, 1)
-    assert game.state()["words"]["Health"] == ["42"]
+    assert game.state()["text"]["Health"] == ["42"]
     assert game.state()["snapshot"]["agents"][0]["health"] == 42
 
 

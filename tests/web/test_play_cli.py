@@ -11,7 +11,7 @@ import pytest
 
 from outlast.ecs import Clock
 from outlast.envs.cli import main as cli
-from tests.players import Page
+from tests.web.clients import Page
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_ctrl_c_ends_it_cleanly_and_the_recording_is_whole(tmp_path):
     try:
         address = process.stdout.readline().split()[-1]
         with Page(address) as page:
-            page.say(held={"ahead": 1}, tapped={})
+            page.send(held={"ahead": 1}, tapped={})
             page.until(lambda state: state["snapshot"]["tick"] >= 10)
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=20)

@@ -7,22 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-import outlast
-from outlast.envs.web.play.game import Game
-from tests.players import HANDSHAKE, answer, served
-
-
-@pytest.fixture
-def game():
-    game = Game(outlast.variant("ffa_3"), others="noop", seed=1)
-    yield game
-    game.close()
-
-
-@pytest.fixture
-def address(game):
-    with served(game) as address:
-        yield address
+from tests.web.clients import HANDSHAKE, answer, served
 
 
 def test_the_page_and_its_parts_are_served_with_strict_headers(address):
@@ -135,7 +120,7 @@ def test_only_loopback_is_bound(address):
     port = urlsplit(address).port
     others = {"::1"}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line, contextlib.suppress(OSError):
-        line.connect(("192.0.2.1", 9))  # sends nothing, but tells the address of this machine that it would send from
+        line.connect(("192.0.2.1", 9))  # sends nothing, but gives the address of this machine that it would send from
         others.add(line.getsockname()[0])
     for other in others - {"127.0.0.1"}:
         with pytest.raises(ConnectionRefusedError):

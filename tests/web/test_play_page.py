@@ -1,43 +1,20 @@
 """The live page in a real browser: it shows the simulation, and its keys steer it."""
 
 import math
-import shutil
 import time
 from urllib.parse import urlsplit
 
 import pytest
 
-import outlast
 from outlast.components import Body, Heal, Health, Side
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import Game, Phase
-from tests.players import enemy_shown, heals_shown, picture, served
-
-sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install 'outlast[test]'")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the PATH")
-    with sync.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture
-def game():
-    game = Game(outlast.variant("ffa_3"), others="noop", seed=1)
-    yield game
-    game.close()
+from outlast.envs.web.play.game import GamePhase
+from tests.web.clients import enemy_shown, heals_shown, picture, served
 
 
 @pytest.fixture(params=[{"viewport": {"width": 1400, "height": 900}}], ids=["desktop"])
 def page(browser, game, request):
-    """The page, opened; at the end it has complained of nothing and asked nobody else."""
+    """The page, opened; at the end it has logged nothing and contacted no other host."""
     with served(game, fps=60) as address, browser.new_context(**request.param) as context:
         page, complaints, hosts = context.new_page(), [], set()
         page.on("console", lambda message: complaints.append(message.text))
@@ -110,13 +87,13 @@ def test_keys_are_held_until_they_are_let_go(page, game, key, action):
 
 
 def test_one_press_uses_one_item(page, game):
-    told = []
+    actions = []
     action = game.action
-    game.action = lambda: told.append(action()) or told[-1]
+    game.action = lambda: actions.append(action()) or actions[-1]
     page.keyboard.down("f")
     shows(page, 15)
     page.keyboard.up("f")
-    assert [row[4] for row in told[:15]] == [1] + [0] * 14
+    assert [row[4] for row in actions[:15]] == [1] + [0] * 14
 
 
 def test_the_panel_is_the_observation(page, game):
@@ -150,14 +127,14 @@ def test_it_shows_what_the_agent_sees_or_everything(page, game):
     assert heals_shown(game, picture(page)) == seen
 
 
-def test_the_end_is_told_and_r_goes_on(page, game):
+def test_the_end_is_shown_and_r_goes_on(page, game):
     row = game.worlds.layout.rows(Side)[0]
     game.worlds[Health].points[0, row] = 0  # it dies in the next tick
     page.keyboard.press("w")
-    told = card(page, "over")
-    assert "You lost" in told
-    assert "1 ticks" in told
-    assert game.phase is Phase.OVER
+    text = card(page, "over")
+    assert "You lost" in text
+    assert "1 ticks" in text
+    assert game.phase is GamePhase.OVER
     page.keyboard.press("r")
     assert "You are agent 0" in card(page, "ready")
     assert game.worlds[Clock].episode[0, 0] == 2

@@ -1,4 +1,4 @@
-"""The game's server: what pages say reaches the game, and nothing that comes in ends it."""
+"""The game's server: messages of pages reach the game, and nothing that comes in ends it."""
 
 import contextlib
 import socket
@@ -8,42 +8,28 @@ from urllib.parse import urlsplit
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-import outlast
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import Game, Phase
-from outlast.envs.web.play.session import PAGES
-from tests.players import FPS, HANDSHAKE, MALFORMED, Page, answer, served
-
-
-@pytest.fixture
-def game():
-    game = Game(outlast.variant("ffa_3"), others="noop", seed=1)
-    yield game
-    game.close()
-
-
-@pytest.fixture
-def address(game):
-    with served(game) as address:
-        yield address
+from outlast.envs.web.play.game import GamePhase
+from outlast.envs.web.play.session import MAX_PAGES
+from tests.web.clients import FPS, HANDSHAKE, MALFORMED, Page, answer
 
 
 @pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))
 def test_malformed_messages_close_their_connection_and_nothing_else(address, text):
     with Page(address) as page:
-        page.hear()
+        page.receive()
         page.socket.send(text)
         with pytest.raises(ConnectionClosed) as closed:
             page.until(lambda state: False)
     assert closed.value.rcvd.code == 1008  # RFC 6455: "violates its policy"
     with Page(address) as page:
-        page.say(held={"ahead": 1}, tapped={})
+        page.send(held={"ahead": 1}, tapped={})
         assert page.until(lambda state: state["snapshot"]["tick"] > 2)["steers"]
 
 
 def test_messages_that_are_too_long_are_not_even_read(address):
     with Page(address) as page:
-        page.hear()
+        page.receive()
         page.socket.send('{"command": "pause"' + 600 * " " + "}")
         with pytest.raises(ConnectionClosed) as closed:
             page.until(lambda state: False)
@@ -51,73 +37,73 @@ def test_messages_that_are_too_long_are_not_even_read(address):
     assert answer(address)[0] == 200
 
 
-def test_an_error_in_the_game_is_told_and_ends_the_page_only(address, game, caplog):
+def test_an_error_in_the_game_is_logged_and_ends_the_page_only(address, game, caplog):
     state = game.state
     game.state = lambda: 1 / 0
     with Page(address) as page, pytest.raises(ConnectionClosed) as closed:
-        page.hear()
+        page.receive()
     assert closed.value.rcvd.code == 1011
     for _ in range(100):  # it is logged once the page has gone
         time.sleep(0.02 * ("ZeroDivisionError" not in caplog.text))
     assert "ZeroDivisionError" in caplog.text
     game.state = state
     with Page(address) as page:
-        assert page.hear()["phase"] == "ready"
+        assert page.receive()["phase"] == "ready"
 
 
 def test_keys_move_the_agent_and_a_pause_stops_the_clock(address, game):
     with Page(address) as page:
-        start = page.hear()
+        start = page.receive()
         assert (start["phase"], start["steers"], start["snapshot"]["tick"]) == ("ready", True, 0)
         assert page.world["actions"]["ahead"] == [-1, 1]
-        page.say(held={"ahead": 1}, tapped={})
+        page.send(held={"ahead": 1}, tapped={})
         moved = page.until(lambda state: state["snapshot"]["tick"] >= 20)
         assert moved["snapshot"]["agents"][0]["x"] > start["snapshot"]["agents"][0]["x"] + 0.5  # it faces +x
-        page.say(command="pause")
+        page.send(command="pause")
         page.until(lambda state: state["phase"] == "paused")
         tick = int(game.worlds[Clock].tick[0, 0])
         time.sleep(0.2)
         assert game.worlds[Clock].tick[0, 0] == tick
-        page.say(command="resume")
+        page.send(command="resume")
         page.until(lambda state: state["snapshot"]["tick"] > tick)
-        page.say(command="restart")
+        page.send(command="restart")
         again = page.until(lambda state: state["snapshot"]["episode"] == 2)
         assert (again["phase"], again["snapshot"]["tick"]) == ("ready", 0)
 
 
 def test_time_passes_no_faster_than_it_should(address):
     with Page(address) as page:
-        page.say(speed=0.25)
+        page.send(speed=0.25)
         start = time.monotonic()
-        page.say(held={"turn": 1}, tapped={})
+        page.send(held={"turn": 1}, tapped={})
         page.until(lambda state: state["snapshot"]["tick"] >= 25)
         assert time.monotonic() - start > 23 * 4 / FPS  # 24 pauses, less what clocks are rounded
 
 
 def test_the_first_page_steers_and_the_next_one_takes_over(address, game):
     with Page(address) as second, Page(address) as third:
-        assert second.hear()["steers"]
-        third.say(held={"ahead": 1}, tapped={})
-        third.say(command="restart")
-        assert not third.hear()["steers"]
+        assert second.receive()["steers"]
+        third.send(held={"ahead": 1}, tapped={})
+        third.send(command="restart")
+        assert not third.receive()["steers"]
         time.sleep(0.1)
-        assert (game.phase, int(game.worlds[Clock].episode[0, 0])) == (Phase.READY, 1)
-        second.say(held={"ahead": 1}, tapped={})
+        assert (game.phase, int(game.worlds[Clock].episode[0, 0])) == (GamePhase.READY, 1)
+        second.send(held={"ahead": 1}, tapped={})
         third.until(lambda state: state["snapshot"]["tick"] > 3)
         second.socket.close()
         assert third.until(lambda state: state["steers"])["phase"] == "paused"
         assert game.action() == [1, 1, 1, 0, 0, 0]
-        third.say(command="resume")
+        third.send(command="resume")
         third.until(lambda state: state["phase"] == "running")
 
 
 def test_a_crowd_is_refused_politely(address):
     with contextlib.ExitStack() as crowd:
-        for _ in range(PAGES):
-            crowd.enter_context(Page(address)).hear()
+        for _ in range(MAX_PAGES):
+            crowd.enter_context(Page(address)).receive()
         with Page(address) as late, pytest.raises(ConnectionClosed) as closed:
-            late.hear()
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, f"{PAGES} pages are open already")
+            late.receive()
+        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, f"{MAX_PAGES} pages are open already")
 
 
 def test_a_page_that_does_not_listen_holds_nobody_up(address):
@@ -125,7 +111,7 @@ def test_a_page_that_does_not_listen_holds_nobody_up(address):
     headers = HANDSHAKE | {"Host": parts.netloc, "Origin": f"http://{parts.netloc}"}
     lines = [f"GET {parts.path}live HTTP/1.1", *(f"{k.replace('_', '-')}: {v}" for k, v in headers.items()), "", ""]
     with Page(address) as page, socket.socket() as deaf:
-        page.say(held={"turn": 1}, tapped={})
+        page.send(held={"turn": 1}, tapped={})
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.connect(("127.0.0.1", parts.port))
         deaf.sendall("\r\n".join(lines).encode())

@@ -1,52 +1,95 @@
-"""Views: one file a mechanic, as in systems/. A view reads the tables of one world and draws on a canvas.
+"""Layers: one file a mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
 
 @dataclass(frozen=True)
-class Marsh(View):
-    layer = Layer.ZONE + 1
+class MarshLayer(Layer):
+    zorder = ZOrder.ZONE + 1
     needs = (Swamp,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         canvas.circle(0, 0, scene.mechanic(Swamp).radius, (120, 140, 90))
 
-image = draw(env.worlds, 0, views=[*VIEWS, Marsh(), Cameras()])
+image = draw(env.worlds, 0, layers=[*LAYERS, MarshLayer(), CamerasLayer()])
 """
 
+import difflib
+
+from ...errors import FilmError
 from ..scene import Scene
-from .agents import Agents
-from .boxes import Boxes, BoxItems
-from .cameras import Cameras
-from .feed import KillFeed
-from .heals import Heals
-from .health import HealthBars
-from .ids import Ids
-from .inventory import Inventory
-from .melee import Hits, Melee
-from .names import NAMES, VIEWS, select
-from .room import Room, Walls
-from .steps import StepCounter
-from .view import Layer, View
-from .zone import SafeZone
+from .agents import AgentsLayer, IdsLayer
+from .boxes import BoxesLayer, BoxItemsLayer
+from .cameras import CamerasLayer
+from .captions import KillFeedLayer, StepCounterLayer
+from .heals import HealsLayer
+from .health import HealthBarsLayer
+from .inventory import InventoryLayer
+from .layer import Layer, ZOrder
+from .melee import HitsLayer, MeleeLayer
+from .room import RoomLayer, WallsLayer
+from .zone import SafeZoneLayer
 
 __all__ = [
-    "NAMES",
-    "VIEWS",
-    "Agents",
-    "BoxItems",
-    "Boxes",
-    "Cameras",
-    "Heals",
-    "HealthBars",
-    "Hits",
-    "Ids",
-    "Inventory",
-    "KillFeed",
+    "LAYERS",
+    "LAYERS_BY_NAME",
+    "OPTIONAL",
+    "AgentsLayer",
+    "BoxItemsLayer",
+    "BoxesLayer",
+    "CamerasLayer",
+    "HealsLayer",
+    "HealthBarsLayer",
+    "HitsLayer",
+    "IdsLayer",
+    "InventoryLayer",
+    "KillFeedLayer",
     "Layer",
-    "Melee",
-    "Room",
-    "SafeZone",
+    "MeleeLayer",
+    "RoomLayer",
+    "SafeZoneLayer",
     "Scene",
-    "StepCounter",
-    "View",
-    "Walls",
+    "StepCounterLayer",
+    "WallsLayer",
+    "ZOrder",
     "select",
 ]
+
+LAYERS_BY_NAME: dict[str, Layer] = {
+    "room": RoomLayer(),
+    "zone": SafeZoneLayer(),
+    "vision": CamerasLayer(lines=False),
+    "lines": CamerasLayer(cones=False),
+    "heals": HealsLayer(),
+    "items": BoxItemsLayer(),
+    "boxes": BoxesLayer(),
+    "walls": WallsLayer(),
+    "melee": MeleeLayer(),
+    "agents": AgentsLayer(),
+    "ids": IdsLayer(),
+    "hits": HitsLayer(),
+    "health": HealthBarsLayer(),
+    "inventory": InventoryLayer(),
+    "steps": StepCounterLayer(),
+    "feed": KillFeedLayer(),
+}
+"""Every layer by its short name, for the command line."""
+
+OPTIONAL = ("vision", "lines")
+
+LAYERS: tuple[Layer, ...] = tuple(layer for name, layer in LAYERS_BY_NAME.items() if name not in OPTIONAL)
+"""What is drawn by default."""
+
+
+def select(changes: str) -> tuple[Layer, ...]:
+    """LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
+
+    Raises:
+        FilmError: For an unknown name.
+    """
+    shown = {name: name not in OPTIONAL for name in LAYERS_BY_NAME}
+    for change in filter(None, (part.strip() for part in changes.split(","))):
+        name = change[1:] if change[0] in "+-" else change
+        if name not in LAYERS_BY_NAME:
+            near = difflib.get_close_matches(name, LAYERS_BY_NAME, 1)
+            hint = f"did you mean '{near[0]}'? " if near else ""
+            raise FilmError(f"there is no layer '{name}'; {hint}There are: {', '.join(LAYERS_BY_NAME)}")
+        shown[name] = change[0] != "-"
+    return tuple(layer for name, layer in LAYERS_BY_NAME.items() if shown[name])

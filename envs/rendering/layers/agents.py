@@ -1,4 +1,4 @@
-"""Agents: discs in the colour of their side, with a beak ahead."""
+"""Agents: discs in the colour of their side, with a beak ahead and their number."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,17 @@ from outlast.components import Body, Shape, Side
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import INK, of_side
-from .view import Layer, View
-
-BEAK = ((0.6, 0.75), (1.5, 0), (0.6, -0.75))  # corners, in radii ahead and to the left
+from ..style import INK, SIZES, ink_on, of_side
+from .layer import Layer, ZOrder
 
 
 @dataclass(frozen=True)
-class Agents(View):
+class AgentsLayer(Layer):
     """Living agents."""
 
-    layer = Layer.AGENTS
+    zorder = ZOrder.AGENTS
     needs = (Side,)
-    rim: float = 0.08  # metres
+    rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """All of them, the first one lowest."""
@@ -28,6 +26,23 @@ class Agents(View):
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
         x, y, radius = scene.body.x[e], scene.body.y[e], scene.shape.radius[e]
         cosine, sine = radius * scene.body.cosine[e], radius * scene.body.sine[e]
-        canvas.polygon([(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in BEAK], INK)
+        canvas.polygon([(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in SIZES.beak], INK)
         canvas.circle(x, y, radius, INK)
         canvas.circle(x, y, radius - self.rim, of_side(scene[Side].side[e]))
+
+
+@dataclass(frozen=True)
+class IdsLayer(Layer):
+    """The number of every living agent, where it can be read."""
+
+    zorder = ZOrder.AGENTS + 1
+    needs = (Side,)
+    height: float = 1.15  # of a digit, in radii
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """In black or white, whatever is easier to read on the disc."""
+        alive = set(scene.living(Body, Shape, Side))
+        for i, e in enumerate(scene.rows(Side)):
+            if e in alive:
+                ink = ink_on(of_side(scene[Side].side[e]))
+                canvas.text(scene.body.x[e], scene.body.y[e], str(i), self.height * scene.shape.radius[e], ink)

@@ -6,17 +6,17 @@ from outlast.components import Body, Box, BoxItem, Guard, Shape
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import INK, mix, of_box
-from .view import Layer, View
+from ..style import INK, SIZES, mix, of_box
+from .layer import Layer, ZOrder
 
 
 @dataclass(frozen=True)
-class Boxes(View):
+class BoxesLayer(Layer):
     """Boxes that stand."""
 
-    layer = Layer.BODIES
+    zorder = ZOrder.BODIES
     needs = (Box, Guard)
-    rim: float = 0.08  # metres
+    rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Their shapes, with a rim; very thin ones are all rim."""
@@ -29,21 +29,21 @@ class Boxes(View):
 
 
 @dataclass(frozen=True)
-class BoxItems(View):
+class BoxItemsLayer(Layer):
     """Broken boxes that lie around."""
 
-    layer = Layer.ITEMS
+    zorder = ZOrder.ITEMS
     needs = (BoxItem, Box, Guard)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Squares; a dark one in a square of the owner's tint."""
         body, radii = scene.body, scene.shape.radius
         for e in scene.living(Body, Shape, BoxItem):
-            color, x, y, half = of_box(owner_of(scene, e)), body.x[e], body.y[e], 0.9 * radii[e]
+            color, x, y, half = of_box(owner_of(scene, e)), body.x[e], body.y[e], SIZES.box_item * radii[e]
             canvas.rectangle(x - half, y - half, x + half, y + half, mix(color, INK, 0.5))
             canvas.rectangle(x - half / 2, y - half / 2, x + half / 2, y + half / 2, color)
 
 
-def owner_of(scene: Scene, thing: int) -> int:
-    """The side that owns the box that item `thing` was, -1: nobody."""
-    return int(scene[Guard].heeds[scene.rows(Box)[scene[BoxItem].index[thing]]])
+def owner_of(scene: Scene, item: int) -> int:
+    """The side that owns the box which the broken box in row `item` was, -1: nobody."""
+    return int(scene[Guard].heeds[scene.rows(Box)[scene[BoxItem].index[item]]])

@@ -6,17 +6,17 @@ from outlast.components import Body, Heal, Shape
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import HEAL, WHITE
-from .view import Layer, View
+from ..style import HEAL, SIZES, WHITE
+from .layer import Layer, ZOrder
 
 VISIBLE = 6  # pixels, radius of the smallest disc that a cross is drawn on
 
 
 @dataclass(frozen=True)
-class Heals(View):
+class HealsLayer(Layer):
     """Heals that lie around."""
 
-    layer = Layer.ITEMS
+    zorder = ZOrder.ITEMS
     needs = (Heal,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
@@ -26,6 +26,6 @@ class Heals(View):
             x, y, radius = body.x[e], body.y[e], radii[e]
             canvas.circle(x, y, radius, HEAL)
             if radius * canvas.scale >= VISIBLE:
-                arm = 0.5 * radius
-                canvas.segment(x - arm, y, x + arm, y, WHITE, 0.25 * radius)
-                canvas.segment(x, y - arm, x, y + arm, WHITE, 0.25 * radius)
+                arm, width = SIZES.cross * radius, SIZES.cross_width * radius
+                canvas.segment(x - arm, y, x + arm, y, WHITE, width)
+                canvas.segment(x, y - arm, x, y + arm, WHITE, width)

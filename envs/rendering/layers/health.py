@@ -1,4 +1,4 @@
-"""Hit points: a bar above everybody who fights, and above things that are damaged."""
+"""Hit points: a bar above every agent, and above other bodies that are damaged."""
 
 from dataclasses import dataclass
 
@@ -6,21 +6,21 @@ from outlast.components import Body, Health, Shape, Side
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import GREEN, INK, ORANGE, SKY, VERMILLION
-from .view import Layer, View
+from ..style import EXTRA, INK, SIZES, of_health
+from .layer import Layer, ZOrder
 
 VISIBLE = 0.5  # pixels, height of the lowest bar worth drawing
 FRAMED = 1.0  # pixels, height of the lowest bar with a frame
 
 
 @dataclass(frozen=True)
-class HealthBars(View):
-    """A bar is full at the hit points of birth; what is beyond that lies over it in another colour."""
+class HealthBarsLayer(Layer):
+    """A bar is full at the hit points at birth; more lies over it in another colour."""
 
-    layer = Layer.MARKS
+    zorder = ZOrder.MARKS
     needs = (Health,)
-    length: float = 1.2  # metres
-    height: float = 0.18
+    length: float = SIZES.bar_length
+    height: float = SIZES.bar_height
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
@@ -35,13 +35,10 @@ class HealthBars(View):
     def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
         height, half = self.height, self.length / 2
         edge = 1 / canvas.scale if height * canvas.scale >= FRAMED else 0
-        left, lower = scene.body.x[e] - half, scene.body.y[e] + min(scene.shape.bound[e], 0.6) + 1.6 * height
+        left = scene.body.x[e] - half
+        lower = scene.body.y[e] + min(scene.shape.bound[e], SIZES.bar_lift) + SIZES.bar_gap * height
         canvas.rectangle(left - edge, lower - edge, left + 2 * half + edge, lower + height + edge, INK)
         filled = 2 * half * min(max(share, 0), 1)
-        canvas.rectangle(left, lower, left + filled, lower + height, _color(share))
+        canvas.rectangle(left, lower, left + filled, lower + height, of_health(share))
         if share > 1:
-            canvas.rectangle(left, lower, left + 2 * half * min(share - 1, 1), lower + height, SKY)
-
-
-def _color(share: float) -> tuple[int, int, int]:
-    return GREEN if share > 0.5 else ORANGE if share > 0.25 else VERMILLION
+            canvas.rectangle(left, lower, left + 2 * half * min(share - 1, 1), lower + height, EXTRA)

@@ -7,19 +7,19 @@ from outlast import systems
 from outlast.components import Attack, Body, Shape, Weapon
 from outlast.ecs import Clock
 
-from ..canvas import Canvas, Color
+from ..canvas import Canvas
 from ..scene import Scene
-from .palette import INK, STRIKE, WHITE
-from .view import Layer, View
+from ..style import INK, SIZES, STRIKE, WHITE, Color
+from .layer import Layer, ZOrder
 
 
 @dataclass(frozen=True)
-class Melee(View):
+class MeleeLayer(Layer):
     """Who attacked in the last tick: up to what was hit, or as far as the weapon reaches."""
 
-    layer = Layer.STRIKES
+    zorder = ZOrder.STRIKES
     needs = (Weapon, Attack, systems.Melee)
-    width: float = 0.16  # metres
+    width: float = SIZES.strike
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """From the attacker's place after the tick: it has moved since it struck."""
@@ -40,13 +40,13 @@ class Melee(View):
 
 
 @dataclass(frozen=True)
-class Hits(View):
+class HitsLayer(Layer):
     """A star where a strike of the last tick has landed."""
 
-    layer = Layer.AGENTS + 2
+    zorder = ZOrder.AGENTS + 2
     needs = (Weapon, systems.Melee)
-    radius: float = 0.26  # metres
-    rim: float = 0.08
+    radius: float = SIZES.star
+    rim: float = SIZES.star_rim
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """On the skin of what was hit, as both stand after the tick."""

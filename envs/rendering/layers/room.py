@@ -6,15 +6,15 @@ from outlast.components import Body, Box, Floor, Shape, Side, Solid
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import FLOOR, WALL
-from .view import Layer, View
+from ..style import FLOOR, WALL
+from .layer import Layer, ZOrder
 
 
 @dataclass(frozen=True)
-class Room(View):
+class RoomLayer(Layer):
     """The floor."""
 
-    layer = Layer.GROUND
+    zorder = ZOrder.GROUND
     needs = (Floor,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
@@ -24,10 +24,10 @@ class Room(View):
 
 
 @dataclass(frozen=True)
-class Walls(View):
+class WallsLayer(Layer):
     """Walls, and all other obstacles that are neither agents nor boxes."""
 
-    layer = Layer.BODIES
+    zorder = ZOrder.BODIES
     needs = (Solid,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:

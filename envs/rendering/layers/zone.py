@@ -6,18 +6,18 @@ from outlast.components import Floor, Zone
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import FLOOR, RIM, UNSAFE
-from .view import Layer, View
+from ..style import FLOOR, RIM, SIZES, UNSAFE
+from .layer import Layer, ZOrder
 
 
 @dataclass(frozen=True)
-class SafeZone(View):
+class SafeZoneLayer(Layer):
     """The safe circle now and the next one."""
 
-    layer = Layer.ZONE
+    zorder = ZOrder.ZONE
     needs = (Zone, Floor)
-    rim: float = 0.1  # metres, also the width of dashes
-    dash: float = 0.7
+    rim: float = SIZES.zone_rim  # also the width of dashes
+    dash: float = SIZES.zone_dash
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """A void zone is no disc; where the zone is about to vanish, there is a cross."""

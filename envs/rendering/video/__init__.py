@@ -1,5 +1,6 @@
-"""Films and folders of pictures: `footage` draws the frames, `writer` writes them, whole or not at all."""
+"""Films and folders of pictures: `footage` draws the frames, `write_film` writes them, whole or not at all."""
 
-from .writer import write
+from .footage import footage
+from .writer import write_film
 
-__all__ = ["write"]
+__all__ = ["footage", "write_film"]

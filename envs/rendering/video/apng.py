@@ -8,12 +8,12 @@ import zlib
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
-import cv2
 import numpy as np
 
-Image = np.ndarray[Any, Any]
+from .. import opencv as cv2
+from ..canvas import Image
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 COMPRESSION = 6  # zlib's level

@@ -13,18 +13,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ...errors import FilmError
+from .. import opencv as cv2
+from ..canvas import Image
 from .apng import count_apng, write_apng
-
-Image = np.ndarray[Any, Any]
 
 FASTEST_GIF = 50  # frames a second; browsers slow down what is faster
 LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels, sides of frames; H.264 and VP8 can do no more
 LOG_ERRORS = 2  # OpenCV's level
-QUALITY = "18"  # libx264's constant rate factor: not to be told from the frames
+QUALITY = "18"  # libx264's constant rate factor: visually lossless
 TO_VIDEO = ("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p")
 TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")  # or players guess the colours
 H264 = ("-c:v", "libx264", "-crf", QUALITY, *TO_VIDEO, *TAGS, "-movflags", "+faststart")
@@ -59,9 +58,9 @@ def write_folder(path: Path, frames: Iterator[Image], fps: int) -> None:
 def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
     """VP8, by OpenCV."""
     first = next(frames)
-    with _silence(), _spelled(path) as name:
+    with _stderr_muted(), _openable(path) as name:
         writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, first.shape[1::-1])
-    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)  # of frames that a full disk does not take, reading back tells
+    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)  # frames lost to a full disk are found by reading back
     try:
         if not writer.isOpened():
             raise FilmError("this OpenCV cannot write VP8: pip install 'outlast[video]' and write .mp4")
@@ -73,10 +72,10 @@ def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 
 @contextlib.contextmanager
-def _silence() -> Iterator[None]:
+def _stderr_muted() -> Iterator[None]:
     """Keep FFmpeg inside OpenCV from writing to stderr, for which there is no switch.
 
-    It warns that .webm has no tag for VP8, and finds the codec all the same; of files that are cut short, _size tells.
+    It warns that .webm has no tag for VP8, but finds the codec; files that are cut short are found by _size.
     """
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
@@ -90,7 +89,7 @@ def _silence() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _spelled(path: Path) -> Iterator[str]:
+def _openable(path: Path) -> Iterator[str]:
     """A path as OpenCV takes it: a name that is not UTF-8 ends the process, so the folder goes by a number instead.
 
     It is good until the file is open. Only file systems of Unix have such names; of them, those with /proc can do this.
@@ -130,7 +129,7 @@ def read_folder(path: Path) -> tuple[int, int, int]:
 def read_video(path: Path) -> tuple[int, int, int]:
     """Frames, height and width of what OpenCV decodes."""
     shapes = list[tuple[int, ...]]()
-    with _silence(), _spelled(path) as name:
+    with _stderr_muted(), _openable(path) as name:
         video = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
         while (found := video.read())[0]:
             shapes.append(found[1].shape)
@@ -175,11 +174,11 @@ def _encode(path: Path, frames: Iterator[Image], fps: int, options: tuple[str, .
 
 
 def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
-    """Run it in the folder of `path`, where it writes that file. It lies out of reach of the terminal's Ctrl-C."""
+    """Run it in the folder of `path`, where it writes that file. The terminal's Ctrl-C does not reach it."""
     command = [find_ffmpeg(path.suffix), "-y", "-loglevel", "error", *options, path.name]
-    with tempfile.TemporaryFile() as told:
+    with tempfile.TemporaryFile() as output:
         process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=told, stderr=told, cwd=path.parent, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=output, stderr=output, cwd=path.parent, start_new_session=True
         )
         pipe: Any = process.stdin
         try:
@@ -196,8 +195,8 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
             with contextlib.suppress(BrokenPipeError):
                 pipe.close()
         if process.returncode:
-            told.seek(0)
-            lines = told.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
+            output.seek(0)
+            lines = output.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
             raise FilmError(f"FFmpeg failed: {lines[-1]}")
 
 

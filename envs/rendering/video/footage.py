@@ -1,4 +1,4 @@
-"""Footage: the pictures of some worlds while they run, side by side in each frame."""
+"""Frames of films: the pictures of some worlds while they run, side by side."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -9,9 +9,9 @@ from outlast.ecs import Worlds
 
 from ...errors import FilmError
 from ..canvas import LARGEST, SMALLEST, Image
-from ..layers import View
-from ..layers.palette import BLACK
+from ..layers import Layer
 from ..rgb import draw
+from ..style import BLACK
 
 Grid = tuple[int, int]  # rows, columns
 WIDEST = 2**14  # pixels, sides of a mosaic: films can do no more
@@ -24,30 +24,40 @@ def footage(
     chosen: Sequence[int],
     *,
     size: int = 512,
-    views: Iterable[View] | None = None,
+    layers: Iterable[Layer] | None = None,
     mosaic: Grid | None = None,
     every: int = 1,
 ) -> Iterator[Image]:
-    """Frames of the worlds with the numbers `chosen`: uint8 (height, width, 3), RGB, each a new array.
+    """Draw some worlds while they run, side by side in each frame.
 
-    ticks: each item that is asked for runs the worlds once more; the first one means that they were just reset. The
-    first state is drawn, and after it every `every`-th one. size: pixels, side of one world's picture. views: see
-    render.draw. mosaic: rows and columns of pictures, filled row by row, cells without a world black; None: a grid
-    that is nearly a square. Raises FilmError for worlds, grids, sizes and numbers that cannot be.
+    Args:
+        worlds: All worlds.
+        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset.
+        chosen: Numbers of the worlds to draw.
+        size: Pixels, side of one world's picture.
+        layers: See rgb.draw.
+        mosaic: Rows and columns of pictures, filled row by row, cells without a world black; None: nearly a square.
+        every: The first state is drawn, and after it every `every`-th one.
+
+    Returns:
+        Frames, uint8 (height, width, 3), RGB, each a new array, drawn when they are asked for.
+
+    Raises:
+        FilmError: For worlds, grids, sizes and numbers that cannot be.
     """
     grid = near_square(len(chosen)) if mosaic is None else mosaic
     _check(worlds, chosen, size, grid, every)
-    shown = None if views is None else list(views)
+    shown = None if layers is None else list(layers)
     return _frames(worlds, ticks, list(chosen), size, shown, grid, every)
 
 
 def near_square(count: int) -> Grid:
-    """Rows and columns of the smallest grid for `count` pictures that is a square, or a row short of one."""
+    """Rows and columns of the smallest grid for `count` pictures that is a square, or has one row less."""
     columns = max(1, math.isqrt(max(0, count - 1)) + 1)
     return max(1, -(-count // columns)), columns
 
 
-def shape(size: int, grid: Grid) -> tuple[int, int]:
+def mosaic_shape(size: int, grid: Grid) -> tuple[int, int]:
     """Height and width in pixels of a mosaic of pictures of this size."""
     gutter = _gutter(size)
     return (size + gutter) * grid[0] - gutter, (size + gutter) * grid[1] - gutter
@@ -62,20 +72,20 @@ def _frames(
     ticks: Iterable[object],
     chosen: list[int],
     size: int,
-    views: list[View] | None,
+    layers: list[Layer] | None,
     grid: Grid,
     every: int,
 ) -> Iterator[Image]:
     for k, _ in enumerate(ticks):
         if k % every == 0:
             if grid == (1, 1):
-                yield draw(worlds, chosen[0], size, views)
+                yield draw(worlds, chosen[0], size, layers)
             else:
-                yield _tiled([draw(worlds, w, size, views) for w in chosen], size, grid)
+                yield _tiled([draw(worlds, w, size, layers) for w in chosen], size, grid)
 
 
 def _tiled(pictures: list[Image], size: int, grid: Grid) -> Image:
-    image = np.full((*shape(size, grid), 3), BLACK, np.uint8)
+    image = np.full((*mosaic_shape(size, grid), 3), BLACK, np.uint8)
     step = size + _gutter(size)
     for k, picture in enumerate(pictures):
         top, left = k // grid[1] * step, k % grid[1] * step
@@ -95,7 +105,7 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
         )
     if not SMALLEST <= size <= LARGEST:
         raise FilmError(f"size = {size}: {SMALLEST} to {LARGEST} pixels for each world are needed")
-    if max(shape(size, grid)) > WIDEST:
+    if max(mosaic_shape(size, grid)) > WIDEST:
         raise FilmError(
             f"a mosaic of {grid[0]}x{grid[1]} pictures of {size} pixels is wider than {WIDEST}: take a smaller size"
         )

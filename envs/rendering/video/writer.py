@@ -1,4 +1,4 @@
-"""Films: frames become a file, whole and read back, or nothing."""
+"""Writing films: a file that is whole and was read back, or none."""
 
 import contextlib
 import itertools
@@ -13,35 +13,44 @@ import numpy as np
 
 from ...errors import FilmError
 from ...storage import atomic_write
+from ..canvas import Image
 from .codecs import CODECS, Codec, find_ffmpeg
-
-Image = np.ndarray[Any, Any]
 
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
 
 
-def write(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
-    """Write frames, uint8 (height, width, 3) RGB, all of one size, at least one; returns their number.
+def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = 30) -> int:
+    """Write a film, or a folder of pictures.
 
-    path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`; .webm
-    (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder of pictures,
-    frame_000000.png and so on, of which those of an earlier film are replaced. Odd sizes get one more row or column in
-    .mp4 and .webm. Frames are written as they come; for a .gif they wait on disk.
+    It is written to a temporary file, read back, and moved to its place: after an error, Ctrl-C or a full disk there is
+    what was there before.
 
-    It is written beside its place, read back whole, and moved there: after an error, Ctrl-C or a full disk there is
-    what was there before. Raises FilmError.
+    Args:
+        path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`;
+            .webm (VP8) and .apng (lossless) do not. Without a suffix, or where there is such a folder, it is a folder
+            of pictures, frame_000000.png and so on, of which those of an earlier film are replaced.
+        frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
+            they wait on disk. Odd sizes get one more row or column in .mp4 and .webm.
+        fps: Frames a second.
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        FilmError: For paths, frames and rates that cannot be, without FFmpeg where it is needed, and if the disk is
+            full.
     """
     target, codec = _checked(Path(path), fps)
     try:
-        with _workshop(target) as folder:
-            draft = folder / f"film{'' if target.is_dir() else target.suffix.lower()}"
-            reel = _Reel(frames, codec)
-            codec.write(draft, iter(reel), int(fps))
-            _verify(draft, codec, reel)
-            _publish(draft, target)
+        with _temporary_folder(target) as folder:
+            temporary = folder / f"film{'' if target.is_dir() else target.suffix.lower()}"
+            stream = _FrameStream(frames, codec)
+            codec.write(temporary, iter(stream), int(fps))
+            _verify(temporary, codec, stream)
+            _replace(temporary, target)
     except OSError as error:
         raise FilmError(f"{target} cannot be written: {error.strerror or error}") from error
-    return reel.count
+    return stream.count
 
 
 def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
@@ -62,8 +71,8 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
     return target.absolute(), codec
 
 
-class _Reel:
-    """The frames on their way: checked, padded and counted. shape: of those that are written."""
+class _FrameStream:
+    """Frames, checked, padded and counted while they are written. shape: of the padded ones."""
 
     def __init__(self, frames: Iterable[Image], codec: Codec) -> None:
         self.frames, self.codec, self.count = iter(frames), codec, 0
@@ -99,8 +108,8 @@ class _Reel:
 
 
 @contextlib.contextmanager
-def _workshop(target: Path) -> Iterator[Path]:
-    """A folder on the target's own disk that vanishes with all that is left in it."""
+def _temporary_folder(target: Path) -> Iterator[Path]:
+    """A folder on the target's own disk, removed at the end with all that is left in it."""
     folder = atomic_write.name(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
@@ -109,28 +118,28 @@ def _workshop(target: Path) -> Iterator[Path]:
         atomic_write.discard(folder)
 
 
-def _verify(draft: Path, codec: Codec, reel: _Reel) -> None:
+def _verify(temporary: Path, codec: Codec, stream: _FrameStream) -> None:
     """Read back what was written."""
     try:
-        found = codec.read(draft)
+        found = codec.read(temporary)
     except ValueError as error:
         raise FilmError(f"the film was not written whole: {error}") from error
-    if found != (reel.count, *reel.shape[:2]):
+    if found != (stream.count, *stream.shape[:2]):
         count, height, width = found
         raise FilmError(
             f"the film was not written whole: {count} frames of {width} x {height} can be read back, "
-            f"{reel.count} of {reel.shape[1]} x {reel.shape[0]} were written; is the disk full?"
+            f"{stream.count} of {stream.shape[1]} x {stream.shape[0]} were written; is the disk full?"
         )
 
 
-def _publish(draft: Path, target: Path) -> None:
+def _replace(temporary: Path, target: Path) -> None:
     """Move it to its place; into a folder that was there, picture by picture."""
     if not target.is_dir():
-        os.replace(draft, target)
+        os.replace(temporary, target)
         return
-    kept = {file.name for file in draft.iterdir()}
+    kept = {file.name for file in temporary.iterdir()}
     for name in sorted(kept):
-        os.replace(draft / name, target / name)
+        os.replace(temporary / name, target / name)
     for file in target.iterdir():
         if NUMBERED.fullmatch(file.name) and file.name not in kept:
             file.unlink()

@@ -1,4 +1,4 @@
-"""The game: one world, one agent of which a person steers. It knows nothing of pages and sockets."""
+"""The game: one world, one agent of which a person steers. Independent of pages and sockets."""
 
 import os
 from collections import deque
@@ -8,26 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Side
 from outlast.components.score import End, Episode
-from outlast.ecs import Action, Clock, Entity
+from outlast.ecs import Action, Clock
 
+from ... import recording
 from ...adapters.opponents import Opponents, Others
+from ...core.agents import alive, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
 from ...inspect.events import events
+from ...inspect.observation_text import observation_text
 from ...inspect.trace import describe, snapshot
-from ...inspect.words import tell
 from ...scenarios.scenario import Scenario
 
 Json = dict[str, Any]
 
-RECENT = 8  # events that a page is told of, so that none is lost where it misses a tick
+RECENT = 8  # events that a page gets, so that none is lost where it misses a tick
 
 
-class Phase(StrEnum):
-    """What the world waits for, if it waits."""
+class GamePhase(StrEnum):
+    """Whether the world runs, and if not, why."""
 
     READY = "ready"  # a new episode; it begins with the first key
     RUNNING = "running"
@@ -38,7 +39,7 @@ class Phase(StrEnum):
 class Game:
     """World 0 of `scenario`, seeded. agent: number of the one that a person steers. others: see opponents.Opponents.
 
-    record: a new file for a recording of all that happens, see SurvivalVectorEnv.record. Keys are actions by name, in
+    record: a new file for a recording of the game, see outlast.record. Keys are actions by name, in
     the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is no such agent, RecordingError if the file
     cannot be, and what make_vec raises.
     """
@@ -54,100 +55,96 @@ class Game:
     ) -> None:
         self.env = make_vec(scenario, 1, seed=seed, autoreset="Disabled")
         try:
-            self._sit(agent)
+            self._choose(agent)
             if record is not None:
-                self.env.record(record)
+                recording.record(self.env, record)
         except BaseException:
             self.env.close()
             raise
         self.worlds = self.env.worlds
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
         self._opponents = Opponents(others, self.env, agent)
-        self._rows = self.worlds.layout.rows(Side)
         self.restart()
 
     def restart(self) -> None:
         """Go on to the next episode, whatever happens in this one."""
         self.env.reset()
-        self.phase = Phase.READY
+        self.phase = GamePhase.READY
         self.death: Json | None = None
         self._recent: deque[Json] = deque(maxlen=RECENT)
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
-        self._last = dict.fromkeys(self._sides().tolist(), 0)  # the last tick that each side lived to see the end of
+        self._last = dict.fromkeys(side(self.worlds, 0).tolist(), 0)  # the last tick after which each side was alive
         world = {"name": self.env.scenario.name, "agent": self.agent, "actions": self.ranges}
         self.world = describe(self.worlds, 0) | world
 
     def hold(self, held: Mapping[str, int], tapped: Mapping[str, int]) -> None:
-        """Keys that are down from now on, and those to act on in the next tick at least, even if they are up by then.
+        """Keys that are down from now on, and those that count for the next tick even if they are up by then.
 
         The first key begins the episode. Keys that come while the world stands still are not kept for later.
         """
-        if self.phase is Phase.READY and (any(held.values()) or any(tapped.values())):
-            self.phase = Phase.RUNNING
+        if self.phase is GamePhase.READY and (any(held.values()) or any(tapped.values())):
+            self.phase = GamePhase.RUNNING
         self._held = held
-        if self.phase is Phase.RUNNING:
+        if self.phase is GamePhase.RUNNING:
             self._tapped.update(tapped)
 
     def pause(self) -> None:
         """Stand still until `resume`."""
-        if self.phase is Phase.RUNNING:
-            self.phase = Phase.PAUSED
+        if self.phase is GamePhase.RUNNING:
+            self.phase = GamePhase.PAUSED
             self._tapped.clear()
 
     def resume(self) -> None:
         """Go on where `pause` stopped."""
-        if self.phase is Phase.PAUSED:
-            self.phase = Phase.RUNNING
+        if self.phase is GamePhase.PAUSED:
+            self.phase = GamePhase.RUNNING
 
     def tick(self) -> bool:
         """One tick of the world; False, and nothing happens, unless it is running."""
-        if self.phase is not Phase.RUNNING:
+        if self.phase is not GamePhase.RUNNING:
             return False
         actions = np.zeros((1, self.env.num_agents, len(self.ranges)), np.int64)
         actions[:, self._opponents.seats] = self._opponents.actions()
         actions[0, self.agent] = self.action()
         self._tapped.clear()
         _, _, terminated, truncated, _ = self.env.step(actions)
-        self._look()
+        self._note_events()
         if terminated[0] or truncated[0]:
-            self.phase = Phase.OVER
+            self.phase = GamePhase.OVER
         return True
 
     def action(self) -> list[int]:
-        """What the person does in the next tick, as the environment takes it: numbers from 0."""
+        """The person's action in the next tick, as the environment takes it: numbers from 0."""
         keys = {**self._held, **self._tapped}
         return [keys.get(name, 0) - low for name, (low, _) in self.ranges.items()]
 
     def state(self) -> Json:
-        """All that a page shows after a tick: the world, the person's observation in words, how it stands."""
-        seen = {key: values[0, self.agent] for key, values in self.env.observe().items()}
+        """All that a page shows after a tick: the world, the person's observation as text, the result."""
+        observation = {key: values[0, self.agent] for key, values in self.env.observe().items()}
         return {
             "phase": self.phase,
             "snapshot": snapshot(self.worlds, 0),
-            "words": tell(seen),
+            "text": observation_text(observation),
             "death": self.death,
             "events": list(self._recent),
-            "result": self._result() if self.phase is Phase.OVER else None,
+            "result": self._result() if self.phase is GamePhase.OVER else None,
         }
 
     def close(self) -> None:
-        """Let go of the world."""
+        """Close the environment."""
         self.env.close()
 
-    def _sit(self, agent: int) -> None:
+    def _choose(self, agent: int) -> None:
         if not 0 <= agent < self.env.num_agents:
             last = self.env.num_agents - 1
             raise PlayError(f"agent {agent}: {self.env.scenario.name} has the agents 0 to {last}")
         self.agent = agent
 
-    def _sides(self) -> Any:
-        return self.worlds[Side].side[0, self._rows]
-
-    def _look(self) -> None:
-        """Take note of who lives, and of what happened."""
-        tick, alive = int(self.worlds[Clock].tick[0, 0]), self.worlds[Entity].alive[0, self._rows]
-        self._last.update(dict.fromkeys(self._sides()[alive > 0].tolist(), tick))
+    def _note_events(self) -> None:
+        """Keep who is alive, and the events of the tick."""
+        tick, sides = int(self.worlds[Clock].tick[0, 0]), side(self.worlds, 0)
+        self._last.update(dict.fromkeys(sides[alive(self.worlds, 0)].tolist(), tick))
         for event in events(self.worlds, 0):
             self._recent.append(event | {"tick": tick})
             if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
@@ -155,8 +152,8 @@ class Game:
 
     def _result(self) -> Json:
         """verdict: won by the side that lived longest, drawn if several did, "over" if there is no other side."""
-        episode, mine = self.worlds[Episode], int(self._sides()[self.agent])
-        others = [tick for side, tick in self._last.items() if side != mine]
+        episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
+        others = [tick for other, tick in self._last.items() if other != mine]
         best, own = max(others, default=-1), self._last[mine]
         return {
             "verdict": "over" if not others else "won" if own > best else "drawn" if own == best else "lost",

@@ -1,8 +1,8 @@
-"""The gate: who may talk to the game. Only pages that this server gave out, on this machine, with its token.
+"""Access control: only pages that this server gave out, on this machine, with its token, reach the game.
 
-Other programs of this machine, other users and other web pages can reach a port on 127.0.0.1. The token keeps out
-whoever was not told the address; the Host header keeps out names that were made to point here (DNS rebinding); the
-Origin header keeps out other web pages, from which browsers let anybody open a websocket.
+Other programs of this machine, other users and other web pages can reach a port on 127.0.0.1. The token is
+needed against those; the Host header is checked against names that were made to point here (DNS rebinding), the Origin
+header against other web pages, from which browsers let anybody open a websocket.
 """
 
 import secrets
@@ -34,7 +34,7 @@ class Gate:
         return f"http://{HOST}:{self.port}/{self.token}/"
 
     def path(self, request: Any) -> str | None:
-        """The path behind the token; None if the request has no business here.
+        """The path behind the token; None if the request is refused.
 
         request: websockets.http11.Request. Only websockets must name their origin: browsers always do for them, and
         never for a page that somebody opens.
@@ -50,7 +50,7 @@ class Gate:
         return path if all(origin == f"http://{hosts[0]}" for origin in origins) else None
 
     def headers(self) -> dict[str, str]:
-        """Of every answer. The page may load from, and talk to, this server only."""
+        """Of every answer. The page may load from, and connect to, this server only."""
         live = " ".join(f"ws://{name}" for name in self._names())
         policy = {
             "default-src": "'none'",

@@ -1,4 +1,3 @@
-"use strict";
 // Keys and touch: what the person holds down, and what was just tapped, as actions by name (see messages.py).
 const Keys = (() => {
   const BINDINGS = [ // action, value, keys by their place on the keyboard, what to call them, what it does
@@ -18,10 +17,10 @@ const Keys = (() => {
 
   let bindings = [];
   let ranges = {}; // least and most of each action
-  let tell = () => {};
-  const down = new Map(); // what each key, button or stick wants: {action: value}
+  let onChange = () => {};
+  const down = new Map(); // of each key, button or stick: {action: value}
 
-  // Bind the actions that this world has; those of other mechanics get the digits. tell(held, tapped) hears of changes.
+  // Bind the actions that this world has; those of other mechanics get the digits. listener(held, tapped) is called after changes.
   function bind(actions, listener) {
     ranges = actions;
     const known = new Set(BINDINGS.map(([name]) => name));
@@ -30,31 +29,31 @@ const Keys = (() => {
       ...BINDINGS.filter(([name]) => name in actions).map(([name, value, ...rest]) => [name, full(name, value), ...rest]),
       ...others.map((name, k) => [name, actions[name][1], [`Digit${k + 1}`], String(k + 1), name.replaceAll("_", " ")]),
     ];
-    tell = listener;
+    onChange = listener;
   }
 
   const full = (name, sign) => (sign && name in ranges ? ranges[name][sign < 0 ? 0 : 1] : 0);
 
   function held() {
-    const wishes = Object.assign({}, ...down.values()); // of two that contradict each other, the later one
-    return Object.fromEntries(Object.entries(wishes).filter(([name, value]) => value && !ONCE.has(name)));
+    const wanted = Object.assign({}, ...down.values()); // of two that contradict each other, the later one
+    return Object.fromEntries(Object.entries(wanted).filter(([name, value]) => value && !ONCE.has(name)));
   }
 
-  function press(source, wish) {
+  function press(source, actions) {
     const before = down.get(source) || {};
     down.delete(source);
-    down.set(source, wish);
-    tell(held(), Object.fromEntries(Object.entries(wish).filter(([name, value]) => value && before[name] !== value)));
+    down.set(source, actions);
+    onChange(held(), Object.fromEntries(Object.entries(actions).filter(([name, value]) => value && before[name] !== value)));
   }
 
   function release(source) {
-    if (down.delete(source)) tell(held(), {});
+    if (down.delete(source)) onChange(held(), {});
   }
 
   function releaseAll() {
     if (!down.size) return;
     down.clear();
-    tell({}, {});
+    onChange({}, {});
   }
 
   // True if the event was one of ours.
@@ -70,20 +69,21 @@ const Keys = (() => {
   // Fill a list with the keys and what they do.
   function explain(list, more) {
     const rows = [...bindings.map(([, , , keys, what]) => [keys, what]), ...more];
-    list.replaceChildren(...rows.flatMap(([keys, what]) => {
-      const term = document.createElement("dt"), meaning = document.createElement("dd");
-      keys.split(" ").forEach((key) => term.append(Object.assign(document.createElement("kbd"), { textContent: key })));
-      meaning.textContent = what;
-      return [term, meaning];
-    }));
+    list.replaceChildren();
+    for (const [keys, what] of rows) {
+      const term = Dom.make("dt", "", list);
+      keys.split(" ").forEach((key) => Dom.make("kbd", "", term, key));
+      Dom.make("dd", "", list, what);
+    }
   }
 
   // Buttons for all that the stick does not do.
   function buttons(parent) {
     const wanted = bindings.filter(([name]) => name !== "ahead" && name !== "left");
-    parent.replaceChildren(...wanted.map(([name, value, , , what]) => {
-      const words = TOUCH[name] || [what], button = document.createElement("button");
-      Object.assign(button, { type: "button", textContent: words[value < 0 ? 1 : 0], ariaLabel: what });
+    parent.replaceChildren();
+    for (const [name, value, , , what] of wanted) {
+      const labels = TOUCH[name] || [what], button = Dom.make("button", "", parent, labels[value < 0 ? 1 : 0]);
+      button.ariaLabel = what;
       button.dataset.action = name;
       const source = `touch ${name} ${value}`;
       button.addEventListener("pointerdown", (event) => {
@@ -92,8 +92,7 @@ const Keys = (() => {
       });
       for (const end of ["pointerup", "pointercancel"]) button.addEventListener(end, () => release(source));
       button.addEventListener("contextmenu", (event) => event.preventDefault());
-      return button;
-    }));
+    }
   }
 
   // A stick: up is ahead, as the agent's own directions are.
@@ -103,8 +102,8 @@ const Keys = (() => {
       const { left, top, width, height } = pad.getBoundingClientRect();
       let x = 2 * (event.clientX - left) / width - 1, y = 1 - 2 * (event.clientY - top) / height;
       const size = Math.hypot(x, y), sign = (value) => (Math.abs(value) > 0.3 ? Math.sign(value) : 0);
-      const wish = { ahead: full("ahead", sign(y)), left: full("left", sign(-x)) }, before = down.get("stick") || {};
-      if (wish.ahead !== before.ahead || wish.left !== before.left) press("stick", wish);
+      const actions = { ahead: full("ahead", sign(y)), left: full("left", sign(-x)) }, before = down.get("stick") || {};
+      if (actions.ahead !== before.ahead || actions.left !== before.left) press("stick", actions);
       if (size > 1) [x, y] = [x / size, y / size];
       knob.style.transform = `translate(${x * width / 4}px, ${-y * height / 4}px)`;
     };

@@ -1,11 +1,11 @@
-"""What the page says to the game: short JSON texts, checked one by one before the game hears of them."""
+"""Messages of a page: short JSON texts, validated before they reach the game."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-LONGEST = 512  # bytes of a message: more than the longest one that means anything
+LONGEST = 512  # bytes of a message: more than the longest valid one
 COMMANDS = ("pause", "resume", "restart")
 SPEEDS = (0.25, 0.5, 1, 2, 4)
 
@@ -13,7 +13,7 @@ Choices = Mapping[str, int]
 
 
 class MessageError(ValueError):
-    """A message that is none of ours; the text, at most 123 bytes, is the reason of the closed connection."""
+    """An invalid message; the text, at most 123 bytes, is the reason of the closed connection."""
 
 
 @dataclass(frozen=True)

@@ -1,55 +1,33 @@
-"use strict";
-// The live page: shows what the server tells (see session.py), and tells it what the person does.
+// The live page: shows what the server sends (see session.py), and sends what the person does.
 (() => {
-  const $ = (id) => document.getElementById(id);
-  const SPEEDS = [0.25, 0.5, 1, 2, 4];
+  const { $, make, write } = Dom;
   const VERDICTS = { won: "You won", lost: "You lost", drawn: "A draw", over: "The episode is over" };
   const SHOW = { lines: false, zone: true, ids: true, health: true, bags: true, trails: false, blind: false };
   const HINTS = [["V", "what the agent sees, or all"], ["P", "pause"], ["R", "next episode"]];
 
-  const canvas = $("stage"), context = canvas.getContext("2d");
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   const socket = new WebSocket(new URL("live", location.href.replace(/^http/, "ws")));
-  let world = null, state = null, seeing = true, waiting = false;
+  const viewport = Viewport.build($("stage"), repaint);
+  let world = null, state = null, sightOnly = true, waiting = false;
 
   // ---- the picture
-
-  const theme = () => (dark.matches ? "dark" : "light");
-
-  function dress() {
-    for (const [name, color] of Object.entries(COLORS[theme()])) document.documentElement.style.setProperty(`--${name}`, color);
-    document.documentElement.style.setProperty("--focus", COLORS[theme()].ink);
-    repaint();
-  }
 
   function paint() {
     waiting = false;
     if (!world || !state) return;
-    const { width, height } = canvas.getBoundingClientRect(), ratio = devicePixelRatio || 1;
-    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
-    const me = state.snapshot.agents[world.agent], blind = seeing && me.alive && me.sees !== null;
-    const options = {
-      width, height, ratio, show: { ...SHOW, cones: !blind }, follow: world.agent, trails: [], marks: marks(blind),
-      colors: COLORS[theme()], camera: { x: 0, y: 0, half: world.half },
-    };
-    World.draw(context, world, blind ? Sight.of(world, state.snapshot, world.agent) : state.snapshot, options);
-    if (blind) Sight.dim(context, world, me, options);
-    canvas.dataset.tick = state.snapshot.tick;
+    const me = state.snapshot.agents[world.agent], blind = sightOnly && me.alive && me.sees !== null;
+    const show = { ...SHOW, cones: !blind, night: blind };
+    const snapshot = blind ? Visible.to(world.agent, world, state.snapshot) : state.snapshot;
+    viewport.draw(world, snapshot, { show, follow: world.agent, marks: marks(blind) });
   }
 
-  // What happened within the last second; to others only as far as they are seen.
+  // What happened a moment ago; to others only as far as they are seen.
   function marks(blind) {
     const { agents, tick } = state.snapshot, me = agents[world.agent];
-    const words = ({ kind, agent, thing }) => kind === "heal" ? `+${world.things[thing].amount}` :
-      kind === "kill" || kind === "death" ? `${agent} died` : "";
+    const age = (event) => (tick - event.tick) * world.seconds / Bodies.FADE;
     return state.events
-      .map((event) => ({ ...event, age: (tick - event.tick) * world.seconds }))
-      .filter(({ agent, by, age }) => age < 1 && agent >= 0 &&
-        (!blind || agent === world.agent || by === world.agent || me.sees.includes(agent)))
-      .map((event) => ({ ...agents[event.agent], kind: event.kind, age: event.age, words: words(event) }));
+      .filter((event) => age(event) < 1 && event.agent >= 0 && (!blind ||
+        event.agent === world.agent || event.by === world.agent || me.sees.includes(event.agent)))
+      .map((event) => ({ ...event, x: agents[event.agent].x, y: agents[event.agent].y, age: age(event) }));
   }
 
   function repaint() {
@@ -57,37 +35,32 @@
     waiting = true;
   }
 
-  function look(only) {
-    seeing = only;
+  function setSight(only) {
+    sightOnly = only;
     $("view").setAttribute("aria-pressed", String(only));
     repaint();
   }
 
-  // ---- words
+  // ---- text
 
-  function tellWords() {
-    const entries = Object.entries(state.words);
-    const list = $("words");
-    if ([...list.children].filter(({ tagName }) => tagName === "DT").map((dt) => dt.textContent).join() !==
-        entries.map(([heading]) => heading).join()) {
-      list.replaceChildren(...entries.flatMap(([heading]) => {
-        const dt = document.createElement("dt"), dd = document.createElement("dd");
-        dt.textContent = dd.dataset.heading = heading;
-        return [dt, dd];
-      }));
+  function showObservation() {
+    const list = $("words"), headings = Object.keys(state.text);
+    if ([...list.querySelectorAll("dt")].map((dt) => dt.textContent).join() !== headings.join()) {
+      list.replaceChildren();
+      for (const heading of headings) {
+        make("dt", "", list, heading);
+        make("dd", "", list).dataset.heading = heading;
+      }
     }
-    for (const dd of list.querySelectorAll("dd")) {
-      const text = state.words[dd.dataset.heading].join("\n");
-      if (dd.textContent !== text) dd.textContent = text;
-    }
-    const me = state.snapshot.agents[world.agent];
-    list.querySelector("[data-heading=Health]").classList.toggle("dying", me.health <= world.health / 4);
+    for (const dd of list.querySelectorAll("dd")) write(dd, state.text[dd.dataset.heading].join("\n"));
+    const dying = Bodies.healthColor(state.snapshot.agents[world.agent].health / world.health) === "dying";
+    list.querySelector("[data-heading=Health]").classList.toggle("dying", dying);
   }
 
-  function tellClock() {
+  function showClock() {
     const { tick, episode } = state.snapshot;
     $("tick").textContent = tick;
-    $("clock").title = `${(tick * world.seconds).toFixed(1)} s`;
+    $("clock").title = Dom.seconds(tick, world);
     $("title").textContent = `${world.name}, episode ${episode}`;
     $("pause").firstChild.data = state.phase === "paused" ? "Go on" : "Pause";
     $("pause").disabled = !["running", "paused"].includes(state.phase);
@@ -100,7 +73,7 @@
     if (state.phase === "paused") return ["Paused", ["P goes on."], false];
     if (state.phase !== "over") return null;
     const { verdict, kills, length, truncated, return: sum } = state.result;
-    const lines = [`${length} ticks (${(length * world.seconds).toFixed(1)} s), ${kills} ${kills === 1 ? "kill" : "kills"}` +
+    const lines = [`${length} ticks (${Dom.seconds(length, world)}), ${kills} ${kills === 1 ? "kill" : "kills"}` +
       `${world.teams ? " of your team" : ""}, return ${sum}`];
     if (truncated) lines.unshift("Time is up.");
     if (state.death) lines.push(death());
@@ -109,11 +82,11 @@
 
   function death() {
     const { kind, cause, by, side, tick } = state.death, killer = by >= 0 ? `Agent ${by}` : `Side ${side}`;
-    const deed = kind === "kill" ? `${killer} killed you` : "You died";
-    return `${deed}${cause && ` (${cause})`} after ${(tick * world.seconds).toFixed(1)} s.`;
+    const what = kind === "kill" ? `${killer} killed you` : "You died";
+    return `${what}${cause && ` (${cause})`} after ${Dom.seconds(tick, world)}.`;
   }
 
-  function show() {
+  function showCard() {
     const [title, lines, next] = card() || ["", [], false];
     $("card").hidden = !title;
     $("card").dataset.phase = state.phase;
@@ -146,9 +119,9 @@
     const message = JSON.parse(data);
     if (message.world) return enter(message.world);
     state = message;
-    tellWords();
-    tellClock();
-    show();
+    showObservation();
+    showClock();
+    showCard();
     repaint();
   });
   socket.addEventListener("close", ({ reason }) => {
@@ -159,8 +132,8 @@
 
   // ---- the person
 
-  const act = {
-    KeyV: () => look(!seeing),
+  const actions = {
+    KeyV: () => setSight(!sightOnly),
     KeyR: () => command("restart"),
     KeyP: () => command(state && state.phase === "paused" ? "resume" : "pause"),
   };
@@ -168,7 +141,7 @@
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     if (Keys.keydown(event)) event.preventDefault(); // the page must not scroll, nor a button be pressed by the space bar
-    else if (act[event.code] && !event.repeat) act[event.code]();
+    else if (actions[event.code] && !event.repeat) actions[event.code]();
   });
   addEventListener("keyup", (event) => {
     if (Keys.keyup(event)) event.preventDefault();
@@ -176,15 +149,13 @@
   addEventListener("blur", () => Keys.releaseAll());
   document.addEventListener("visibilitychange", () => document.hidden && command("pause"));
   addEventListener("resize", repaint);
-  dark.addEventListener("change", dress);
 
-  const press = (button, deed) => button.addEventListener("click", () => { deed(); button.blur(); });
+  const press = (button, action) => button.addEventListener("click", () => { action(); button.blur(); });
   document.querySelectorAll("[data-command]").forEach((button) => press(button, () => command(button.dataset.command)));
-  press($("pause"), act.KeyP);
-  press($("view"), act.KeyV);
+  press($("pause"), actions.KeyP);
+  press($("view"), actions.KeyV);
   $("pace").append(...SPEEDS.map((speed) => new Option(`${speed}×`, speed)));
   $("pace").addEventListener("change", ({ target }) => { send({ speed: Number(target.value) }); target.blur(); });
   Keys.stick($("stick"));
-  dress();
-  look(true);
+  setSight(true);
 })();

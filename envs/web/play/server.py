@@ -1,13 +1,11 @@
-"""The server: the page over HTTP, the game over a websocket, at one port of this machine's loopback."""
+"""The server: the page over HTTP, the game over a websocket, at one port of the loopback interface."""
 
-import json
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from email.utils import formatdate
 from http import HTTPStatus
-from importlib.resources import files
 from string import Template
 from typing import Any
 
@@ -16,21 +14,21 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ...errors import PlayError
-from ...rendering.css import themes
-from .. import replay as page
+from ..assets import ICON, SHARED, STYLE, asset, constants
 from .game import Game
 from .gate import HOST, LIVE, Gate
-from .messages import LONGEST
+from .messages import LONGEST, SPEEDS
 from .session import Session
 
-SCRIPTS = ("keys.js", "sight.js", "play.js")
+SCRIPTS = (*SHARED, "keys.js", "visible.js", "play.js")
+STYLES = (STYLE, "play.css")
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
-PATIENCE = 2  # seconds for a page to say goodbye
+CLOSE_TIMEOUT = 2  # seconds
 REFUSED = "Not from here: open the address that `outlast play` printed.\n"
 
 
 async def play(game: Game, fps: float, port: int = 0, opened: Callable[[str], object] = lambda address: None) -> None:
-    """Serve `game` at `port` of 127.0.0.1 (0: a free one) until cancelled. opened is told the address to open.
+    """Serve `game` at `port` of 127.0.0.1 (0: a free one) until cancelled. opened: called with the address to open.
 
     fps: ticks a second. Raises PlayError if the port is not to be had.
     """
@@ -42,7 +40,7 @@ async def play(game: Game, fps: float, port: int = 0, opened: Callable[[str], ob
 
 @asynccontextmanager
 async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
-    """Answer requests for `session` meanwhile; all sockets are closed at the end."""
+    """Answer requests for `session` until the context ends; then all sockets are closed."""
     parts = _parts()
     with _socket(port) as listener:
         gate = Gate(listener.getsockname()[1])
@@ -61,19 +59,17 @@ async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
                 return response(HTTPStatus.NOT_FOUND, b"There is no such file.\n", extra=gate.headers())
             return response(HTTPStatus.OK, parts[name], KINDS[name.rpartition(".")[2]], gate.headers())
 
-        async with serve(session.attend, sock=listener, process_request=answer, **_limits()):
+        async with serve(session.serve_page, sock=listener, process_request=answer, **_limits()):
             yield gate
 
 
 def _parts() -> dict[str, bytes]:
-    """The page's files by name; index.html is the page. What it shares with the replay page comes from there."""
-    here, there = files(__package__ or ""), files(page.__name__)
-    parts = {name: here.joinpath(name).read_bytes() for name in ("play.css", *SCRIPTS)}
-    parts |= {name: there.joinpath(name).read_bytes() for name in ("style.css", *page.DRAWING)}
-    parts["colors.js"] = f"const COLORS = {json.dumps(themes())};".encode()
-    tags = (f'<script src="{name}"></script>' for name in ("colors.js", *page.DRAWING, *SCRIPTS))
-    template = Template(here.joinpath("play.html").read_text("utf-8"))
-    return parts | {"index.html": template.substitute(scripts="\n".join(tags)).encode()}
+    """The page's files by name; index.html is the page."""
+    parts = {name: asset("play", name) for name in STYLES} | {"constants.js": constants(SPEEDS=SPEEDS)}
+    parts |= {name: f'"use strict";\n{asset("play", name)}' for name in SCRIPTS}
+    tags = (f'<script src="{name}"></script>' for name in ("constants.js", *SCRIPTS))
+    parts["index.html"] = Template(asset("play", "play.html")).substitute(icon=ICON, scripts="\n".join(tags))
+    return {name: text.encode() for name, text in parts.items()}
 
 
 def _socket(port: int) -> socket.socket:
@@ -85,13 +81,13 @@ def _socket(port: int) -> socket.socket:
 
 def _limits() -> dict[str, Any]:
     log = logging.getLogger(__name__)
-    log.addFilter(_is_ours)
-    limits = {"max_size": LONGEST, "max_queue": 16, "close_timeout": PATIENCE}
+    log.addFilter(_is_handler_error)
+    limits = {"max_size": LONGEST, "max_queue": 16, "close_timeout": CLOSE_TIMEOUT}
     return limits | {"compression": None, "server_header": None, "logger": log}
 
 
-def _is_ours(record: logging.LogRecord) -> bool:
-    """Whether it tells of an error in the session; browsers that open spare connections and drop them are no news."""
+def _is_handler_error(record: logging.LogRecord) -> bool:
+    """Whether it is an error in the session: browsers also open spare connections and drop them."""
     return record.msg == "connection handler failed"
 
 

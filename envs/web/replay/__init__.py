@@ -1,6 +1,5 @@
-"""Pages: recordings as web pages that need no network, and the parts that they are made of."""
+"""Recordings as web pages that need no network."""
 
-from .assets import DRAWING, assemble
-from .write import write
+from .write import write_page
 
-__all__ = ["DRAWING", "assemble", "write"]
+__all__ = ["write_page"]

@@ -1,8 +1,8 @@
-"""Packing: an episode as columns of whole numbers, small enough to lie in a page.
+"""Packing: an episode as columns of integers, small enough for a page.
 
 A column has a row of numbers for each tick. It is kept as the differences from tick to tick, one entry of the row after
 the other, in as few bytes as they need (1, 2 or 4, little-endian); all columns of all episodes are then compressed
-together. Everything that is counted is exact; lengths are in millimetres, angles in tenths of a milliradian.
+together. Counts are exact; lengths are in millimetres, angles in tenths of a milliradian.
 recording.js is the reader.
 """
 
@@ -16,14 +16,15 @@ import numpy as np
 
 from ...inspect.trace import Json
 
-MILLIMETRES, TENTHS = 1000, 10000  # in a metre, in a milliradian's thousand
-WORD = 16  # bodies in a number of a set
+METRE, RADIAN = 1000, 10000  # units in them
+WORD = 16  # bodies in a number of a bitset
+PACKING = {"metre": METRE, "radian": RADIAN, "word": WORD}  # for recording.js
 
 Array = np.ndarray[Any, Any]
 
 
 @dataclass
-class Episode:
+class EpisodeTrack:
     """What is recorded of one episode of one world. rows: a tick's numbers each, int32 in the order of `columns`."""
 
     description: Json
@@ -40,33 +41,33 @@ class Episode:
 
 def columns(description: Json) -> list[tuple[str, int]]:
     """(name, numbers in a row) of every column of an episode."""
-    agents, things = len(description["agents"]), len(description["things"])
+    agents, objects = len(description["agents"]), len(description["objects"])
     table = [("zone", 6 if description["zone"] else 0)]
     table += [(f"agent.{name}", agents) for name in ("x", "y", "angle", "alive", "health", "strike", "target")]
     table += [("agent.bag", agents * description["slots"]), ("agent.sees", agents * words(description))]
-    table += [(f"thing.{name}", things) for name in ("x", "y", "angle", "here", "owner", "wound")]
+    table += [(f"object.{name}", objects) for name in ("x", "y", "angle", "here", "owner", "wound")]
     return table
 
 
 def words(description: Json) -> int:
-    """Numbers that a set of bodies takes."""
-    return -(-(len(description["agents"]) + len(description["things"])) // WORD)
+    """Numbers that a bitset of bodies takes."""
+    return -(-(len(description["agents"]) + len(description["objects"])) // WORD)
 
 
 def flat(description: Json, snapshot: Json) -> Array:
-    """A snapshot as int32 in the order of `columns`. Empty slots of bags are -1, as is each set of who sees all."""
-    agents, things, slots = snapshot["agents"], snapshot["things"], description["slots"]
-    numbers = [round(MILLIMETRES * value) for value in snapshot["zone"] or ()]
+    """A snapshot as int32 in the order of `columns`. Empty slots and bitsets of agents that see everything are -1."""
+    agents, objects, slots = snapshot["agents"], snapshot["objects"], description["slots"]
+    numbers = [round(METRE * value) for value in snapshot["zone"] or ()]
     numbers += _places(agents)
     numbers += [int(agent[name]) for name in ("alive", "health", "strike", "target") for agent in agents]
-    numbers += [thing for agent in agents for thing in (agent["bag"] + slots * [-1])[:slots]]
-    numbers += [word for agent in agents for word in _set(agent["sees"], words(description))]
-    numbers += _places(things)
-    numbers += [int(thing[name]) for name in ("here", "owner", "wound") for thing in things]
+    numbers += [item for agent in agents for item in (agent["bag"] + slots * [-1])[:slots]]
+    numbers += [word for agent in agents for word in _bitset(agent["sees"], words(description))]
+    numbers += _places(objects)
+    numbers += [int(body[name]) for name in ("here", "owner", "wound") for body in objects]
     return np.array(numbers, np.int32)
 
 
-def pack(title: str, recorded: dict[int, list[Episode]]) -> bytes:
+def pack(title: str, recorded: dict[int, list[EpisodeTrack]]) -> bytes:
     """Episodes by world as gzip: the length of a JSON header (uint32, little-endian), the header, the columns.
 
     The header: {title, worlds: [{world, episodes: [{description, number, start, length, events, columns: [[name,
@@ -78,7 +79,7 @@ def pack(title: str, recorded: dict[int, list[Episode]]) -> bytes:
     return gzip.compress(len(header).to_bytes(4, "little") + header + b"".join(blobs), mtime=0)
 
 
-def _packed(episode: Episode, blobs: list[bytes]) -> Json:
+def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
     """The header of an episode; its columns go to `blobs`."""
     matrix, first, table = np.stack(episode.rows, 1), 0, []
     for name, count in columns(episode.description):
@@ -99,14 +100,14 @@ def _narrowest(values: Array) -> np.dtype[Any]:
 
 
 def _places(bodies: Sequence[Json]) -> list[int]:
-    scales = (("x", MILLIMETRES), ("y", MILLIMETRES), ("angle", TENTHS))
+    scales = (("x", METRE), ("y", METRE), ("angle", RADIAN))
     return [round(scale * body[name]) for name, scale in scales for body in bodies]
 
 
-def _set(bodies: list[int] | None, count: int) -> list[int]:
+def _bitset(bodies: list[int] | None, count: int) -> list[int]:
     if bodies is None:
         return [-1] * count
-    sets = [0] * count
+    bits = [0] * count
     for body in bodies:
-        sets[body // WORD] |= 1 << body % WORD
-    return sets
+        bits[body // WORD] |= 1 << body % WORD
+    return bits

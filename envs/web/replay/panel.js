@@ -1,24 +1,13 @@
 // Panel: a card for every agent with its health, its bag and what it has done. Works from snapshots, live or recorded.
 const Panel = (() => {
-  // An element; text goes in as text, whatever it holds.
-  function make(tag, name, parent, text) {
-    const element = document.createElement(tag);
-    if (name) element.className = name;
-    if (text !== undefined) element.textContent = text;
-    if (parent) parent.append(element);
-    return element;
-  }
-
-  function write(element, text) {
-    if (element.textContent !== String(text)) element.textContent = text;
-  }
+  const { make, write } = Dom;
 
   const plain = (kind) => kind.replaceAll("_", " ");
-  const named = (thing) => thing.role === "box_item" ? "box" : plain(thing.kind);
+  const named = (object) => object.role === "box_item" ? "box" : plain(object.kind);
 
   // The small sign of an item, as an element.
-  function sign(description, thing, owner, parent) {
-    const item = description.things[thing];
+  function sign(description, j, owner, parent) {
+    const item = description.objects[j];
     const element = make("i", `sign ${item.role}`, parent);
     if (item.role === "box_item") {
       element.style.setProperty("--tint", owner < 0 ? "var(--box)" : description.sides[owner].box);
@@ -29,26 +18,26 @@ const Panel = (() => {
   }
 
   // Fills `root` with cards; onFollow(i) is called when one is chosen. Returns update(snapshot, follow, tallies), where
-  // tallies (may be missing) holds for each agent {fate, kills, heals, placed, broken}.
+  // tallies (may be missing) holds for each agent {status, kills, heals, placed, broken}.
   function build(root, description, onFollow) {
     root.replaceChildren();
-    const groups = description.teams ? description.sides.map((_, s) => team(root, description, s)) : [];
+    const teams = description.teams ? description.sides.map((_, s) => addTeam(root, description, s)) : [];
     const cards = description.agents.map(({ side }, i) => {
-      const card = agent(groups[side]?.list || root, description, i);
+      const card = addAgent(teams[side]?.list || root, description, i);
       card.button.addEventListener("click", () => onFollow(i));
       return card;
     });
     root.classList.toggle("many", cards.length > 8);
     return (snapshot, follow, tallies = []) => {
       cards.forEach((card, i) => show(card, description, snapshot, i, follow === i, tallies[i]));
-      groups.forEach((group, s) => {
+      teams.forEach((team, s) => {
         const members = snapshot.agents.filter((_, i) => description.agents[i].side === s);
-        write(group.count, `${members.filter(({ alive }) => alive).length} of ${members.length} alive`);
+        write(team.count, `${members.filter(({ alive }) => alive).length} of ${members.length} alive`);
       });
     };
   }
 
-  function team(root, { sides }, s) {
+  function addTeam(root, { sides }, s) {
     const section = make("section", "team", root);
     section.style.setProperty("--side", sides[s].color);
     const heading = make("h3", "", section);
@@ -57,21 +46,20 @@ const Panel = (() => {
     return { list: section, count };
   }
 
-  function agent(root, { agents, sides, slots }, i) {
+  function addAgent(root, { agents, sides, slots }, i) {
     const button = make("button", "agent", root);
-    button.type = "button";
     button.dataset.agent = i;
     button.style.setProperty("--side", sides[agents[i].side].color);
     button.style.setProperty("--on-side", sides[agents[i].side].ink);
     make("span", "badge", button, i);
-    const fate = make("span", "fate", button);
+    const status = make("span", "status", button);
     const points = make("span", "points", button);
     const meter = make("span", "meter", button);
-    const fill = make("i", "", meter), beyond = make("i", "beyond", meter);
+    const fill = make("i", "", meter), extra = make("i", "extra", meter);
     const bag = make("span", "bag", button);
     const slot = Array.from({ length: slots }, () => make("span", "slot", bag));
-    const deeds = make("span", "deeds", button);
-    return { button, fate, points, fill, beyond, bag, slot, deeds, held: null };
+    const tally = make("span", "tally", button);
+    return { button, status, points, fill, extra, bag, slot, tally, held: null };
   }
 
   function show(card, description, snapshot, i, followed, tally) {
@@ -79,31 +67,31 @@ const Panel = (() => {
     const share = alive && description.health ? health / description.health : 0;
     card.button.classList.toggle("dead", !alive);
     card.button.setAttribute("aria-pressed", followed);
-    write(card.fate, alive ? (followed ? "following" : "alive") : tally?.fate || "dead");
+    write(card.status, alive ? (followed ? "following" : "alive") : tally?.status || "dead");
     write(card.points, alive ? health : 0);
     card.fill.style.width = `${100 * Math.min(Math.max(share, 0), 1)}%`;
-    card.fill.className = share > 0.5 ? "whole" : share > 0.25 ? "hurt" : "dying";
-    card.beyond.style.width = `${100 * Math.min(Math.max(share - 1, 0), 1)}%`;
-    write(card.deeds, tally ? deeds(tally) : "");
-    const held = bag.map((thing) => `${thing}/${snapshot.things[thing].owner}`).join(" ");
+    card.fill.className = Bodies.healthColor(share);
+    card.extra.style.width = `${100 * Math.min(Math.max(share - 1, 0), 1)}%`;
+    write(card.tally, tally ? summary(tally) : "");
+    const held = bag.map((j) => `${j}/${snapshot.objects[j].owner}`).join(" ");
     if (card.held !== held) fill(card, description, snapshot, bag);
     card.held = held;
-    const carries = bag.map((thing) => named(description.things[thing])).join(", ") || "nothing";
+    const carries = bag.map((j) => named(description.objects[j])).join(", ") || "nothing";
     card.button.setAttribute("aria-label", `Agent ${i}: ${alive ? `${health} hit points, carries ${carries}` : "dead"}`);
   }
 
   function fill(card, description, snapshot, bag) {
     card.slot.forEach((slot, k) => {
       slot.replaceChildren();
-      if (k < bag.length) sign(description, bag[k], snapshot.things[bag[k]].owner, slot);
+      if (k < bag.length) sign(description, bag[k], snapshot.objects[bag[k]].owner, slot);
     });
   }
 
-  function deeds({ kills, heals, placed, broken }) {
+  function summary({ kills, heals, placed, broken }) {
     const parts = [[kills, "kill"], [heals, "heal"], [placed, "placed"], [broken, "broken"]];
     const plural = (count, word) => `${count} ${word}${count > 1 && "kill heal".includes(word) ? "s" : ""}`;
     return parts.filter(([count]) => count).map(([count, word]) => plural(count, word)).join(" · ");
   }
 
-  return { build, make, write, named };
+  return { build, named };
 })();

@@ -7,21 +7,21 @@
     ["− +", "slower or faster"], ["0 – 9", "follow an agent, or let it go"], ["?", "this list"],
   ];
   const FRACTIONS = { 0.125: "⅛", 0.25: "¼", 0.5: "½" };
-  const $ = (id) => document.getElementById(id);
+  const { $ } = Dom;
   const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1 };
 
   const recording = await Recording.open($("data").textContent);
-  const stage = Stage.build($("stage"), () => { timeline.show(episode(), Stage.theme()); redraw(); });
+  const viewport = Viewport.build($("stage"), () => { timeline.show(episode(), Viewport.theme()); redraw(); });
   const views = Views.build($("views"), () => redraw());
   const tip = $("tip");
   tip.show = (event, x, y) => {
-    Panel.write(tip, `${episode().start + event.at}: ${Story.text(event, episode().description)}`);
+    Dom.write(tip, `${episode().start + event.at}: ${Events.text(event, episode().description)}`);
     const half = tip.offsetWidth / 2;
     tip.style.left = `${Math.min(Math.max(x, half), tip.parentElement.clientWidth - half)}px`;
     tip.style.top = `${y}px`;
   };
   const timeline = Timeline.build($("timeline"), tip, (k) => seek(k));
-  const chronicle = Chronicle.build($("events"), (k) => seek(k));
+  const eventList = EventList.build($("events"), (k) => seek(k));
   let updateCards = null, waiting = 0, before = 0, rest = 0;
 
   const world = () => recording.worlds[state.world];
@@ -38,9 +38,9 @@
     if (state.follow >= description.agents.length) state.follow = -1;
     updateCards = Panel.build($("cards"), description, follow);
     count(description);
-    chronicle.show(episode());
+    eventList.show(episode());
     selectors();
-    timeline.show(episode(), Stage.theme());
+    timeline.show(episode(), Viewport.theme());
     redraw();
   }
 
@@ -111,43 +111,43 @@
     waiting = 0;
     if (state.playing) advance(now);
     const shown = episode(), k = row(), { description } = shown, exact = shown.snapshot(k);
-    const share = Stage.still() ? 0 : state.at - k, moved = share && k + 1 < shown.length;
+    const share = Viewport.still() ? 0 : state.at - k, moved = share && k + 1 < shown.length;
     const snapshot = moved ? Recording.blend(exact, shown.snapshot(k + 1), share) : exact;
-    const view = { show: views.show, close: views.show.close, follow: state.follow, marks: Story.marks(shown, state.at) };
-    if (views.show.trails) view.trails = Story.trails(shown, k);
-    const moving = stage.draw(description, snapshot, view);
+    const view = { show: views.show, close: views.show.close, follow: state.follow, marks: Events.marks(shown, state.at) };
+    if (views.show.trails) view.trails = Events.trails(shown, k);
+    const moving = viewport.draw(description, snapshot, view);
     timeline.draw(state.at);
     views.fit(description, state.follow);
-    updateCards(exact, state.follow, Story.tallies(shown, k));
+    updateCards(exact, state.follow, Events.tallies(shown, k));
     facts(exact, description);
-    chronicle.mark(k);
+    eventList.mark(k);
     if (state.playing || moving) redraw();
   }
 
-  function facts({ tick, agents, things, zone }, description) {
-    Panel.write($("tick"), tick);
-    Panel.write($("length"), episode().start + episode().length - 1);
-    Panel.write($("seconds"), `${(tick * description.seconds).toFixed(1)} s`);
-    Panel.write($("speed"), `${FRACTIONS[SPEEDS[state.speed]] || SPEEDS[state.speed]}×`);
+  function facts({ tick, agents, objects, zone }, description) {
+    Dom.write($("tick"), tick);
+    Dom.write($("length"), episode().start + episode().length - 1);
+    Dom.write($("seconds"), Dom.seconds(tick, description));
+    Dom.write($("speed"), `${FRACTIONS[SPEEDS[state.speed]] || SPEEDS[state.speed]}×`);
     $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
-    Panel.write($("alive"), agents.filter(({ alive }) => alive).length);
-    Panel.write($("agents"), agents.length);
-    Panel.write($("zone"), zone ? zone[2].toFixed(1) : "–");
+    Dom.write($("alive"), agents.filter(({ alive }) => alive).length);
+    Dom.write($("agents"), agents.length);
+    Dom.write($("zone"), zone ? zone[2].toFixed(1) : "–");
     for (const fact of $("facts").querySelectorAll("[data-role]")) {
-      Panel.write(fact, things.filter(({ here }, j) => here && description.things[j].role === fact.dataset.role).length);
+      Dom.write(fact, objects.filter(({ here }, j) => here && description.objects[j].role === fact.dataset.role).length);
     }
     $("timeline").setAttribute("aria-valuenow", tick);
     $("timeline").setAttribute("aria-valuetext", `tick ${tick}`);
   }
 
-  // What lies or stands around is counted by kind, as far as this scenario has it.
-  function count({ things, zone }) {
+  // Objects in the world by kind, as far as this scenario has them.
+  function count({ objects, zone }) {
     const roles = [["heal", "Heals"], ["box", "Boxes"], ["box_item", "Broken"], ["item", "Items"]];
     $("facts").querySelectorAll("[data-role]").forEach((fact) => fact.closest("div").remove());
-    for (const [role, name] of roles.filter(([role]) => things.some((thing) => thing.role === role))) {
-      const fact = Panel.make("div", "", $("facts"));
-      Panel.make("dt", "", fact, name);
-      Panel.make("b", "", Panel.make("dd", "", fact)).dataset.role = role;
+    for (const [role, name] of roles.filter(([role]) => objects.some((object) => object.role === role))) {
+      const fact = Dom.make("div", "", $("facts"));
+      Dom.make("dt", "", fact, name);
+      Dom.make("b", "", Dom.make("dd", "", fact)).dataset.role = role;
     }
     $("zone").closest("div").hidden = !zone;
   }
@@ -161,8 +161,7 @@
     $("episodes").hidden = !many;
     $("episodes").replaceChildren();
     world().episodes.forEach(({ length, number }, e) => {
-      const button = Panel.make("button", "", $("episodes"));
-      button.type = "button";
+      const button = Dom.make("button", "", $("episodes"));
       button.style.flexGrow = length;
       button.title = `Episode ${number}, ${length - 1} ticks`;
       button.setAttribute("aria-label", button.title);
@@ -183,7 +182,7 @@
 
   const toggle = () => state.playing ? pause() : play();
   const second = () => Math.round(1 / episode().description.seconds);
-  const deeds = {
+  const actions = {
     " ": toggle, "k": toggle,
     "ArrowLeft": (event) => step(event.shiftKey ? -second() : -1),
     "ArrowRight": (event) => step(event.shiftKey ? second() : 1),
@@ -197,7 +196,7 @@
     if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open || event.target.matches("select")) return;
     if (event.key === " " && event.target.matches("button")) return; // it presses the button
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (key in deeds) deeds[key](event);
+    if (key in actions) actions[key](event);
     else if (key in views.byKey) views.toggle(views.byKey[key]);
     else if (key >= "0" && key <= "9") follow(Number(key));
     else return;
@@ -209,19 +208,19 @@
     if (event.detail && event.target.closest("button")) document.activeElement.blur();
   });
 
-  for (const [id, deed] of [["play", toggle], ["first", () => seek(0)], ["back", () => step(-1)], ["forward", () => step(1)],
-    ["next", () => jump(1)], ["slower", () => faster(-1)], ["faster", () => faster(1)], ["help", deeds["?"]]]) {
-    $(id).addEventListener("click", deed);
+  for (const [id, action] of [["play", toggle], ["first", () => seek(0)], ["back", () => step(-1)], ["forward", () => step(1)],
+    ["next", () => jump(1)], ["slower", () => faster(-1)], ["faster", () => faster(1)], ["help", actions["?"]]]) {
+    $(id).addEventListener("click", action);
   }
   $("stage").addEventListener("click", ({ clientX, clientY }) => {
-    follow(stage.agentAt(episode().description, episode().snapshot(row()), clientX, clientY));
+    follow(viewport.agentAt(episode().description, episode().snapshot(row()), clientX, clientY));
   });
   $("world").addEventListener("change", ({ target }) => choose(Number(target.value), 0));
   $("episode").addEventListener("change", ({ target }) => choose(state.world, Number(target.value)));
   new ResizeObserver(() => { timeline.resize(); redraw(); }).observe(document.body);
   Views.explain($("keys"), KEYS);
   choose(0, 0);
-  if (!Stage.still()) play();
+  if (!Viewport.still()) play();
   window.outlast = { state, seek, play, pause, follow, choose };
 })().catch((error) => {
   document.body.textContent = `This recording cannot be played here: ${error.message}. A current browser is needed.`;

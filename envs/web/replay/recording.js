@@ -1,6 +1,6 @@
 // Recording.open reads what pack.py wrote; an episode then gives back the snapshots of trace.py, tick by tick.
 const Recording = (() => {
-  const MILLIMETRES = 1000, TENTHS = 10000, WORD = 16;
+  const { metre: METRE, radian: RADIAN, word: WORD } = PACKING;
   const ARRAYS = { 1: Int8Array, 2: Int16Array, 4: Int32Array };
 
   async function open(base64) {
@@ -56,32 +56,35 @@ const Recording = (() => {
       return this.table(name).values.subarray(n * this.length, (n + 1) * this.length);
     }
 
+    // Where an "agent" or "object" was after tick k.
+    place(kind, i, k) {
+      const [x, y, angle] = ["x", "y", "angle"].map((name) => this.history(`${kind}.${name}`, i)[k]);
+      return { x: x / METRE, y: y / METRE, angle: angle / RADIAN };
+    }
+
     snapshot(k) {
-      const { agents, things, slots, zone } = this.description;
+      const { agents, objects, slots, zone } = this.description;
       const get = {};
       for (const [name] of this.columns) get[name] = this.row(name, k);
       const words = get["agent.sees"].length / (agents.length || 1);
-      const place = (who, i) => ({
-        x: get[`${who}.x`][i] / MILLIMETRES, y: get[`${who}.y`][i] / MILLIMETRES, angle: get[`${who}.angle`][i] / TENTHS,
-      });
       return {
         episode: this.number,
         tick: this.start + k,
-        zone: zone ? get.zone.map((length) => length / MILLIMETRES) : null,
+        zone: zone ? get.zone.map((length) => length / METRE) : null,
         agents: agents.map((_, i) => ({
-          ...place("agent", i),
+          ...this.place("agent", i, k),
           alive: get["agent.alive"][i] === 1,
           health: get["agent.health"][i],
           strike: get["agent.strike"][i],
           target: get["agent.target"][i],
-          bag: get["agent.bag"].slice(i * slots, (i + 1) * slots).filter((thing) => thing >= 0),
+          bag: get["agent.bag"].slice(i * slots, (i + 1) * slots).filter((j) => j >= 0),
           sees: members(get["agent.sees"].slice(i * words, (i + 1) * words)),
         })),
-        things: things.map((_, j) => ({
-          ...place("thing", j),
-          here: get["thing.here"][j] === 1,
-          owner: get["thing.owner"][j],
-          wound: get["thing.wound"][j],
+        objects: objects.map((_, j) => ({
+          ...this.place("object", j, k),
+          here: get["object.here"][j] === 1,
+          owner: get["object.owner"][j],
+          wound: get["object.wound"][j],
         })),
       };
     }
@@ -108,7 +111,7 @@ const Recording = (() => {
       zone: one.zone && one.zone[2] > 0 && other.zone[2] > 0
         ? one.zone.map((length, n) => n < 3 ? mix(length, other.zone[n]) : length) : one.zone,
       agents: one.agents.map((a, i) => moved(a, other.agents[i], a.alive && other.agents[i].alive)),
-      things: one.things.map((a, j) => moved(a, other.things[j], a.here && other.things[j].here)),
+      objects: one.objects.map((a, j) => moved(a, other.objects[j], a.here && other.objects[j].here)),
     };
   }
 

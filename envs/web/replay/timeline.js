@@ -102,23 +102,22 @@ const Timeline = (() => {
       pen.fillText(words, x, y);
     }
 
-    function sign(pen, { kind, at: k, agent, by, thing }) {
+    function sign(pen, { kind, at: k, agent, by, object }) {
       if (agent < 0) return;
       const { agents, sides } = episode.description, tall = strip();
       const x = place(k), y = top(agent) + tall / 2, half = Math.min(5, tall / 2);
-      const stage = { context: pen, colors, description: episode.description, pixel: 1 };
+      const { description } = episode, scene = { context: pen, colors, description, pixel: 1 };
       pen.lineCap = "round";
       if (kind === "kill" || kind === "death") {
-        Brush.circle(stage, x, y, half + 2.5, colors.card);
+        Brush.circle(scene, x, y, half + 2.5, colors.card);
         pen.strokeStyle = kind === "kill" ? by >= 0 ? sides[agents[by].side].color : colors.ink : colors.rim;
         pen.lineWidth = 2.25;
-        Brush.line(stage, x - half + 1, y - half + 1, x + half - 1, y + half - 1);
-        Brush.line(stage, x - half + 1, y + half - 1, x + half - 1, y - half + 1);
+        Brush.cross(scene, x, y, half - 1);
       } else if (kind === "break" || kind === "place") {
-        const owner = episode.row("thing.owner", k)[thing], tint = owner < 0 ? colors.box : sides[owner].box;
-        Brush.square(stage, x, y, half - 1, colors.outline);
-        Brush.square(stage, x, y, half - 2, kind === "place" ? tint : colors.card);
-      } else Brush.glyph(stage, episode.description.things[thing], -1, x, y, half - 0.5);
+        const color = Brush.boxColor(scene, episode.row("object.owner", k)[object]);
+        Brush.square(scene, x, y, half - 1, colors.outline);
+        Brush.square(scene, x, y, half - 2, kind === "place" ? color : colors.card);
+      } else Brush.item(scene, description.objects[object], -1, x, y, half - 0.5);
     }
 
     // ---- what moves

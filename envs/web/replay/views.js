@@ -18,11 +18,10 @@ const Views = (() => {
   function build(root, onChange) {
     const show = Object.fromEntries(ALL.map(([name]) => [name, AT_FIRST.includes(name)])), buttons = {};
     for (const [name, key, label, about] of ALL) {
-      const button = Panel.make("button", "", root, label);
-      button.type = "button";
+      const button = Dom.make("button", "", root, label);
       button.dataset.view = name;
       button.title = about;
-      Panel.make("kbd", "", button, key.toUpperCase()).setAttribute("aria-hidden", "true");
+      Dom.make("kbd", "", button, key.toUpperCase()).setAttribute("aria-hidden", "true");
       button.addEventListener("click", () => toggle(name));
       buttons[name] = button;
     }
@@ -49,16 +48,14 @@ const Views = (() => {
 
   // Fills a dialog with the list of keys: those of the page, and those of the views.
   function explain(dialog, keys) {
-    Panel.make("h2", "", dialog, "Keys");
-    const table = Panel.make("table", "", dialog);
+    Dom.make("h2", "", dialog, "Keys");
+    const table = Dom.make("table", "", dialog);
     for (const [key, about] of [...keys, ...ALL.map(([, key, , about]) => [key.toUpperCase(), about])]) {
-      const row = Panel.make("tr", "", table);
-      Panel.make("kbd", "", Panel.make("td", "", row), key);
-      Panel.make("td", "", row, about);
+      const row = Dom.make("tr", "", table);
+      Dom.make("kbd", "", Dom.make("td", "", row), key);
+      Dom.make("td", "", row, about);
     }
-    const form = Panel.make("form", "", dialog);
-    form.method = "dialog";
-    Panel.make("button", "", form, "Close");
+    Dom.make("button", "", Dom.make("p", "", dialog), "Close").addEventListener("click", () => dialog.close());
     dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
   }
 

@@ -1,4 +1,4 @@
-"""Writing a page: the ticks of some worlds, and all that it takes to play them, in one HTML file."""
+"""Writing a page: the ticks of some worlds, and all that is needed to play them, in one HTML file."""
 
 import base64
 import os
@@ -12,44 +12,51 @@ from ...errors import PageError
 from ...inspect.events import events
 from ...inspect.trace import describe, snapshot
 from ...storage.atomic_write import draft
-from .assets import DRAWING, assemble
-from .pack import Episode, pack
+from ..assets import SHARED, assemble
+from .pack import PACKING, EpisodeTrack, pack
 
-PARTS = ("recording.js", "panel.js", "story.js", "stage.js", "views.js", "timeline.js", "chronicle.js", "player.js")
+SCRIPTS = ("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "player.js")
 
 
-def write(
+def write_page(
     path: str | os.PathLike[str], worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], *, title: str
 ) -> None:
-    """Run through `ticks` and write what happens in the `chosen` worlds as a page; whole or not at all.
+    """Write what happens in some worlds as a page that needs no server and no network; whole or not at all.
 
-    ticks: each pull runs the worlds once more; the first one has just reset them. The page holds everything it needs,
-    so it opens without a server and without a network. Memory: a kilobyte for each tick of a world of 4 agents. Raises
-    PageError for worlds or folders that are not there, if there are no ticks, and if the disk is full.
+    Args:
+        path: The file.
+        worlds: All worlds.
+        ticks: Each item that is asked for runs the worlds once more; before the first one they were reset. Takes a
+            kilobyte of memory for each tick of a world of 4 agents.
+        chosen: Numbers of the worlds to show.
+        title: Of the page.
+
+    Raises:
+        PageError: For worlds or folders that are not there, if there are no ticks, and if the disk is full.
     """
     target = _checked(path)
-    recorded = record(worlds, ticks, chosen)
+    recorded = record_ticks(worlds, ticks, chosen)
     if not any(recorded.values()):
         raise PageError("there is nothing to show: not one tick")
     try:
         with draft(target) as place:
-            place.write_text(render(recorded, title), encoding="utf-8", newline="\n")
+            place.write_text(page_html(recorded, title), encoding="utf-8", newline="\n")
     except OSError as error:
         raise PageError(f"{target} cannot be written: {error.strerror}") from error
 
 
-def render(recorded: dict[int, list[Episode]], title: str) -> str:
+def page_html(recorded: dict[int, list[EpisodeTrack]], title: str) -> str:
     """The page itself, as HTML."""
-    return assemble("page.html", title, (*DRAWING, *PARTS), base64.b64encode(pack(title, recorded)).decode())
+    data = base64.b64encode(pack(title, recorded)).decode()
+    return assemble("replay", "page.html", title, (*SHARED, *SCRIPTS), data, PACKING=PACKING)
 
 
-def record(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int]) -> dict[int, list[Episode]]:
+def record_ticks(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int]) -> dict[int, list[EpisodeTrack]]:
     """The episodes of each of the `chosen` worlds, as far as the ticks go.
 
-    A world whose clock stands still has not been run and is not recorded anew; where the clock jumps, an episode
-    starts.
+    A world whose clock stands still was not run and is not recorded again; where the clock jumps, an episode starts.
     """
-    recorded: dict[int, list[Episode]] = {int(w): [] for w in chosen}
+    recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
     _check(worlds, recorded)
     clocks: dict[int, tuple[int, ...]] = {}
     for _ in ticks:
@@ -60,18 +67,18 @@ def record(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int]) -> di
                 continue
             if before is None or clock != (*before[:-1], before[-1] + 1):
                 *_, number, tick = clock
-                episodes.append(Episode(describe(worlds, w), number, tick))
+                episodes.append(EpisodeTrack(describe(worlds, w), number, tick))
             clocks[w] = clock
             episodes[-1].add(snapshot(worlds, w), events(worlds, w))
     return recorded
 
 
 def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
-    strays = [w for w in chosen if not 0 <= w < worlds.count]
-    if strays or not chosen:
-        raise PageError(f"worlds {strays or 'to show: none'}; choose among 0 to {worlds.count - 1}")
+    unknown = [w for w in chosen if not 0 <= w < worlds.count]
+    if unknown or not chosen:
+        raise PageError(f"worlds {unknown or 'to show: none'}; choose among 0 to {worlds.count - 1}")
     if Side not in worlds:
-        raise PageError("there is nobody to show: this scenario has no agents")
+        raise PageError("there is nothing to show: this scenario has no agents")
 
 
 def _checked(path: str | os.PathLike[str]) -> Path:

@@ -1,38 +1,43 @@
-"""A screen: pages in a Chromium that is installed, and the truth to compare them with. The tests of pages use it."""
+"""Replay pages in a browser, and the states of the simulation to compare them with."""
 
-import shutil
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import pytest
+import numpy as np
 
 import outlast
 from outlast.components import Bag, Body, Death, Health, Zone
 from outlast.ecs import Clock, Entity
-from outlast.envs.web.replay import write
-from tests.conftest import COMPILED
-from tests.web.test_page import ticks
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import scripted_policy
 
 STEPS = 600
 WORLDS = (0, 2)
 TITLE = "</title></script><img src=x onerror=alert(1)> & more"
 
 
-def environment() -> Any:
+def environment() -> SurvivalVectorEnv:
     return outlast.make_vec("teams_3", 3, seed=1)
 
 
-@pytest.fixture(scope="module")
-def file(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    target = tmp_path_factory.mktemp("page") / "page.html"
-    env = environment()
-    write(target, env.worlds, ticks(env, STEPS), WORLDS, title=TITLE)
-    return target
+def ticks(env: SurvivalVectorEnv, steps: int, finished: list[dict[str, Any]] | None = None) -> Iterator[int]:
+    """A scripted rollout in which everybody strikes all the time, and now and then uses what it has.
+
+    finished: takes the statistics of its episodes.
+    """
+    observations, _ = env.reset()
+    act = scripted_policy(env)
+    yield 0
+    for step in range(steps):
+        actions = act(observations).copy()
+        actions[..., 3], actions[..., 4] = 1, step % 30 == 0
+        observations, _, _, _, info = env.step(actions)
+        if finished is not None and "statistics" in info:
+            for w in np.flatnonzero(info["_statistics"]):
+                finished.append({"world": int(w), **{key: value[w] for key, value in info["statistics"].items()}})
+        yield step + 1
 
 
 @dataclass
@@ -62,28 +67,6 @@ class Truth:
         }
         if clock[1] and (worlds[Death].now[w, :4] * (worlds[Death].source[w, :4] >= 0)).any():
             self.kills.append(clock)
-
-
-@pytest.fixture(scope="module")
-def truths(browser: Any) -> dict[int, Truth]:
-    env, truths = environment(), {w: Truth(w) for w in WORLDS}
-    for _ in ticks(env, STEPS):
-        for truth in truths.values():
-            truth.note(env.worlds)
-    return truths
-
-
-@pytest.fixture(scope="module")  # while it is open, an event loop runs that other tests may not want
-def browser() -> Iterator[Any]:
-    if not COMPILED:
-        pytest.skip("what a browser shows does not depend on how kernels run, and takes minutes with slow ones")
-    sync_api = pytest.importorskip("playwright.sync_api", reason="pages are looked at with playwright")
-    if BROWSER is None:
-        pytest.skip("no Chromium is installed")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 @dataclass
@@ -141,29 +124,3 @@ class Screen:
 
 def sign_name(sign: Any) -> str:
     return str(sign.get_attribute("title")).split(",")[0]
-
-
-@pytest.fixture
-def look(browser: Any, file: Path) -> Iterator[Any]:
-    """Opens the page: look(**options of the browser's context) -> Screen, which must have nothing to complain of."""
-    screens: list[tuple[Screen, Any]] = []
-
-    def opened(path: Path = file, **options: Any) -> Screen:
-        options = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce", "offline": True} | options
-        context = browser.new_context(**options)
-        screen = Screen(context.new_page(), [], [])
-        screen.page.on("console", lambda message: screen.complaints.append(message.text))
-        screen.page.on("pageerror", lambda error: screen.complaints.append(str(error)))
-        screen.page.on("request", lambda request: screen.requests.append(request.url))
-        screen.page.goto(path.as_uri())
-        screen.wait("window.outlast")
-        screen.settle()
-        screens.append((screen, context))
-        return screen
-
-    yield opened
-    for screen, context in screens:
-        context.close()
-        assert not screen.complaints
-        assert {url.split(":")[0] for url in screen.requests} == {"file"}
-        assert len(screen.requests) == 1

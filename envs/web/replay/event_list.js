@@ -1,5 +1,5 @@
-// Chronicle: the list of an episode's events, each a button that leads there.
-const Chronicle = (() => {
+// EventList: the events of an episode, each a button that leads there.
+const EventList = (() => {
   // onSeek(k) is called with the row of an event. Returns {show(episode), mark(k)}.
   function build(root, onSeek) {
     let buttons = [], events = [], marked = -1;
@@ -10,11 +10,10 @@ const Chronicle = (() => {
       marked = -1;
       root.replaceChildren();
       buttons = events.map((event) => {
-        const button = Panel.make("button", "later", Panel.make("li", "", root));
-        button.type = "button";
+        const button = Dom.make("button", "later", Dom.make("li", "", root));
         Object.assign(button.dataset, { at: event.at, kind: event.kind });
-        Panel.make("time", "", button, start + event.at);
-        Story.tell(button, event, description);
+        Dom.make("time", "", button, start + event.at);
+        Events.append(button, event, description);
         button.addEventListener("click", () => onSeek(event.at));
         return button;
       });

@@ -1,4 +1,4 @@
-"""Views: everything is where it is, in its colour."""
+"""Layers: everything is where it is, in its colour."""
 
 import itertools
 import math
@@ -11,15 +11,25 @@ import pytest
 from outlast import make_vec
 from outlast.components import Guard, Zone
 from outlast.ecs import Entity
+from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import VIEWS, Agents, Cameras, Hits, Ids, Inventory, Melee, SafeZone, View
-from outlast.envs.rendering.layers import palette as colors
+from outlast.envs.rendering.layers import (
+    LAYERS,
+    AgentsLayer,
+    CamerasLayer,
+    HitsLayer,
+    IdsLayer,
+    InventoryLayer,
+    Layer,
+    MeleeLayer,
+    SafeZoneLayer,
+)
 from outlast.envs.rendering.rgb import draw
 from tests.conftest import scaled
 from tests.stage import Stage, duel
 
 SIZE = 512
-HALF = 1.1 * 12.5  # metres from the middle of the picture to its edge
+HALF = colors.SIZES.margin * 12.5  # metres from the middle of the picture to its edge
 DARK = 320  # the sum of red, green and blue is below that of anything but ink
 Picture = np.ndarray[Any, Any]
 
@@ -30,16 +40,16 @@ def spot(image: Picture, x: float, y: float) -> tuple[int, ...]:
     return tuple(image[row, column].tolist())
 
 
-def without(*kinds: type[View]) -> list[View]:
-    return [view for view in VIEWS if not isinstance(view, kinds)]
+def without(*kinds: type[Layer]) -> list[Layer]:
+    return [layer for layer in LAYERS if not isinstance(layer, kinds)]
 
 
-def picture(stage: Stage, *left_out: type[View]) -> Picture:
+def picture(stage: Stage, *left_out: type[Layer]) -> Picture:
     """All of it but the zone, which is somewhere else in every episode."""
-    return draw(stage.env.worlds, 0, SIZE, without(SafeZone, *left_out))
+    return draw(stage.env.worlds, 0, SIZE, without(SafeZoneLayer, *left_out))
 
 
-# ---- one view after the other
+# ---- one layer after the other
 
 
 def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
@@ -48,7 +58,7 @@ def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
         before = picture(stage)
         stage.put("agent", agent, x, y, angle)
         ahead = (math.cos(angle), math.sin(angle))
-        after = draw(stage.env.worlds, 0, SIZE, without(SafeZone, Ids))
+        after = draw(stage.env.worlds, 0, SIZE, without(SafeZoneLayer, IdsLayer))
         behind = (x - 0.34 * ahead[0], y - 0.34 * ahead[1])
         assert spot(before, *behind) == colors.FLOOR
         assert spot(after, *behind) == (colors.BLUE if agent < 2 else colors.VERMILLION)
@@ -106,7 +116,7 @@ def test_strikes_are_shown_in_their_tick() -> None:
     assert sum(spot(picture(stage), 1, 0)) < DARK  # it met nothing
     assert spot(picture(stage), 2.2, 0) == colors.FLOOR  # it reaches two metres
     stage.env.reset()  # what was done in the episode before is over
-    assert np.array_equal(picture(stage), picture(stage, Melee, Hits))
+    assert np.array_equal(picture(stage), picture(stage, MeleeLayer, HitsLayer))
 
 
 @pytest.mark.parametrize(
@@ -139,7 +149,7 @@ def test_carried_items_lie_below_their_carrier() -> None:
     rows, columns = (where / SIZE * 2 * HALF - HALF for where in np.nonzero((image != bare).any(-1)))
     assert 0.5 < rows.min() < rows.max() < 1.2
     assert np.abs(columns).max() < 0.6
-    assert np.array_equal(picture(stage, Inventory), bare)
+    assert np.array_equal(picture(stage, InventoryLayer), bare)
 
 
 @pytest.mark.parametrize(("cone", "area"), [("kite", math.sin(0.2 * math.pi)), ("sector", 0.2 * math.pi)])
@@ -147,7 +157,7 @@ def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
     """Area of a kite: depth^2 sin(fov / 2); of a sector: depth^2 fov / 2."""
     stage = Stage(cameras_cone=cone, cameras_depth=9.0)
     stage.put("agent", 0, -5, -4, 0.3)
-    shades = draw(stage.env.worlds, 0, SIZE, [Cameras(agents=[0], lines=False)])[..., 2].astype(int)
+    shades = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
     covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
     assert covered * (2 * HALF / SIZE) ** 2 == pytest.approx(81 * area, rel=0.03)
 
@@ -161,7 +171,7 @@ def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
     found = set()
     for w, i in itertools.product(range(env.num_worlds), range(4)):
         seen = any(observations[key][w, i].any() for key in masks)
-        lines = draw(env.worlds, w, 64, [Cameras(agents=[i], cones=False)])
+        lines = draw(env.worlds, w, 64, [CamerasLayer(agents=[i], cones=False)])
         assert np.array_equal(lines, draw(env.worlds, w, 64, [])) != seen
         found.add(seen)
     assert found == {False, True}
@@ -170,17 +180,17 @@ def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
 def test_a_line_of_sight_ends_at_what_is_seen() -> None:
     stage = duel(Stage(), far=8)
     stage.step()
-    image = draw(stage.env.worlds, 0, SIZE, [Cameras(agents=[0], cones=False, width=0.2)])
+    image = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], cones=False, width=0.2)])
     assert spot(image, 4, 0) == spot(image, 7.8, 0) == colors.BLUE
     assert spot(image, 8.3, 0) == spot(image, -0.3, 0) == colors.WALL
 
 
 def test_numbers_are_written_within_their_disc() -> None:
     stage = duel(Stage(), far=5)
-    plain = draw(stage.env.worlds, 0, SIZE, [Agents()])
+    plain = draw(stage.env.worlds, 0, SIZE, [AgentsLayer()])
     rows, columns = (
         where / SIZE * 2 * HALF - HALF
-        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [Agents(), Ids()]) != plain).any(-1))
+        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [AgentsLayer(), IdsLayer()]) != plain).any(-1))
     )
     near = np.minimum(np.hypot(columns, rows), np.hypot(columns - 5, rows))
     assert near.max() < 0.5

@@ -1,40 +1,40 @@
-// Stage: the canvas of the world, its camera, and the themes. Works with snapshots, live or recorded.
-const Stage = (() => {
+// Viewport: the canvas of the world, its camera, and the colour theme.
+const Viewport = (() => {
   const CLOSE = 7; // metres from the middle to the edge of a close-up
-  const EASE = 7; // per second: how fast the camera comes nearer to where it should be
+  const EASE = 7; // per second: how fast the camera approaches its goal
 
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const still = window.matchMedia("(prefers-reduced-motion: reduce)");
   const theme = () => COLORS[dark.matches ? "dark" : "light"];
 
-  function dress() {
+  function applyTheme() {
     for (const [name, color] of Object.entries(theme())) document.documentElement.style.setProperty(`--${name}`, color);
-    document.documentElement.style.setProperty("--focus", COLORS.light.beyond);
   }
 
-  // onTheme() is called when the colours change. Returns {draw, size, agentAt}.
+  // onTheme() is called when the colours change. Returns {draw, agentAt}.
   function build(canvas, onTheme) {
     const context = canvas.getContext("2d");
     let camera = null, before = 0;
-    dress();
-    dark.addEventListener("change", () => { dress(); onTheme(); });
+    applyTheme();
+    dark.addEventListener("change", () => { applyTheme(); onTheme(); });
 
-    // Paints; view: {show, follow, trails, marks, close}. Returns whether the camera is still on its way.
+    // Paints; view: {show, follow, trails, marks, close}. Returns whether the camera is still moving.
     function draw(description, snapshot, view) {
       const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
       const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
       if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
-      const moving = turn(aim(description, snapshot, view));
+      const moving = move(aim(description, snapshot, view));
       World.draw(context, description, snapshot, { ...view, width, height, ratio, camera, colors: theme() });
+      canvas.dataset.tick = snapshot.tick;
       return moving;
     }
 
     function aim({ half }, { agents }, { follow, close }) {
-      const me = agents[follow];
-      return me && close && half > CLOSE ? { x: me.x, y: me.y, half: CLOSE } : { x: 0, y: 0, half };
+      const agent = agents[follow];
+      return agent && close && half > CLOSE ? { x: agent.x, y: agent.y, half: CLOSE } : { x: 0, y: 0, half };
     }
 
-    function turn(goal) {
+    function move(goal) {
       const now = performance.now(), share = 1 - Math.exp(-EASE * Math.min(0.1, (now - before) / 1000));
       before = now;
       if (!camera || still.matches) camera = goal;
@@ -54,7 +54,7 @@ const Stage = (() => {
         agent.alive && Math.hypot(agent.x - x, agent.y - y) < Math.max(1.5 * description.agents[i].radius, 12 / scale));
     }
 
-    return { draw, agentAt, settle: () => { camera = null; } };
+    return { draw, agentAt };
   }
 
   return { build, theme, still: () => still.matches };

@@ -1,18 +1,17 @@
-// Story: the events of an episode in words, counted, and as marks in the world.
-const Story = (() => {
-  const FADE = 1.2; // seconds that a mark stays
+// Events: those of an episode in words, counted, and as marks in the world.
+const Events = (() => {
   const QUIET = new Set(["start", "end"]);
   const CAUSES = { zone: "died outside of the zone" };
 
   // What an event says, in pieces: strings, and numbers for agents.
-  function words({ kind, agent, by, side, cause, thing }, description) {
+  function words({ kind, agent, by, side, cause, object }, description) {
     const who = agent < 0 ? "somebody" : agent, team = description.teams ? `team ${side}` : side;
-    const name = thing < 0 ? "" : Panel.named(description.things[thing]);
+    const name = object < 0 ? "" : Panel.named(description.objects[object]);
     switch (kind) {
       case "start": return ["the episode starts"];
       case "kill": return [by >= 0 ? by : team, " killed ", agent, cause === "melee" ? "" : ` (${cause})`];
       case "death": return [agent, ` ${CAUSES[cause] || (cause ? `died of ${cause}` : "died")}`];
-      case "heal": return [who, ` used a heal, +${description.things[thing].amount}`];
+      case "heal": return [who, ` used a heal, +${description.objects[object].amount}`];
       case "place": return [who, " placed a box"];
       case "use": return [who, ` used ${name}`];
       case "break": return [agent < 0 && side >= 0 ? team : who, " broke a box"];
@@ -30,8 +29,8 @@ const Story = (() => {
   }
 
   // The words as elements, agents as discs in their colour.
-  function tell(parent, event, description) {
-    const line = Panel.make("span", "", parent);
+  function append(parent, event, description) {
+    const line = Dom.make("span", "", parent);
     for (const piece of words(event, description)) {
       if (typeof piece !== "number") line.append(piece);
       else badge(line, piece, description);
@@ -39,19 +38,19 @@ const Story = (() => {
   }
 
   function badge(parent, i, { agents, sides }) {
-    const element = Panel.make("span", "who", parent, i);
+    const element = Dom.make("span", "who", parent, i);
     element.style.setProperty("--side", sides[agents[i].side].color);
     element.style.setProperty("--on-side", sides[agents[i].side].ink);
   }
 
-  // What every agent has done until row k: {fate, kills, heals, placed, broken}.
+  // What every agent has done until row k: {status, kills, heals, placed, broken}.
   function tallies({ description, events, start }, k) {
-    const all = description.agents.map(() => ({ fate: "", kills: 0, heals: 0, placed: 0, broken: 0 }));
+    const all = description.agents.map(() => ({ status: "", kills: 0, heals: 0, placed: 0, broken: 0 }));
     for (const event of events) {
       if (event.at > k) break;
       const { kind, agent, by, cause } = event, me = all[agent];
       if (kind === "kill" && by >= 0) all[by].kills++;
-      if (kind === "kill" || kind === "death") me.fate = fate(kind, by, cause, start + event.at);
+      if (kind === "kill" || kind === "death") me.status = death(kind, by, cause, start + event.at);
       if (me && kind === "heal") me.heals++;
       if (me && kind === "place") me.placed++;
       if (me && kind === "break") me.broken++;
@@ -59,35 +58,31 @@ const Story = (() => {
     return all;
   }
 
-  function fate(kind, by, cause, tick) {
+  function death(kind, by, cause, tick) {
     const how = kind === "kill" ? `killed${by >= 0 ? ` by ${by}` : ""}` : cause === "zone" ? "died outside" : "died";
     return `${how} at ${tick}`;
   }
 
-  // Marks of what happened shortly before `position` (rows, with a fraction): see World.draw. Those of items stay with
-  // whoever used them, all others where it happened.
+  // Marks of what happened shortly before `position` (rows, with a fraction): see World.draw. Those of items move with
+  // whoever used them, all others stay where it happened.
   function marks(episode, position) {
-    const { description, events } = episode, last = FADE / description.seconds;
+    const { description, events } = episode, last = Bodies.FADE / description.seconds;
     return events.filter(({ at, kind }) => at <= position && position < at + last && !QUIET.has(kind)).map((event) => {
-      const { at, kind, agent, thing } = event, is = agent >= 0 && kind !== "break" && kind !== "place";
-      const [table, n] = is ? ["agent", agent] : ["thing", thing];
+      const { at, kind, agent, object } = event, box = agent < 0 || kind === "break" || kind === "place";
       const when = kind === "heal" || kind === "use" ? Math.floor(position) : at;
-      const place = (axis) => episode.history(`${table}.${axis}`, n)[when] / 1000;
-      const color = agent >= 0 ? description.sides[description.agents[agent].side].color : undefined;
-      const said = kind === "heal" ? `+${description.things[thing].amount}` : "";
-      return { x: place("x"), y: place("y"), kind, age: (position - at) / last, color, words: said };
+      const place = episode.place(box ? "object" : "agent", box ? object : agent, when);
+      return { ...event, ...place, age: (position - at) / last };
     });
   }
 
-  // Where everybody came from in the last two seconds: [[[x, y] ...] of each agent].
+  // Where agents came from in the last two seconds: [[[x, y] ...] of each agent].
   function trails(episode, k) {
     const { agents, seconds } = episode.description, from = Math.max(0, k - Math.round(2 / seconds));
     return agents.map((_, i) => {
-      const [xs, ys, alive] = ["x", "y", "alive"].map((name) => episode.history(`agent.${name}`, i));
-      if (!alive[k]) return [];
-      return Array.from({ length: k - from + 1 }, (_, n) => [xs[from + n] / 1000, ys[from + n] / 1000]);
+      if (!episode.history("agent.alive", i)[k]) return [];
+      return Array.from({ length: k - from + 1 }, (_, n) => episode.place("agent", i, from + n)).map(({ x, y }) => [x, y]);
     });
   }
 
-  return { text, tell, tallies, marks, trails };
+  return { text, append, tallies, marks, trails };
 })();

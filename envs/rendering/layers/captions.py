@@ -1,4 +1,4 @@
-"""The kill feed, below the room: who died last, and of what."""
+"""Captions in the margin: the step counter above the room, and the kill feed below it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,20 +8,34 @@ from outlast.ecs import Clock
 
 from ..canvas import Canvas
 from ..scene import Scene
-from .palette import PAPER, WALL, mix, of_side
-from .strip import strip
-from .view import Layer, View
+from ..style import PAPER, WALL, mix, of_side
+from .layer import Layer, ZOrder
+
+MIDDLE, HEIGHT = 0.66, 0.44  # of digits, in margins: bars of agents at the wall reach up to 0.38
 
 
 @dataclass(frozen=True)
-class KillFeed(View):
+class StepCounterLayer(Layer):
+    """How many steps the episode has had, in the upper left corner, where there is room for text."""
+
+    zorder = ZOrder.WORDS
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """In the margin, which nothing of the game reaches."""
+        if (place := _line(canvas, scene, 1)) is not None:
+            y, height = place
+            canvas.text(-scene.room, y, f"step {scene[Clock].tick[0]}", height, PAPER, anchor=0)
+
+
+@dataclass(frozen=True)
+class KillFeedLayer(Layer):
     """The last deaths of the episode, the latest on the left, as many as fit; they fade out with age.
 
     A disc in the colour of who died, its number, and the side that did it, or the cause if nobody did. All of it is
     read from the state: a death keeps its cause and source, and health the tick that brought it to 0.
     """
 
-    layer = Layer.WORDS
+    zorder = ZOrder.WORDS
     needs = (Death, Health, Side, Sides)
     fresh: int = 90  # ticks in full colour
     fading: int = 60  # ticks from there until it is gone
@@ -29,12 +43,12 @@ class KillFeed(View):
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In the margin, which nothing of the game reaches."""
         deaths = list(self._deaths(scene))
-        place = strip(canvas, scene, -1) if deaths else None
+        place = _line(canvas, scene, -1) if deaths else None
         if place is None:
             return
         (y, height), x = place, -scene.room
         for age, i, e in deaths:
-            words = f"{i} {_fate(scene, e)}"
+            words = f"{i} {_cause_of_death(scene, e)}"
             end = x + 1.6 * height + canvas.length(words, height)
             if end > scene.room:
                 return
@@ -51,8 +65,19 @@ class KillFeed(View):
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
 
 
-def _fate(scene: Scene, e: int) -> str:
+def _cause_of_death(scene: Scene, e: int) -> str:
     source = scene[Death].source[e]
     if source < 0:
         return f"died of {scene.worlds.layout.causes[scene[Death].cause[e]]}"
     return f"killed by {'side ' if scene[Sides].teams[0] else ''}{source}"
+
+
+def _line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
+    """Above (side 1) or below (-1) the room: y of a line of text and the height of its digits, in metres.
+
+    None where the picture is too small for text.
+    """
+    margin = scene.half - scene.room
+    if not canvas.readable(HEIGHT * margin):
+        return None
+    return side * (scene.room + MIDDLE * margin), HEIGHT * margin

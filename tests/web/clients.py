@@ -1,4 +1,4 @@
-"""Players: a game that is served, and what a page, an honest or a foreign one, says to it."""
+"""Clients of a game's server: what the page's script does, and what others might."""
 
 import asyncio
 import contextlib
@@ -14,7 +14,7 @@ import pytest
 
 from outlast.components import Body, Heal, Side
 from outlast.ecs import Entity
-from outlast.envs.rendering.layers.palette import HEAL, of_side
+from outlast.envs.rendering.style import HEAL, of_side
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
 from websockets.sync.client import connect
@@ -99,25 +99,25 @@ class Page:
     def __exit__(self, *error):
         self.line.__exit__(*error)
 
-    def say(self, **message):
+    def send(self, **message):
         self.socket.send(json.dumps(message))
 
-    def hear(self):
+    def receive(self):
         """The next state."""
         message = json.loads(self.socket.recv(timeout=10))
         if "world" not in message:
             return message
         self.world = message["world"]
-        return self.hear()
+        return self.receive()
 
     def until(self, condition):
-        """The first state that is so."""
+        """The first state for which the condition holds."""
         end = time.monotonic() + 10
         while time.monotonic() < end:
-            state = self.hear()
+            state = self.receive()
             if condition(state):
                 return state
-        raise AssertionError("it never became so")
+        raise AssertionError("the condition never held")
 
 
 def answer(address, path=None, method="GET", **headers):

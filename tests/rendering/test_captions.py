@@ -1,4 +1,4 @@
-"""What is written beside the room, where blows land, and the names of views."""
+"""What is written beside the room, where blows land, and the names of layers."""
 
 import math
 from typing import Any
@@ -11,11 +11,22 @@ from outlast import make_vec, variant
 from outlast.components import Death
 from outlast.ecs import Clock, Entity
 from outlast.envs.errors import FilmError
+from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import NAMES, VIEWS, Cameras, Hits, Ids, KillFeed, Scene, StepCounter, View, select
-from outlast.envs.rendering.layers import palette as colors
+from outlast.envs.rendering.layers import (
+    LAYERS,
+    LAYERS_BY_NAME,
+    CamerasLayer,
+    HitsLayer,
+    IdsLayer,
+    KillFeedLayer,
+    Layer,
+    Scene,
+    StepCounterLayer,
+    select,
+)
 from outlast.envs.rendering.rgb import draw
-from tests.rendering.test_views import HALF, SIZE, spot
+from tests.rendering.test_layers import HALF, SIZE, spot
 from tests.stage import Stage, duel
 
 Picture = np.ndarray[Any, Any]
@@ -30,12 +41,12 @@ class Notes(Canvas):
         super().text(x, y, words, height, color, anchor)
 
 
-def words(stage: Stage, view: View, size: int = SIZE) -> list[str]:
-    """What the view writes."""
+def words(stage: Stage, layer: Layer, size: int = SIZE) -> list[str]:
+    """What the layer writes."""
     scene = Scene(stage.env.worlds, 0)
     canvas = Notes(size, scene.half)
     canvas.clear(colors.WALL)
-    view.draw(canvas, scene)
+    layer.draw(canvas, scene)
     return getattr(canvas, "written", [])
 
 
@@ -58,44 +69,44 @@ def killed(stage: Stage, agent: int, by: int) -> Stage:
 
 
 @pytest.mark.parametrize("size", [64, 128, 256, 512, 1024])
-@pytest.mark.parametrize("view", [StepCounter(), KillFeed()])
-def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: int, view: View) -> None:
+@pytest.mark.parametrize("layer", [StepCounterLayer(), KillFeedLayer()])
+def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: int, layer: Layer) -> None:
     stage = killed(Stage("teams_3"), 2, 0)
-    rest = [other for other in VIEWS if other != view]
+    rest = [other for other in LAYERS if other != layer]
     xs, ys = places(draw(stage.env.worlds, 0, size), draw(stage.env.worlds, 0, size, rest))
     assert bool(len(xs)) == (size >= 256)
     assert (np.abs(ys) > ROOM).all()
-    assert (np.sign(ys) == (1 if isinstance(view, StepCounter) else -1)).all()
+    assert (np.sign(ys) == (1 if isinstance(layer, StepCounterLayer) else -1)).all()
 
 
 def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
     stage = Stage("teams_3")
     for step in range(3):
-        assert words(stage, StepCounter()) == [f"step {step}"]
+        assert words(stage, StepCounterLayer()) == [f"step {step}"]
         stage.step()
     stage.env.reset()
-    assert words(stage, StepCounter()) == ["step 0"]
+    assert words(stage, StepCounterLayer()) == ["step 0"]
 
 
 def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
     stage = Stage("teams_3", zone_harm=50)
-    assert words(stage, KillFeed()) == []
+    assert words(stage, KillFeedLayer()) == []
     killed(stage, 2, 0)
-    assert words(stage, KillFeed()) == ["2 killed by side 0"]
+    assert words(stage, KillFeedLayer()) == ["2 killed by side 0"]
     image = draw(stage.env.worlds, 0, SIZE)
     assert spot(image, -ROOM + 0.3, -HALF + 0.4) == colors.VERMILLION
     stage.column(Clock).tick[0] += 3
     stage.wound(1, 1)
     stage.put("agent", 1, 12, 12)  # out of the zone
     stage.step(times=2)
-    assert words(stage, KillFeed()) == ["1 died of zone", "2 killed by side 0"]
+    assert words(stage, KillFeedLayer()) == ["1 died of zone", "2 killed by side 0"]
     assert spot(draw(stage.env.worlds, 0, SIZE), -ROOM + 0.3, -HALF + 0.4) == colors.BLUE
     assert [stage.death(1), stage.death(2)] == [("zone", -1), ("melee", 0)]
 
 
 def test_the_feed_has_no_more_than_fits_and_fades() -> None:
     stage = killed(Stage("teams_3"), 2, 0)
-    feed, brightness = KillFeed(fresh=5, fading=10), []
+    feed, brightness = KillFeedLayer(fresh=5, fading=10), []
     for _ in range(16):
         image = draw(stage.env.worlds, 0, SIZE, [feed])
         brightness.append(int(image.max()))
@@ -106,7 +117,7 @@ def test_the_feed_has_no_more_than_fits_and_fades() -> None:
     crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
     crowd.reset()
     crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].cause[0, :20] = 0, 0
-    xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeed()]), draw(crowd.worlds, 0, SIZE, []))
+    xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeedLayer()]), draw(crowd.worlds, 0, SIZE, []))
     assert (3 if cv2.__version__ < "5" else 5) < xs.max() < ROOM + 0.2  # letters of OpenCV 4 are narrower
 
 
@@ -119,7 +130,7 @@ def test_the_feed_is_read_from_the_state_alone() -> None:
 
 
 def test_in_free_for_all_agents_kill_not_sides() -> None:
-    assert words(killed(Stage("ffa_4"), 1, 0), KillFeed()) == ["1 killed by 0"]
+    assert words(killed(Stage("ffa_4"), 1, 0), KillFeedLayer()) == ["1 killed by 0"]
 
 
 # ---- hits
@@ -129,7 +140,7 @@ def test_in_free_for_all_agents_kill_not_sides() -> None:
 def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
     stage = duel(Stage(), far).step({0: "attack"})
     worlds = stage.env.worlds
-    xs, ys = places(draw(worlds, 0, SIZE), draw(worlds, 0, SIZE, [v for v in VIEWS if not isinstance(v, Hits)]))
+    xs, ys = places(draw(worlds, 0, SIZE), draw(worlds, 0, SIZE, [v for v in LAYERS if not isinstance(v, HitsLayer)]))
     assert (xs.min() + xs.max()) / 2 == pytest.approx(stage.place("agent", 1)[0] - 0.5, abs=0.1)
     assert (ys.min() + ys.max()) / 2 == pytest.approx(0, abs=0.1)
     assert spot(draw(worlds, 0, SIZE), far - 0.5, 0) == colors.WHITE
@@ -146,29 +157,29 @@ def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
     inside = (abs(a * math.cos(angle) + b * math.sin(angle)) < 0.75) & (
         abs(b * math.cos(angle) - a * math.sin(angle)) < 0.3
     )
-    xs, _ = places(draw(stage.env.worlds, 0, SIZE, [Hits()]), draw(stage.env.worlds, 0, SIZE, []))
+    xs, _ = places(draw(stage.env.worlds, 0, SIZE, [HitsLayer()]), draw(stage.env.worlds, 0, SIZE, []))
     assert (xs.min() + xs.max()) / 2 == pytest.approx(walk[inside][0], abs=0.1)
 
 
 # ---- names
 
 
-def test_the_usual_views_are_all_but_what_cameras_see() -> None:
-    assert select("") == VIEWS
-    assert set(NAMES.values()) - set(VIEWS) == {Cameras(lines=False), Cameras(cones=False)}
-    assert len(set(NAMES.values())) == len(NAMES)
+def test_the_usual_layers_are_all_but_what_cameras_see() -> None:
+    assert select("") == LAYERS
+    assert set(LAYERS_BY_NAME.values()) - set(LAYERS) == {CamerasLayer(lines=False), CamerasLayer(cones=False)}
+    assert len(set(LAYERS_BY_NAME.values())) == len(LAYERS_BY_NAME)
 
 
-def test_views_are_added_and_removed_by_name() -> None:
-    assert set(select("+vision,-ids")) == {*VIEWS, Cameras(lines=False)} - {Ids()}
-    assert select("lines , -lines") == VIEWS
-    assert select(",".join(f"-{name}" for name in NAMES)) == ()
-    for name, view in NAMES.items():
-        assert (view in select(f"+{name}"), view in select(f"-{name}")) == (True, False)
+def test_layers_are_added_and_removed_by_name() -> None:
+    assert set(select("+vision,-ids")) == {*LAYERS, CamerasLayer(lines=False)} - {IdsLayer()}
+    assert select("lines , -lines") == LAYERS
+    assert select(",".join(f"-{name}" for name in LAYERS_BY_NAME)) == ()
+    for name, layer in LAYERS_BY_NAME.items():
+        assert (layer in select(f"+{name}"), layer in select(f"-{name}")) == (True, False)
 
 
 @pytest.mark.parametrize(("asked", "hint"), [("+vison", "did you mean 'vision'"), ("--ids", "'ids'"), ("x", "feed")])
 def test_unknown_names_are_refused_with_those_that_there_are(asked: str, hint: str) -> None:
-    with pytest.raises(FilmError, match=r"there is no view '.*There are: room, zone") as refused:
+    with pytest.raises(FilmError, match=r"there is no layer '.*There are: room, zone") as refused:
         select(asked)
     assert hint in str(refused.value)

@@ -1,0 +1,94 @@
+"""How worlds look: the colours and sizes of pictures, films and pages. web/assets.py hands them to JavaScript.
+
+Colours are those of Okabe and Ito, which colour-blind people can tell apart, on greys. Sides, heals and strikes never
+share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).
+"""
+
+import functools
+from dataclasses import dataclass
+
+Color = tuple[int, int, int]
+
+BLACK, WHITE = (0, 0, 0), (255, 255, 255)
+ORANGE, SKY, GREEN, YELLOW = (230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66)
+BLUE, VERMILLION, PURPLE = (0, 114, 178), (213, 94, 0), (204, 121, 167)
+
+SIDES = (BLUE, VERMILLION, GREEN, ORANGE, SKY)
+HEAL, STRIKE = PURPLE, YELLOW
+WHOLE, HURT, DYING, EXTRA = GREEN, ORANGE, VERMILLION, SKY  # hit points; extra: beyond those at birth
+INK = (38, 41, 48)  # outlines and writing
+WALL = (72, 77, 88)  # also what is beyond the room
+PAPER = (232, 233, 236)  # writing on it
+FLOOR, UNSAFE = (250, 249, 246), (190, 194, 204)
+RIM = (110, 118, 136)  # of the safe zone
+BOX = (116, 110, 102)  # that nobody owns
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Lengths in metres, unless a comment says otherwise."""
+
+    margin: float = 1.1  # the picture's side over the room's: bars of agents at a wall fit in, or words
+    beak: tuple[tuple[float, float], ...] = ((0.6, 0.75), (1.5, 0.0), (0.6, -0.75))  # radii ahead and to the left
+    outline: float = 0.08  # of agents and boxes
+    cross: float = 0.5  # radii of a heal: the arms of its cross
+    cross_width: float = 0.25  # radii
+    box_item: float = 0.9  # radii: half the side of a broken box
+    bar_length: float = 1.2
+    bar_height: float = 0.18
+    bar_gap: float = 1.6  # heights of the bar, between it and the body
+    bar_lift: float = 0.6  # at most so far above a body's centre, and the gap
+    hurt: float = 0.5  # share of the hit points at birth, up to which a bar has another colour
+    dying: float = 0.25  # the same
+    bag_half: float = 0.15  # half the side of a carried item
+    bag_step: float = 2.6  # halves, from item to item
+    bag_below: float = 2.2  # halves, below the body
+    strike: float = 0.16
+    star: float = 0.26
+    star_rim: float = 0.08
+    cone_opacity: float = 0.15  # 0 to 1
+    sight_line: float = 0.06
+    zone_rim: float = 0.1
+    zone_dash: float = 0.7
+
+
+SIZES = Sizes()
+
+
+@functools.lru_cache(maxsize=1024)
+def mix(one: Color, other: Color, share: float) -> Color:
+    """From `one` (share 0) to `other` (share 1)."""
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))
+    return red, green, blue
+
+
+@functools.cache
+def of_side(side: int) -> Color:
+    """The colour of a side. After the fifth they come again, darker, then lighter, and so on; -1 (nobody) is grey."""
+    if side < 0:
+        return BOX
+    other, share = ((BLACK, 0.0), (BLACK, 0.4), (WHITE, 0.5))[side // len(SIDES) % 3]
+    return mix(SIDES[side % len(SIDES)], other, share)
+
+
+@functools.cache
+def of_box(owner: int) -> Color:
+    """The colour of a box: that of its owner, lighter; grey and darker if nobody owns it (-1)."""
+    return BOX if owner < 0 else mix(of_side(owner), WHITE, 0.35)
+
+
+@functools.cache
+def ink_on(color: Color) -> Color:
+    """Black or white, whichever is easier to read on this colour."""
+    red, green, blue = color
+    return INK if 0.3 * red + 0.6 * green + 0.1 * blue > 145 else WHITE
+
+
+def of_health(share: float) -> Color:
+    """The colour of a bar that is full to this share."""
+    return WHOLE if share > SIZES.hurt else HURT if share > SIZES.dying else DYING
+
+
+def css(color: Color) -> str:
+    """As style sheets and canvases take it: #rrggbb."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

@@ -1,0 +1,126 @@
+"""What pages are made of: files of this package, and constants of Python as JavaScript."""
+
+import base64
+import dataclasses
+import hashlib
+import html
+import json
+import string
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+from ..rendering.style import (
+    BLACK,
+    BLUE,
+    BOX,
+    DYING,
+    EXTRA,
+    FLOOR,
+    HEAL,
+    HURT,
+    INK,
+    RIM,
+    SIZES,
+    STRIKE,
+    UNSAFE,
+    WALL,
+    WHITE,
+    WHOLE,
+    css,
+    mix,
+)
+
+SHARED = (
+    "dom.js",
+    "brush.js",
+    "bodies.js",
+    "world.js",
+    "viewport.js",
+)  # scripts, in the order that they need each other
+STYLE = "style.css"
+NIGHT = mix(INK, BLACK, 0.45)
+ICON = (
+    "data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E%3Ccircle cx='8' cy='8' r='6' "
+    f"fill='{css(BLUE)}' stroke='{css(INK)}'/%3E%3C/svg%3E"
+).replace("#", "%23")
+
+COMMON = {
+    "heal": HEAL,
+    "strike": STRIKE,
+    "box": BOX,
+    "whole": WHOLE,
+    "hurt": HURT,
+    "dying": DYING,
+    "extra": EXTRA,
+    "white": WHITE,
+    "accent": BLUE,
+    "night": NIGHT,
+    "rim": RIM,
+}
+THEMES = {
+    "light": {
+        "floor": FLOOR,
+        "unsafe": UNSAFE,
+        "wall": WALL,
+        "ink": INK,
+        "outline": INK,
+        "page": mix(FLOOR, UNSAFE, 0.3),
+        "card": mix(FLOOR, WHITE, 0.6),
+    },
+    "dark": {
+        "floor": mix(INK, WALL, 0.35),
+        "unsafe": mix(NIGHT, INK, 0.5),
+        "wall": mix(WALL, RIM, 0.4),
+        "ink": mix(FLOOR, UNSAFE, 0.3),
+        "outline": mix(NIGHT, BLACK, 0.4),
+        "page": NIGHT,
+        "card": mix(NIGHT, INK, 0.8),
+    },
+}
+
+
+def asset(folder: str, name: str) -> str:
+    """A file as text: of the folder of one page, "play" or "replay", or if it is not there, of both."""
+    own = files(__package__).joinpath(folder, name)
+    return (own if own.is_file() else files(__package__).joinpath(name)).read_text(encoding="utf-8")
+
+
+def constants(**others: Any) -> str:
+    """JavaScript that defines COLORS by theme, SIZES (see style.py), and what else is given, in upper case."""
+    colors = {name: {key: css(color) for key, color in (COMMON | theme).items()} for name, theme in THEMES.items()}
+    values = {"COLORS": colors, "SIZES": dataclasses.asdict(SIZES), **others}
+    return "".join(f"const {name} = {json.dumps(value)};\n" for name, value in values.items())
+
+
+def assemble(folder: str, template: str, title: str, scripts: Sequence[str], data: str = "", **others: Any) -> str:
+    """A page that needs no other file: the template with STYLE and these scripts of the folder inlined.
+
+    data: base64, which the scripts find as the text of #data. others: constants. The page's policy lets only these
+    scripts run, and forbids all connections.
+    """
+    style = asset(folder, STYLE)
+    script = "\n".join(['"use strict";', constants(**others), *(asset(folder, name) for name in scripts)])
+    return string.Template(asset(folder, template)).substitute(
+        title=html.escape(title),
+        icon=ICON,
+        policy="; ".join(
+            [
+                "default-src 'none'",
+                f"script-src {_digest(script)}",
+                f"style-src {_digest(style)}",
+                "img-src data:",
+                "connect-src 'none'",
+                "base-uri 'none'",
+                "form-action 'none'",
+            ]
+        ),
+        style=style,
+        script=script,
+        data=data,
+    )
+
+
+def _digest(source: str) -> str:
+    """By which a policy allows exactly this inline element."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'"

@@ -1,0 +1,22 @@
+// Elements of both pages.
+const Dom = (() => {
+  const $ = (id) => document.getElementById(id);
+
+  // An element; text goes in as text, whatever it holds.
+  function make(tag, name, parent, text) {
+    const element = document.createElement(tag);
+    if (tag === "button") element.type = "button";
+    if (name) element.className = name;
+    if (text !== undefined) element.textContent = text;
+    if (parent) parent.append(element);
+    return element;
+  }
+
+  function write(element, text) {
+    if (element.textContent !== String(text)) element.textContent = text;
+  }
+
+  const seconds = (ticks, description) => `${(ticks * description.seconds).toFixed(1)} s`;
+
+  return { $, make, write, seconds };
+})();

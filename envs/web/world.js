@@ -1,0 +1,190 @@
+// World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see trace.py.
+//
+// options: width, height (CSS pixels), ratio (device pixels in one), colors (a theme of assets.py), camera {x, y, half}
+// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, night} (true or false;
+// blind: fade what the followed agent does not see; night: darken all but its vision cone), trails [[[x, y] ...] of each
+// agent], marks [{x, y, age (0 to 1), kind, agent, object}]: events of a moment ago.
+const World = (() => {
+  const { circle, ring, line, cross, outline, side } = Brush;
+  const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
+  const CLEAR = 1.3; // metres around an agent that stay clear at night
+
+  function draw(context, description, snapshot, options) {
+    const { width, height, ratio, camera, colors } = options;
+    const scale = Math.min(width, height) / (2 * camera.half);
+    const scene = { context, description, snapshot, options, colors, scale, show: options.show, pixel: 1 / scale };
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    const unit = ratio * scale;
+    context.setTransform(unit, 0, 0, -unit,
+      ratio * width / 2 - unit * camera.x, ratio * height / 2 + unit * camera.y);
+    context.lineJoin = context.lineCap = "round";
+    floor(scene);
+    if (scene.show.trails) trails(scene);
+    if (scene.show.cones && description.cone) inside(scene, () => watchers(scene).forEach((agent) => cone(scene, agent)));
+    if (scene.show.lines) watchers(scene).forEach((agent) => lines(scene, agent));
+    objects(scene, ["heal", "item", "box_item", "other"], Bodies.item);
+    objects(scene, ["box", "wall"], Bodies.solid);
+    agents(scene, Bodies.strike);
+    agents(scene, Bodies.agent);
+    agents(scene, Bodies.hit);
+    if (scene.show.health) objects(scene, ["box"], Bodies.damage);
+    if (scene.show.health) agents(scene, Bodies.health);
+    if (scene.show.bags) agents(scene, Bodies.bag);
+    (options.marks || []).forEach((mark) => Bodies.mark(scene, mark));
+    if (scene.show.night && description.cone) watchers(scene).forEach((agent) => night(scene, agent));
+    context.globalAlpha = 1;
+  }
+
+  // ---- the ground
+
+  function floor(scene) {
+    const { context, snapshot, colors, show } = scene, half = edge(scene);
+    const zone = show.zone && snapshot.zone;
+    context.fillStyle = zone ? colors.unsafe : colors.floor;
+    context.fillRect(-half, -half, 2 * half, 2 * half);
+    inside(scene, () => {
+      if (zone && zone[2] > 0) circle(scene, zone[0], zone[1], zone[2], colors.floor);
+      grid(scene, half);
+      if (zone) rims(scene, zone);
+    });
+  }
+
+  // Metres from the middle to the edge of the floor.
+  function edge({ description }) {
+    return (description.room || 2 * description.half) / 2;
+  }
+
+  // Paints what must not reach beyond the floor.
+  function inside(scene, paint) {
+    const { context } = scene, half = edge(scene);
+    context.save();
+    context.beginPath();
+    context.rect(-half, -half, 2 * half, 2 * half);
+    context.clip();
+    paint();
+    context.restore();
+  }
+
+  function grid(scene, half) {
+    const { context, colors, pixel } = scene;
+    const step = Math.max(1, half / 5);
+    context.globalAlpha = 0.09;
+    context.strokeStyle = colors.ink;
+    context.lineWidth = pixel;
+    context.beginPath();
+    for (let at = -half + step; at < half - step / 2; at += step) {
+      context.moveTo(at, -half); context.lineTo(at, half);
+      context.moveTo(-half, at); context.lineTo(half, at);
+    }
+    context.stroke();
+    context.globalAlpha = 1;
+  }
+
+  function rims(scene, [x, y, radius, nextX, nextY, nextRadius]) {
+    const { context, colors, pixel } = scene;
+    context.strokeStyle = colors.rim;
+    context.lineWidth = Math.max(RIM, 2 * pixel);
+    if (radius > 0) ring(scene, x, y, radius);
+    if (nextRadius > 0) {
+      context.setLineDash([DASH, DASH]);
+      ring(scene, nextX, nextY, nextRadius);
+      context.setLineDash([]);
+    } else if (radius > 0) {
+      cross(scene, nextX, nextY, DASH);
+    }
+  }
+
+  function trails(scene) {
+    const { context, options, pixel } = scene;
+    context.lineCap = "butt";
+    (options.trails || []).forEach((points, i) => {
+      context.strokeStyle = side(scene, i).color;
+      context.lineWidth = Math.max(0.12, 2 * pixel);
+      for (let k = 1; k < points.length; k++) {
+        context.globalAlpha = 0.5 * k / points.length;
+        line(scene, ...points[k - 1], ...points[k]);
+      }
+    });
+    context.globalAlpha = 1;
+    context.lineCap = "round";
+  }
+
+  // ---- sight: of everybody, or of the agent that is followed
+
+  function watchers({ snapshot, options }) {
+    return snapshot.agents.filter((agent, i) => agent.alive && (options.follow < 0 || options.follow === i));
+  }
+
+  function cone(scene, agent) {
+    const { context, description, snapshot } = scene;
+    context.beginPath();
+    outline(context, description.cone, agent);
+    context.fillStyle = context.strokeStyle = side(scene, snapshot.agents.indexOf(agent)).color;
+    context.globalAlpha = FAINT;
+    context.fill();
+    context.globalAlpha = 2 * FAINT;
+    context.lineWidth = scene.pixel;
+    context.stroke();
+    context.globalAlpha = 1;
+  }
+
+  // Darkens the floor outside of an agent's vision cone and of a disc around it.
+  function night(scene, agent) {
+    const { context, description, colors } = scene, half = edge(scene), far = 100 * half;
+    const clip = (add) => {
+      const path = new Path2D();
+      path.rect(-far, -far, 2 * far, 2 * far);
+      add(path);
+      context.clip(path, "evenodd");
+    };
+    context.save();
+    clip((path) => outline(path, description.cone, agent));
+    clip((path) => path.arc(agent.x, agent.y, CLEAR, 0, 2 * Math.PI));
+    context.fillStyle = colors.night;
+    context.globalAlpha = 0.45;
+    context.fillRect(-half, -half, 2 * half, 2 * half);
+    context.restore();
+  }
+
+  function lines(scene, agent) {
+    const { context, snapshot } = scene;
+    const bodies = [...snapshot.agents, ...snapshot.objects];
+    context.strokeStyle = side(scene, snapshot.agents.indexOf(agent)).color;
+    context.lineWidth = Math.max(SIZES.sight_line, scene.pixel);
+    context.globalAlpha = 0.8;
+    for (const k of agent.sees || []) {
+      if (bodies[k].alive || bodies[k].here) line(scene, agent.x, agent.y, bodies[k].x, bodies[k].y);
+    }
+    context.globalAlpha = 1;
+  }
+
+  // Paints body number k, faintly if the followed agent does not see it.
+  function seen(scene, k, paint) {
+    const { context, options, snapshot, show } = scene;
+    const watcher = show.blind && options.follow !== k && snapshot.agents[options.follow];
+    context.globalAlpha = watcher && watcher.alive && watcher.sees && !watcher.sees.includes(k) ? 0.2 : 1;
+    paint();
+    context.globalAlpha = 1;
+  }
+
+  // ---- who is in the world
+
+  function agents(scene, paint) {
+    scene.snapshot.agents.forEach((agent, i) => {
+      if (agent.alive) seen(scene, i, () => paint(scene, agent, i));
+    });
+  }
+
+  function objects(scene, roles, paint) {
+    const { description, snapshot } = scene;
+    description.objects.forEach((kind, j) => {
+      const object = snapshot.objects[j];
+      if (!object.here || !roles.includes(kind.role)) return;
+      if (kind.role === "wall") paint(scene, kind, object);
+      else seen(scene, snapshot.agents.length + j, () => paint(scene, kind, object));
+    });
+  }
+
+  return { draw };
+})();

@@ -1,0 +1,138 @@
+"""outlast replay: what it prints and writes, and what it refuses in one line."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.components import Health
+from outlast.envs.cli import main as cli
+from outlast.envs.recording import Replay
+from outlast.envs.recording.container import RECORDS
+from outlast.envs.rollout import random_policy, rollout
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: Any) -> Path:
+    """A recording of 13 ticks of 4 worlds."""
+    path: Path = tmp_path_factory.mktemp("command") / "a.rec"
+    env = outlast.make_vec("teams_3", 4, seed=1)
+    with outlast.record(env, path):
+        rollout(env, random_policy(env), 12)
+    return path
+
+
+def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
+    status = cli.main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+ROLLOUT = (
+    "rollout",
+    "ffa_2",
+    "--worlds",
+    "3",
+    "--steps",
+    "150",
+    "--policy",
+    "noop",
+    "--set",
+    "zone_harm=50",
+    "--quiet",
+)
+
+
+def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:
+    status, out, _ = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
+    assert status == 0
+    status, again, err = run(capsys, "replay", tmp_path / "a.rec", "--quiet")
+    assert (status, err) == (0, "")
+    assert "ffa_2, 3 worlds, 151 ticks; every digest is the same" in again
+    assert out[out.index(" episodes ended") - 2 :] == again[again.index(" episodes ended") - 2 :]
+    assert "std. error" in again
+    status, _, err = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
+    assert (status, "overwrites nothing" in err) == (2, True)
+
+
+def test_a_difference_is_status_1(capsys: Any, path: Path, monkeypatch: Any) -> None:
+    real = Replay._run
+
+    def wrong(self: Any, record: Any) -> None:
+        real(self, record)
+        self.worlds[Health].points[0, 0] -= 1
+
+    monkeypatch.setattr(Replay, "_run", wrong)
+    status, out, err = run(capsys, "replay", path, "--quiet")
+    assert (status, out) == (1, "")
+    assert "tick 0 is the first that differs" in err
+    assert "in Health;" in err
+    assert len(err.strip().splitlines()) == 1
+    assert run(capsys, "replay", path, "--quiet", "--no-verify")[0] == 0
+
+
+def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    (tmp_path / "b.rec").write_bytes(whole[:-10])
+    status, _, err = run(capsys, "replay", tmp_path / "b.rec", "--quiet")
+    assert status == 0
+    assert "was cut off: " in err
+    (tmp_path / "c.rec").write_bytes(whole[: whole.index(RECORDS)])
+    status, _, err = run(capsys, "replay", tmp_path / "c.rec", "--quiet")
+    assert (status, "there is no tick in it" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
+        (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),
+        (("--html", "page.html", "--to", "999"), "0 <= from <= to <= 12"),
+        (("--to", "5"), "--from, --to and --worlds select what is written; give --out, --html or --data, too"),
+        (("--html", "page.html", "--size", "64", "--fps", "9"), "--size, --fps: for pictures and films only"),
+        (("--data", "samples.csv"), "there is no export to .csv; give a folder without an ending"),
+    ],
+)
+def test_mistakes_are_one_line(capsys: Any, path: Path, options: tuple[str, ...], words: str) -> None:
+    status, _, err = run(capsys, "replay", path, "--quiet", *options)
+    assert (status, words in err, len(err.strip().splitlines())) == (2, True, 1)
+
+
+def test_files_that_are_no_recordings_are_one_line(capsys: Any, tmp_path: Path) -> None:
+    assert "No such file" in run(capsys, "replay", tmp_path / "nowhere.rec")[2]
+    (tmp_path / "a.rec").write_text("hello")
+    status, _, err = run(capsys, "replay", tmp_path / "a.rec")
+    assert (status, "is not a recording" in err) == (2, True)
+
+
+def test_ray_does_not_record(capsys: Any, tmp_path: Path) -> None:
+    status, _, err = run(capsys, *ROLLOUT, "--ray", "--record", tmp_path / "a.rec")
+    assert (status, "leave them out with --ray" in err) == (2, True)
+    assert not (tmp_path / "a.rec").exists()
+
+
+def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_path: Path) -> None:
+    """As many frames as ticks that are asked for; each world by itself, side by side."""
+    options = ("--worlds", "0,3", "--from", "2", "--to", "6", "--quiet")
+    status, *_ = run(capsys, "replay", path, "--out", tmp_path / "frames", "--size", "64", *options)
+    assert (status, len(list((tmp_path / "frames").glob("*.png")))) == (0, 5)
+    status, *_ = run(capsys, "replay", path, "--html", tmp_path / "page.html", *options)
+    assert status == 0
+    assert (tmp_path / "page.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize("option", ["--data", "--html"])
+def test_paths_need_not_be_utf_8(path: Path, tmp_path: Path, option: str) -> None:
+    folder = tmp_path / os.fsdecode(b"d\xff")
+    folder.mkdir()
+    out = folder / ("a.parquet" if option == "--data" else "a.html")
+    if option == "--data":
+        pytest.importorskip("pyarrow")
+    command = [sys.executable, "-m", "outlast", "replay", str(path), option, str(out), "--quiet"]
+    done = subprocess.run(command, capture_output=True, check=True, env=os.environ | {"PYTHONIOENCODING": "utf-8"})
+    assert (b"d\\xff" in done.stdout, done.stderr) == (True, b"")
+    assert out.stat().st_size > 1000

@@ -1,0 +1,92 @@
+"""Fixtures: a browser, a replay page and the truth about it, a game and the address of its server."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.envs.web.play.game import Game
+from outlast.envs.web.replay import write_page
+from tests.conftest import COMPILED
+from tests.web.browser import STEPS, TITLE, WORLDS, Screen, Truth, environment, ticks
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+@pytest.fixture(scope="module")  # while it is open, an event loop runs that other tests may not want
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="pages are looked at with playwright")
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is on the PATH")
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    if not COMPILED:
+        pytest.skip("what a browser shows does not depend on how kernels run, and takes minutes with slow ones")
+
+
+@pytest.fixture(scope="module")
+def file(compiled: None, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("page") / "page.html"
+    env = environment()
+    write_page(target, env.worlds, ticks(env, STEPS), WORLDS, title=TITLE)
+    return target
+
+
+@pytest.fixture(scope="module")
+def truths(compiled: None, browser: Any) -> dict[int, Truth]:
+    env, truths = environment(), {w: Truth(w) for w in WORLDS}
+    for _ in ticks(env, STEPS):
+        for truth in truths.values():
+            truth.note(env.worlds)
+    return truths
+
+
+@pytest.fixture
+def look(browser: Any, file: Path) -> Iterator[Any]:
+    """Opens the page: look(**options of the browser's context) -> Screen, which must not log or request anything."""
+    screens: list[tuple[Screen, Any]] = []
+
+    def opened(path: Path = file, **options: Any) -> Screen:
+        options = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce", "offline": True} | options
+        context = browser.new_context(**options)
+        screen = Screen(context.new_page(), [], [])
+        screen.page.on("console", lambda message: screen.complaints.append(message.text))
+        screen.page.on("pageerror", lambda error: screen.complaints.append(str(error)))
+        screen.page.on("request", lambda request: screen.requests.append(request.url))
+        screen.page.goto(path.as_uri())
+        screen.wait("window.outlast")
+        screen.settle()
+        screens.append((screen, context))
+        return screen
+
+    yield opened
+    for screen, context in screens:
+        context.close()
+        assert not screen.complaints
+        assert {url.split(":")[0] for url in screen.requests} == {"file"}
+        assert len(screen.requests) == 1
+
+
+@pytest.fixture
+def game() -> Iterator[Game]:
+    game = Game(outlast.variant("ffa_3"), others="noop", seed=1)
+    yield game
+    game.close()
+
+
+@pytest.fixture
+def address(game: Game) -> Iterator[str]:
+    from tests.web.clients import served  # which needs websockets
+
+    with served(game) as address:
+        yield address
