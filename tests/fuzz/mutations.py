@@ -22,6 +22,7 @@ STRANGE: tuple[Any, ...] = (
     *(0.5, -0.5, 1e-45, 1e-7, 1e6, 1e30, 3e38, 1e308, -1e308, float("inf"), -float("inf"), float("nan")),
     *(None, True, False, [], {}, [0], [[]], {"": {}}, [1e9] * 9, *STRINGS),
 )
+DTYPES = ("|O", "<U9", "|V0", "|V99999999", "<M8[s]", "(9,)<i4", "<c16", "<f2", "|b1", ">i8", "<i4")
 BOMB = 2**28  # bytes that a zip bomb unpacks to
 
 
@@ -223,14 +224,10 @@ def mutated_npy(content: bytes, rng: Random) -> bytes:
     size = rng.choice((*STRANGE[:12], -8, 2**40, 2**61))
     match rng.randrange(6):
         case 0:
-            kind = rng.choice(
-                ("|O", "<U9", "|V0", "|V99999999", "<M8[s]", "(9,)<i4", "<c16", "<f2", "|b1", ">i8", "<i4")
-            )
-            header = header.replace(header.split("'")[3], kind)
+            header = header.replace(header.split("'")[3], rng.choice(DTYPES))
         case 1:
-            header = header.replace(
-                shape, rng.choice((f"({size},)", f"({size}, {size})", "()", "(-1, -8)", "(0, 9**9)"))
-            )
+            shapes = (f"({size},)", f"({size}, {size})", "()", "(-1, -8)", "(0, 9**9)")
+            header = header.replace(shape, rng.choice(shapes))
         case 2:
             header = header.replace("False", rng.choice(("True", "None", "1", "__import__('os')")))
         case 3:

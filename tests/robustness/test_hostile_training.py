@@ -169,12 +169,9 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
 @pytest.mark.parametrize("what", RESTS)
 def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files, what: str) -> None:
     before = [weight.clone() for weight in model.policy.parameters()], model.generator.get_state()
-    change, reason = RESTS[what]
+    (change, reason), whole = RESTS[what], what in ("nothing", "a list")
     with pytest.raises(TrainingError, match=reason):
-        checkpoint.restore(
-            model,
-            rest_with(files, lambda rest: change(rest) if what in ("nothing", "a list") else (change(rest), rest)[1]),
-        )
+        checkpoint.restore(model, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
     assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
     assert torch.equal(before[1], model.generator.get_state())
     checkpoint.restore(model, files)
@@ -188,10 +185,7 @@ def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -
         ([1], "does not hold the weights of this policy"),
         (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.pt of the checkpoint is .*\(3,\)"),
         (weights | {"actor.first.weight": weights["actor.first.weight"] * 1e38}, "beyond 1000, or that are none"),
-        (
-            weights | {"actor.first.weight": weights["actor.first.weight"] * float("nan")},
-            "beyond 1000, or that are none",
-        ),
+        (weights | {"actor.first.weight": weights["actor.first.weight"] * np.nan}, "beyond 1000, or that are none"),
         (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
     ):
         with pytest.raises(TrainingError, match=reason):
