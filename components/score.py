@@ -30,5 +30,5 @@ class Episode(Statistic):
     length: Array = column("i4")  # ticks
     returns: Array = column("f8", "agents", key="return")
     kills: Array = column("i4", "sides")
-    deaths: Array = column("i4", "causes")
+    deaths: Array = column("i4", "damage_types")
     first_death: Array = column("i4")  # tick, 0: nobody died

@@ -12,7 +12,7 @@ MODES = ("masked", "revealed", "omniscient")
 class Sight(Singleton):
     """Who sees whom: sets of rows (see ecs.simd) by observer. Written by cameras; without, all see everything."""
 
-    seen: Array = column("i4", "agents", "groups")
+    seen: Array = column("i4", "agents", "blocks")
     mode: Array = column("i4", fill=OMNISCIENT)  # index into MODES
 
 
@@ -23,9 +23,9 @@ class Told(Singleton, packed=False):
     before, are written anew. All others are zero and stay so.
     """
 
-    masks: Array = column("i4", "agents", "groups")  # their mask is 1
-    filled: Array = column("i4", "agents", "groups")  # their entry is filled, which in masked mode is the same
-    stale: Array = column("i4", "agents", "groups")  # their entry must be written: it is filled, or was
+    masks: Array = column("i4", "agents", "blocks")  # their mask is 1
+    filled: Array = column("i4", "agents", "blocks")  # their entry is filled, which in masked mode is the same
+    stale: Array = column("i4", "agents", "blocks")  # their entry must be written: it is filled, or was
 
 
 @kernel

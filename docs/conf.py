@@ -12,7 +12,7 @@ author = "The outlast authors"
 version = release = outlast.__version__
 html_title = f"outlast {version}"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "replay", "tables"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
 exclude_patterns = ["_build", "examples", "training"]
 default_role = "code"  # single backticks, in docstrings
 html_theme = "furo"

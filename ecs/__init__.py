@@ -1,9 +1,9 @@
-"""The engine: components, systems, schedule, runner. It knows no game.
+"""The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (nouns), access, system, numbers and module (verbs and their numbers), phase and schedule
-(the order), layout (where it all lies), frame and view (how kernels come by it), tick (the order as code), cache and
-stored (that code on disk), references and fingerprint (what it depends on), worlds (a batch of worlds, and the
-threads), simd (sixteen rows at a time), workers (the threads).
+Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
+phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
+generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
+(its threads); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write

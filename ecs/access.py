@@ -1,4 +1,4 @@
-"""What a system may touch: its parameter list is the declaration, and nothing else is reachable.
+"""Access declarations: the annotations of a system's parameters, which are all that it can reach.
 
 =============== =====================================================================================
 annotation      the kernel receives, for one world
@@ -7,12 +7,12 @@ Read[C]         the table of component C, read-only: a kernel that writes it doe
 Write[C]        the table of C, to read and write
 Add[C]          the table of C, only ever added to (additions of integers commute, so order is free)
 Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
-                is dormant: it is not scheduled (so an item mechanic names Rows[Item] even if it needs no list)
-Bitset[A, B]    the same as a bitset: int32 words of sixteen rows each, bit j of word g is row 16 g + j (ecs.simd)
+                is inactive: it is not scheduled (so an item mechanic has Rows[Item] even if it needs no list)
+Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j of block b is row 16 b + j (ecs.simd)
 RowIndex[A, B]  the inverse, int32 by row: the row's index in Rows[A, B], -1 if it is not there
 Random          the key of this system's random stream in this world, episode and tick
-Scratch         this thread's memory, from the module's scratch()
-DamageType      the number of the module's own type of damage
+Scratch         memory of this thread, from the module's scratch()
+DamageType      the number of the module's damage_type
 int float bool  the module's number of the same name
 tuple[float..]  the module's numbers of the same name, as a read-only float32 array
 =============== =====================================================================================
@@ -50,7 +50,7 @@ class Rows(Generic[*Parts]):
 
 
 class Bitset(Rows[*Parts]):
-    """Sets of rows of all entities that have every one of the named components (an int32 array in the kernel)."""
+    """Bitset of the rows of all entities that have every one of the named components (an int32 array in the kernel)."""
 
 
 class RowIndex(Rows[*Parts]):
@@ -62,7 +62,7 @@ SELECTIONS: dict[Any, str] = {Rows: "rows", Bitset: "bitset", RowIndex: "row_ind
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a system; `kind` is a row of the table above in small letters, or number, or numbers."""
+    """One parameter of a system; `kind` is a row of the table above in lower case, "number" or "numbers"."""
 
     name: str
     kind: str
@@ -71,7 +71,7 @@ class Parameter:
 
 
 def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
-    """Read the declaration off a function; an annotation that means nothing here is a DeclarationError."""
+    """Read the annotations of a function. Raises DeclarationError for one that is not in the table above."""
     hints = get_type_hints(function, include_extras=True)
     return tuple(_parameter(function, name, hints.get(name)) for name in inspect.signature(function).parameters)
 

@@ -1,4 +1,7 @@
-"""Where generated ticks are kept: source and machine code on disk, loaded functions in memory."""
+"""The compile cache: generated ticks as source and machine code on disk, and as loaded functions in memory.
+
+The folder of a tick is named by its key (cache_key); cache_files verifies the machine code in it.
+"""
 
 import hashlib
 import os
@@ -13,59 +16,59 @@ from weakref import WeakKeyDictionary
 
 import platformdirs
 
-from .fingerprint import Code
-from .jit import entry
-from .stored import FULL, StoredCode, keep, warn_not_kept, write
+from .cache_files import DISK_FULL, ChecksummedCache, atomic_write, enable_disk_cache, warn_not_cached
+from .cache_key import CacheKey
+from .jit import entry_point
 from .system import System
 
 LOADED: dict[Any, Any] = {}  # functions by file and kernels
-STAMPS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what kernels depended on when a tick last took them
+DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when a tick last used them
 
 
-def load(source: str, names: dict[str, Any], systems: Sequence[System], code: Code | None) -> Any:
+def load(source: str, names: dict[str, Any], systems: Sequence[System], cache_key: CacheKey | None) -> Any:
     """Write `source` into the cache folder, run it with `names` in scope, and mark its function for compilation.
 
-    Worlds of one structure share one function in a process: it is loaded once, however many environments come and go.
-    code: what the systems compile to; None: it stays plain Python, which looks up everything anew.
+    Worlds of one structure share one function in a process, however many environments are made and closed.
+    cache_key: of `systems`; None for a tick that stays plain Python, which looks up everything when it runs.
     """
-    name, jit = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16], code is not None
-    path = cache_folder() / (code.fingerprint if code else "python") / f"{name}.py"
-    key = (path, jit, *(system.kernel for system in systems))
-    if key not in LOADED:
-        if code:
-            _forget_stale(code)
-        written = _written(path, source)
-        tick = _function(path, source, names)
-        LOADED[key] = entry(tick) if jit else tick
-        if jit and written:
-            keep(LOADED[key])
-    return LOADED[key]
+    name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
+    path = cache_folder() / (cache_key.digest if cache_key else "python") / f"{name}.py"
+    loaded = (path, cache_key is not None, *(system.kernel for system in systems))
+    if loaded not in LOADED:
+        if cache_key:
+            _discard_outdated(cache_key)
+        written = _ensure_written(path, source)
+        tick = _execute(path, source, names)
+        LOADED[loaded] = entry_point(tick) if cache_key else tick
+        if cache_key and written:
+            enable_disk_cache(LOADED[loaded])
+    return LOADED[loaded]
 
 
-def _forget_stale(code: Code) -> None:
-    """Have numba compile those kernels again whose code, or a constant of whose, is not as when it compiled them."""
-    for kernel, stamp in code.stamps():
-        if getattr(kernel, "overloads", None) and STAMPS.get(kernel) != stamp:
+def _discard_outdated(cache_key: CacheKey) -> None:
+    """Discard machine code of kernels that have changed, or refer to what has, since numba compiled them."""
+    for kernel, digest in cache_key.kernel_digests():
+        if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
             kernel._make_finalizer()()
             kernel._reset_overloads()
-        STAMPS[kernel] = stamp
+        DIGESTS[kernel] = digest
 
 
-def _written(path: Path, source: str) -> bool:
-    """Whether the file `path` holds the source, now at the latest. One that does is left: numba's key has its age."""
+def _ensure_written(path: Path, source: str) -> bool:
+    """Write `source` unless the file has it already (numba's key has the file's age); False if the disk is full."""
     try:
         if not path.exists() or path.read_bytes() != source.encode():
-            write(path, source)
+            atomic_write(path, source)
     except OSError as error:
-        if error.errno not in FULL:
+        if error.errno not in DISK_FULL:
             raise
-        warn_not_kept(error)
+        warn_not_cached(error)
         return False
     return True
 
 
-def _function(path: Path, source: str, names: dict[str, Any]) -> Any:
-    """The function `tick` of a module whose text is `source`, which debuggers find in the file `path`."""
+def _execute(path: Path, source: str, names: dict[str, Any]) -> Any:
+    """Run `source` as a module, which debuggers find in the file `path`; returns its function `tick`."""
     module = ModuleType(f"outlast_{path.stem}")
     module.__dict__.update(names, __file__=str(path))
     sys.modules[module.__name__] = module  # where numba looks for it
@@ -74,16 +77,17 @@ def _function(path: Path, source: str, names: dict[str, Any]) -> Any:
 
 
 def is_cached(tick: Any) -> bool:
-    """Whether machine code of this function is in memory or lies in the cache folder already, or none is needed."""
+    """Whether this function is compiled, has machine code in the cache folder, or needs none."""
     if not hasattr(tick, "py_func") or tick.overloads:
         return True
-    return isinstance(tick._cache, StoredCode) and tick._cache.whole()
+    return isinstance(tick._cache, ChecksummedCache) and tick._cache.is_valid()
 
 
 def cache_folder() -> Path:
-    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (not writable) one among the temporary files.
+    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (if that is not writable) a temporary folder.
 
-    Raises PermissionError if the last one is not this user's alone.
+    Raises:
+        PermissionError: Another user owns the temporary folder, or may write to it.
     """
     if "OUTLAST_CACHE_DIR" in os.environ:
         return Path(os.environ["OUTLAST_CACHE_DIR"])
@@ -91,13 +95,13 @@ def cache_folder() -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
-        return _temporary()
-    return folder if os.access(folder, os.W_OK) else _temporary()
+        return _temporary_folder()
+    return folder if os.access(folder, os.W_OK) else _temporary_folder()
 
 
-def _temporary() -> Path:
-    """A folder among the temporary files that only this user writes to, as what lies in it is run."""
-    if not hasattr(os, "getuid"):  # Windows: each user has temporary files of their own
+def _temporary_folder() -> Path:
+    """A temporary folder that only this user may write to, as the code in it is executed."""
+    if not hasattr(os, "getuid"):  # Windows: each user has a temporary folder of their own
         return Path(tempfile.gettempdir()) / "outlast"
     folder = Path(tempfile.gettempdir()) / f"outlast-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)

@@ -1,6 +1,6 @@
 """Components: the nouns of a world, declared as columns and stored as structure-of-arrays numpy tables.
 
-A component is a class whose attributes are columns. Its base class says whose it is and what it is for:
+A component is a class whose attributes are columns. Its base class determines its rows and its use:
 
 ========== =========== ==========================================================================
 base       rows        meaning
@@ -9,12 +9,12 @@ Component  one/entity  state of an entity; a table column has shape (worlds, cap
 Singleton  one/world   state of a world;   a table column has shape (worlds, ...)
 Action     one/world   what the learner sets, float-free, shape (worlds, agents, ...)
 Observation one/world  what the learner sees, shape (worlds, agents, ...)
-Signal     one/world   what the learner is told beside it: rewards, ends
+Signal     one/world   what the learner gets beside the observation: rewards, ends
 Statistic  one/world   what is counted over an episode and reported at its end
 ========== =========== ==========================================================================
 
-An instance, `Health(points=20)`, is no live object but a birth value: the fills of a new row. Rows of archetypes
-without the component are there too, all zero, so that one row number means one entity in every table.
+An instance, `Health(points=20)`, is a prefab, not a live object: the values of a new row. Every table has rows for all
+entities, zero where an archetype lacks the component, so that a row number means one entity in all tables.
 """
 
 from collections import namedtuple
@@ -34,9 +34,9 @@ Real: TypeAlias = Any
 
 @dataclass(frozen=True)
 class Column:
-    """One column: element type, trailing shape (names are dimensions of the scenario), fill and bounds.
+    """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
-    `key` is the name under which a face publishes it (default: the attribute's own name).
+    `key` is the name under which environments publish it (default: the attribute's name).
     """
 
     dtype: np.dtype[Any]
@@ -62,9 +62,15 @@ def column(
     high: float = np.inf,
     key: str = "",
 ) -> Any:
-    """Declare a column of `dtype` ("f4", "i4", "u1" ...) with trailing dimensions `dims`.
+    """Declare a column of a component.
 
-    fill: value of a new row. low, high: inclusive bounds, published in the spaces of the faces.
+    Args:
+        dtype: Type of its elements, as numpy writes it: "f4", "i4", "u1".
+        *dims: Trailing dimensions, as sizes or as names of dimensions of the scenario.
+        fill: Value of a new row.
+        low: Inclusive lower bound, published in the spaces of environments.
+        high: Inclusive upper bound, likewise.
+        key: Name under which environments publish it (default: the attribute's name).
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key)
 
@@ -83,7 +89,7 @@ class Component:
     columns: ClassVar[dict[str, Column]] = {}
     Table: ClassVar[Any] = None
     order: ClassVar[int] = 0
-    packed: ClassVar[bool] = True  # lives in the world's block of state; others have buffers of their own
+    packed: ClassVar[bool] = True  # in the state of its world; other components have buffers of their own
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
         columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
@@ -93,7 +99,7 @@ class Component:
             return  # a base such as Singleton
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
             raise DeclarationError(
-                f"{cls.__name__}.{filled[0]}: columns with memory of their own begin as 0; "
+                f"{cls.__name__}.{filled[0]}: columns with buffers of their own begin as 0; "
                 "leave out fill, and write the value in a system that runs at reset"
             )
         cls.columns, cls.order = columns, order
@@ -106,7 +112,7 @@ class Component:
                 raise DeclarationError(f"{type(self).__name__} has no column '{name}'; it has: {known}")
         if fills and not self.packed:
             raise DeclarationError(
-                f"{type(self).__name__}({next(iter(fills))}=...): it has memory of its own, which begins as 0; "
+                f"{type(self).__name__}({next(iter(fills))}=...): it has buffers of its own, which begin as 0; "
                 "write the value in a system that runs at reset"
             )
         self.fills = fills
@@ -140,7 +146,7 @@ class Action(Singleton, packed=False):
 
 
 class Observation(Singleton, packed=False):
-    """What the learner sees: buffers that a face hands out; the column's key is the observation's key.
+    """What the learner sees, in buffers that environments return; the column's key is the observation's key.
 
     Columns are float32, as the spaces of observations say.
     """
@@ -153,7 +159,7 @@ class Observation(Singleton, packed=False):
 
 
 class Signal(Singleton, packed=False):
-    """What the learner is told beside the observation: reward, terminated, truncated."""
+    """What the learner gets beside the observation: reward, terminated, truncated."""
 
 
 class Statistic(Singleton):
@@ -161,14 +167,14 @@ class Statistic(Singleton):
 
 
 class Entity(Component):
-    """The engine's own component of every row. Written by whoever spawns or despawns."""
+    """The engine's own component of every row. Written by systems that spawn or despawn."""
 
     alive: Array = column("u1")  # 1 while the entity is in the world
-    identity: Array = column("i8")  # stable number of (archetype, index): the index of its random draws
+    identity: Array = column("i8")  # stable number of (archetype, index), to index random draws by
 
 
 class Clock(Singleton):
-    """The engine's own component of every world: what its random numbers are keyed by."""
+    """The engine's own component of every world: the key of its random numbers."""
 
     seed: Array = column("u8")
     world: Array = column("u8")

@@ -1,7 +1,11 @@
-"""Errors of the engine: each names the thing, what was expected and the cure."""
+"""Errors of the engine: each message names the thing, what was expected and the cure."""
 
 
-class EngineError(ValueError):
+class OutlastError(Exception):
+    """Base of all errors that outlast raises; see outlast.errors."""
+
+
+class EngineError(OutlastError, ValueError):
     """Base of everything the engine refuses."""
 
 

@@ -1,10 +1,10 @@
-"""The one place where numba is configured.
+"""The configuration of numba, all in one place.
 
-Kernels are serial and release the GIL; threads belong to the runner. Division follows numpy (no exceptions
-inside a kernel) and fast-math is never used: the same input must give the same bits.
+Kernels are serial and release the GIL; Worlds runs them on threads. Division follows numpy (no exceptions inside a
+kernel) and fast-math is never used: the same input must give the same bits.
 
 The second half is for calling a C library from a kernel: its functions by symbol, and loads and stores at an
-address. Nothing checks an address; only a bridge that has verified the library's layout may use them.
+address. Nothing checks an address; only a backend that has verified the library's layout may use them.
 """
 
 import functools
@@ -22,20 +22,25 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A function for other compiled functions, without the wrappers that Python needs; they take a sixth of the time.
+    """A function that compiled functions call, without the wrappers for Python (a sixth of the time to compile).
 
-    Called from Python all the same (by a test, say), it is compiled once more, with them.
+    When Python calls it nevertheless, such as a test, it is compiled once more, with them.
     """
 
     def __call__(self, *arguments: Any) -> Any:
-        return entry(self.py_func)(*arguments)
+        return entry_point(self.py_func)(*arguments)
 
 
 def kernel(function: Function, *, inline: bool = True) -> Function:
     """Compile `function` for the tick: arrays and scalars in, columns written in place.
 
-    inline: become part of every kernel that calls it, so that of the tables it is given only the columns it uses cost
-    anything; handing on a table takes half a hundred instructions otherwise.
+    Args:
+        function: A Python function in the subset that numba compiles.
+        inline: Compile it into every kernel that calls it. A call that is not inlined takes some fifty instructions for
+            each table among its arguments; inlined, only the columns that are used cost anything.
+
+    Returns:
+        The function; under NUMBA_DISABLE_JIT as it is.
     """
     compiled = numba.njit(**OPTIONS, forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
     if compiled is not function:  # it is under NUMBA_DISABLE_JIT
@@ -43,13 +48,13 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
     return compiled  # type: ignore[no-any-return]
 
 
-def routine(function: Function) -> Function:
-    """A kernel that stays a function of its own: large, called from several places, and given numbers, not tables."""
+def noinline_kernel(function: Function) -> Function:
+    """A kernel that is not inlined: a large one with several callers, whose arguments are scalars, not tables."""
     return kernel(function, inline=False)
 
 
 @functools.cache
-def entry(function: Function) -> Function:
+def entry_point(function: Function) -> Function:
     """Compile `function` to be called from Python."""
     return numba.njit(**OPTIONS, no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
 

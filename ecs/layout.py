@@ -1,8 +1,7 @@
-"""Where everything lies: archetypes become row ranges, components become columns, a world becomes a block of bytes.
+"""The memory layout of a world: archetypes are ranges of rows, components are columns at offsets in its state.
 
-All packed columns of one world lie together in one block, so a world is walked through in one stretch of memory,
-and saving, copying or resetting a world is a copy of bytes. Columns that a face hands out (actions, observations,
-signals) have contiguous buffers of their own.
+All packed columns of one world are contiguous, so a tick reads one stretch of memory, and to save, copy or reset a
+world is to copy bytes. Columns that environments return (actions, observations, signals) have buffers of their own.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,9 +20,9 @@ ALIGN = 64  # bytes: a cache line
 
 @dataclass(frozen=True)
 class Archetype:
-    """`count` entities of one kind and the birth values of their components.
+    """`count` entities of one kind and the prefab values of their components.
 
-    Several modules may speak of the same archetype: counts add up, components join. A count of 0 extends
+    Several modules may declare the same archetype: counts add up, components join. A count of 0 extends
     an archetype that another module declares.
     """
 
@@ -35,7 +34,7 @@ class Archetype:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a column lies in a world: its shape there, and its offset in the block (-1: a buffer of its own)."""
+    """Where a column lies: its shape in one world, and its offset in the world's state (-1: a buffer of its own)."""
 
     component: type[Component]
     name: str
@@ -44,11 +43,16 @@ class Place:
 
 
 class Layout:
-    """The shape of a scenario's worlds, without their number.
+    """The memory layout of a scenario's worlds, whatever their number.
 
-    modules: instances of ecs.module.Module, in order of their names. archetypes: name -> Archetype, in row order.
-    spans: name -> range of rows. dims: name -> size. places: every column. template: bytes of a world right after
-    reset, before anything random is drawn.
+    Attributes:
+        modules: Instances of ecs.module.Module, in order of their names.
+        archetypes: Archetype by name, in the order of rows.
+        spans: Range of rows by name of the archetype.
+        dims: Size by name of the dimension.
+        damage_types: The damage types of the modules, in alphabetical order.
+        places: Every column.
+        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
     """
 
     def __init__(self, modules: Sequence[Any]) -> None:
@@ -59,9 +63,9 @@ class Layout:
         for name, archetype in self.archetypes.items():
             self.spans[name] = range(start, start + archetype.count)
             start += archetype.count
-        self.dims = {"rows": start, "groups": -(-start // SIMD_WIDTH)}
-        self.causes = sorted({module.cause for module in self.modules if module.cause})
-        self.dims["causes"] = len(self.causes)
+        self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
+        self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
+        self.dims["damage_types"] = len(self.damage_types)
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
@@ -74,7 +78,7 @@ class Layout:
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.places, self.world_bytes = self._place()
-        self.template = self._template()
+        self.initial_image = self._initial_image()
 
     def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
         """int32 rows of all entities whose archetype has every one of `components`."""
@@ -87,11 +91,11 @@ class Layout:
         return np.array(rows, np.int32)
 
     def bitset(self, *components: type[Component]) -> np.ndarray[Any, Any]:
-        """int32 (groups,): bit j of word g is set if row 16 g + j is one of `rows(*components)`."""
-        words = np.zeros(self.dims["groups"], np.int32)
+        """int32 (blocks,): bit j of block b is set if row 16 b + j is one of `rows(*components)`."""
+        bits = np.zeros(self.dims["blocks"], np.int32)
         rows = self.rows(*components)
-        np.bitwise_or.at(words, rows // SIMD_WIDTH, 1 << rows % SIMD_WIDTH)
-        return words
+        np.bitwise_or.at(bits, rows // SIMD_WIDTH, 1 << rows % SIMD_WIDTH)
+        return bits
 
     def row_index(self, *components: type[Component]) -> np.ndarray[Any, Any]:
         """int32 (rows,): each row's index in `rows(*components)`, -1 for the others."""
@@ -101,12 +105,12 @@ class Layout:
         return index
 
     def numbers(self, module: str) -> dict[str, Any]:
-        """The numbers of the module of that name, or of an heir of it, by their own names; none without one."""
+        """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""
         found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
         return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
 
-    def births(self, component: type[Component], column: str) -> dict[str, Any]:
-        """By name of the archetypes that have the component: the birth value of that column, one or one an entity."""
+    def prefab_values(self, component: type[Component], column: str) -> dict[str, Any]:
+        """Prefab value of a column (one, or one an entity) by name of the archetypes that have the component."""
         fill = component.columns[column].fill
         parts = ((name, part) for name, archetype in self.archetypes.items() for part in archetype.parts)
         return {name: part.fills.get(column, fill) for name, part in parts if type(part) is component}
@@ -116,13 +120,13 @@ class Layout:
         count, size = len(self.rows(component)), self.dims.get(dim, 0)
         if count != size:
             raise DeclarationError(
-                f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: whoever brings more "
-                f"of them says so, as in def dims(self): return {{'{dim}': self.count}}"
+                f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
+                f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
 
     @property
     def actions(self) -> list[tuple[type[Component], str]]:
-        """Columns of actions as (component, name), in the order that their components declare."""
+        """Columns of actions as (component, name), in the `order` of their components."""
         kinds = [component for component in self.components if issubclass(component, Action)]
         kinds.sort(key=lambda component: (component.order, component.__qualname__))
         return [(component, name) for component in kinds for name in component.columns]
@@ -156,7 +160,7 @@ class Layout:
             )
         )
 
-    def _template(self) -> np.ndarray[Any, Any]:
+    def _initial_image(self) -> np.ndarray[Any, Any]:
         block = np.zeros((1, self.world_bytes), np.uint8)
         for singleton, values in self.singletons.items():
             if singleton.packed:
@@ -173,7 +177,7 @@ class Layout:
 
 
 def _check_keys(base: type[Component], components: Iterable[type[Component]]) -> None:
-    """DeclarationError if two columns of a kind are published under one key: only one of them would be seen."""
+    """DeclarationError if two columns of a kind have one key, as environments would publish only one of them."""
     owners: dict[str, str] = {}
     for component in components:
         for name, column in component.columns.items() if issubclass(component, base) else ():
@@ -196,7 +200,7 @@ def _fill(table: Any, where: Any, part: Component) -> None:
 
 
 def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
-    """Join what several modules say of one archetype; rows are in alphabetical order of names."""
+    """Join the declarations of each archetype by several modules; rows are in alphabetical order of names."""
     merged: dict[str, Archetype] = {}
     for part in sorted(parts, key=lambda archetype: archetype.name):
         before = merged.get(part.name, Archetype(part.name, ()))

@@ -1,4 +1,4 @@
-"""Modules: a mechanic is a frozen dataclass whose fields are its numbers; its systems are registered on it.
+"""Modules: a mechanic is a frozen dataclass whose fields are its numbers, and on which its systems are registered.
 
     @dataclass(frozen=True)
     class Poison(Module):
@@ -8,10 +8,10 @@
     def sicken(health: Write[Health], agents: Rows[Health, Venom], dose: int):
         ...
 
-On and off means in the scenario's list of modules, or not. A mechanic's name is its class's in snake case ("poison"),
-or what the class attribute `name` says; its numbers are "poison_dose" and its systems "poison.sicken". The random
-numbers of a system are those of the stream "poison.sicken": a subclass draws what its base draws, and the class
-attribute `stream` keeps the draws of a mechanic that gets another name.
+A scenario is a list of modules; a mechanic that is not in it is off. A mechanic's name is its class's in snake case
+("poison"), or the class attribute `name`; its numbers are "poison_dose" and its systems "poison.sicken". A system's
+random numbers are those of the stream "poison.sicken": a subclass draws what its base draws, and the class attribute
+`stream` keeps the draws of a mechanic that gets another name.
 """
 
 import dataclasses
@@ -35,21 +35,31 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Module:
-    """Base of all mechanics. Checks its numbers when made; raises NumberError.
+    """Base of all mechanics.
 
     A subclass of a mechanic has its numbers and systems, under its own name, and takes its place in a scenario.
+
+    Attributes:
+        name: Unique in a scenario. By default the class's name in snake case.
+        stream: Prefix of its random streams. By default the stream of the mechanic that it extends, or its name.
+        damage_type: Name of the damage that it does, if it does any; deaths are counted by it.
+        registered: The systems of this class, without those of its bases.
+
+    Raises:
+        NumberError: A number is outside of its range.
+        DeclarationError: A number is declared in a way that cannot work.
     """
 
-    name: ClassVar[str] = ""  # unique in a scenario; by default the class's name in snake case
-    registered: ClassVar[list[System]] = []  # the systems of this class, without those of its bases
-    stream: ClassVar[str] = ""  # prefix of its systems' random streams; by default its base mechanic's, or its name
-    cause: ClassVar[str] = ""  # the name of the harm this module does, if it does any
+    name: ClassVar[str] = ""
+    stream: ClassVar[str] = ""
+    damage_type: ClassVar[str] = ""
+    registered: ClassVar[list[System]] = []
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
         for item in fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
             given = vars(cls).get(item.name, dataclasses.MISSING)
-            if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # a default of its own
+            if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
@@ -58,8 +68,8 @@ class Module:
             value = vars(cls).get(attribute, "default")
             if not isinstance(value, dataclasses.Field) and not re.fullmatch("[a-z][a-z0-9_]*", str(value)):
                 raise DeclarationError(
-                    f"{cls.__module__}.{cls.__qualname__} has the {attribute} {value!r}: a text of small letters, "
-                    f'digits and underscores is needed, such as {attribute} = "swamp"'
+                    f"{cls.__module__}.{cls.__qualname__} has the {attribute} {value!r}: it must be lower-case "
+                    f'letters, digits and underscores, such as {attribute} = "swamp"'
                 )
 
     def __post_init__(self) -> None:
@@ -82,19 +92,19 @@ class Module:
 
     @classmethod
     def slot(cls) -> type["Module"]:
-        """Modules of one slot exclude each other (free-for-all and teams, say). By default: a class and its heirs."""
+        """Modules of one slot exclude each other. By default: a class and its subclasses."""
         base = cls._base()
         return base.slot() if base else cls
 
     @classmethod
     def _base(cls) -> type["Module"] | None:
         """The mechanic that this class extends; None if its base is no mechanic, that is, has no systems."""
-        base = cls.__mro__[1]
-        return base if any(vars(each).get("registered") for each in base.__mro__) else None
+        bases = (base for base in cls.__mro__[1:] if issubclass(base, Module))  # a mixin may come first
+        return next((base for base in bases if any(vars(each).get("registered") for each in base.__mro__)), None)
 
     @classmethod
     def _stream(cls) -> str:
-        """`stream`, or its default. Not settled with the class, as systems of the base may be registered later."""
+        """`stream`, or its default, which depends on the base's systems: they may be registered after this class."""
         base = None if cls.stream else cls._base()
         return base._stream() if base else cls.stream or cls.name
 
@@ -109,11 +119,24 @@ class Module:
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
 
-        after, before: labels of systems of the same phase. compiled=False: stays Python and splits the tick there.
+        A function that is defined again, as where a notebook's cell is run twice, replaces what it was before.
+
+        Args:
+            phase: The phase of the tick that the system runs in.
+            after: What it runs after, within the phase: labels of systems ("zone.shrink"), or names of mechanics
+                ("zone"), which stand for all systems of that mechanic, or of the one in its slot.
+            before: What it runs before, likewise.
+            compiled: False for a system that stays Python, which splits the tick there.
+
+        Returns:
+            A decorator that returns the function as a kernel.
+
+        Raises:
+            DeclarationError: `phase` is not a phase, or a parameter has an annotation that is not in ecs.access.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
-                f"{cls.__name__}.system is given {phase!r:.60}: a phase comes first, as in "
+                f"{cls.__name__}.system got {phase!r:.60}: a phase comes first, as in "
                 f"@{cls.__name__}.system(Phase.NAME)"
             )
 
@@ -133,14 +156,16 @@ class Module:
                 before=_names(before),
                 compiled=compiled,
                 stream=f"{cls._stream()}.{function.__name__}",
+                slot=cls,
             )
+            cls.registered[:] = [other for other in cls.registered if not _redefines(function, other.function)]
             cls.registered.append(system)
             return inner
 
         return register
 
     def systems(self) -> Iterable[System]:
-        """The systems to schedule, inherited ones included; a module may choose among them by its numbers.
+        """The systems to schedule, with the inherited ones; a module may choose among them by its numbers.
 
         A system of a subclass replaces an inherited one of the same name.
         """
@@ -154,14 +179,13 @@ class Module:
                 own = {system.name for system in base.registered}
                 found = [system for system in found if system.name not in own] + base.registered
         found = [system if system.module == cls.name else system.inherited(cls.name) for system in found]
-        stream = cls._stream()
-        return [dataclasses.replace(system, stream=f"{stream}.{system.name}") for system in found]
+        stream, slot = cls._stream(), cls.slot()
+        return [dataclasses.replace(system, stream=f"{stream}.{system.name}", slot=slot) for system in found]
 
     @classmethod
-    def labels(cls) -> set[str]:
-        """The systems of all mechanics that are imported, to tell a typo from a mechanic that is left out."""
-        found = {system.label for system in cls._all_systems()}
-        return found.union(*(heir.labels() for heir in cls.__subclasses__()))
+    def imported_systems(cls) -> list[System]:
+        """The systems of all mechanics that are imported, in a scenario or not."""
+        return sum((subclass.imported_systems() for subclass in cls.__subclasses__()), cls._all_systems())
 
     def archetypes(self) -> Iterable[Archetype]:
         """The entities this module brings or extends."""
@@ -172,15 +196,15 @@ class Module:
         return ()
 
     def dims(self) -> dict[str, int | str]:
-        """Named dimensions; what several modules say of one name adds up. A name as value: as large as that one."""
+        """Sizes of named dimensions, which add up over modules. A name as value: the size of that dimension."""
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        """Memory for the Scratch parameter `name`: an array (any object for a Python system), made once a thread."""
+        """Memory for the Scratch parameter `name`, made for each thread: an array (for a Python system, any object)."""
         raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
     def check(self, layout: Layout) -> None:
-        """Refuse (NumberError) numbers that are impossible together with what the other modules bring."""
+        """Raise NumberError for numbers that are impossible together with what the other modules bring."""
 
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
         """Bounds of observations that follow from the scenario's numbers; the spaces of all environments have them.
@@ -190,11 +214,11 @@ class Module:
 
         Returns:
             By key of an observation, its lowest and its highest value, in the column's own unit: numbers, or arrays
-            that broadcast to the column's shape. They must hold in every tick, whatever the agents do, and have 0
-            between them, which stands for what is not there.
+            that broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include
+            0, the value of rows that are not in the world.
 
-        What several modules say of one key becomes the widest range of all. So a mechanic that breaks another one's
-        bounds (by moving agents out of the room, say) states its own; keys that a scenario lacks are passed over.
+        The bounds of a key are the widest range that any module returns. So a mechanic that breaks another one's
+        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored.
         """
         return {}
 
@@ -207,13 +231,19 @@ class Module:
         return type(self)(**{name: numbers.get(name, getattr(self, name)) for name in known})
 
     def value(self, name: str) -> Any:
-        """The number `name` as kernels get it: a choice becomes its index. DeclarationError if there is none."""
+        """The number `name` as kernels get it: of a choice, its index. DeclarationError if there is none."""
         for item in fields(self):
             if item.name == name:
                 choices = item.metadata.get("choices")
                 value = getattr(self, name)
                 return choices.index(value) if choices else value
         raise DeclarationError(f"{self.name} has no number '{name}', which one of its systems asks for")
+
+
+def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
+    """Whether both are one definition, run twice. Functions within functions may differ in what encloses them."""
+    same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
+    return same and "<locals>" not in new.__qualname__
 
 
 def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:

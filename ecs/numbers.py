@@ -1,4 +1,4 @@
-"""Numbers of mechanics: their types, and the ranges that they keep to."""
+"""Numbers of mechanics: declarations with types and ranges, and their validation."""
 
 import dataclasses
 import math
@@ -17,7 +17,15 @@ def number(
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A module's number with its range: low <= value <= high and value > above; or one of `choices`."""
+    """Declare a number of a module, with its default and its range.
+
+    Args:
+        default: Its value where a scenario gives none.
+        low: Inclusive lower bound.
+        high: Inclusive upper bound.
+        above: Exclusive lower bound.
+        choices: The values of a number that is a str; kernels get the index.
+    """
     return dataclasses.field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
 
 
@@ -39,7 +47,7 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
 
 
 def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
-    """`value` as a `kind`, on which the compiled tick depends; NumberError unless it keeps to `rule`."""
+    """`value` as a `kind`, on which the compiled tick depends. NumberError if it violates `rule`."""
     if kind is str:
         if not isinstance(value, str) or value not in rule["choices"]:
             raise NumberError(f"{name} = {value!r}: allowed are {', '.join(map(repr, rule['choices']))}")

@@ -1,4 +1,4 @@
-"""Phases: the ordered stations of a tick. A game lists its own as an enumeration of Phase.
+"""Phases: the ordered stages of a tick. A game lists its own as an enumeration of Phase.
 
 class Phase(ecs.Phase):
     SPAWN = When.RESET, "everybody stands on a cell of its own"
@@ -18,11 +18,11 @@ class When(Enum):
 
 
 class Phase(Enum):
-    """One station of the tick: when it runs and what is true when it ends. Members are in order of time."""
+    """One stage of the tick: when it runs and what is true when it ends. Members are in order of time."""
 
-    def __init__(self, when: When, says: str) -> None:
+    def __init__(self, when: When, postcondition: str) -> None:
         self.when = when
-        self.says = says
+        self.postcondition = postcondition
 
     @property
     def position(self) -> int:

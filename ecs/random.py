@@ -1,12 +1,12 @@
-"""Dice without memory: every draw is a pure function of where and when it is thrown.
+"""Counter-based random numbers: every draw is a pure function of seed, world, episode, tick, stream and index.
 
 Philox4x64-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11; Random123). There is no
 generator state to seed, share or advance, so worlds may run in any order and on any number of threads, and
-taking one mechanic (one stream) out of the game moves no draw of another.
+a game without one mechanic (one stream) has the same draws in all others.
 
 A `Key` is the tuple of uint64 (seed, world, episode, tick, stream); an `index`, 0 <= index < 2**63, numbers
 the draws under one key. Philox gets (seed, world) as its key and (episode, tick, stream, index) as its
-counter. Each function below looks at the same four words of one (key, index): two draws need two indices.
+counter. Each function below uses the same four words of one (key, index): two draws need two indices.
 Uncompiled, products and sums overflow on purpose: call under np.errstate(over="ignore").
 """
 
@@ -78,7 +78,7 @@ def uniform(key: Key, index: int) -> Real:
 
 @kernel
 def uniform2(key: Key, index: int) -> tuple[Real, Real]:
-    """Two independent uniform float32 in [0, 1) for the price of one; from words 0 and 1."""
+    """Two independent uniform float32 in [0, 1) from one call of Philox: words 0 and 1."""
     first, second, _, _ = words(key, index)
     return _unit(first), _unit(second)
 
@@ -87,8 +87,8 @@ def uniform2(key: Key, index: int) -> tuple[Real, Real]:
 def integer(key: Key, index: int, bound: int) -> np.int64:
     """Uniform int64 in [0, bound), 1 <= bound < 2**63: upper half of word 0 times bound.
 
-    No rejection, so the cost is constant; a value's probability is off 1 / bound by less than 2**-64, that is
-    by a share of bound * 2**-64.
+    No rejection, so the cost is constant; a value's probability differs from 1 / bound by less than 2**-64, a relative
+    error of bound * 2**-64.
     """
     return np.int64(high_product(words(key, index)[0], np.uint64(bound)))
 
@@ -98,7 +98,7 @@ def normal(key: Key, index: int) -> Real:
     """Standard normal float32 (Box-Muller on words 0 and 1); |value| < NORMAL: the logarithm gets 53 bits.
 
     Computed in float64 and rounded once: compiled and uncompiled call the same libm, and a last-bit
-    difference between two machines' libms survives the rounding only about once in 2**28 draws.
+    difference between the libms of two machines changes a result only about once in 2**28 draws.
     """
     first, second, _, _ = words(key, index)
     distance = np.float64((first >> TO_53_BITS) + np.uint64(1)) * ULP_53  # (0, 1]: its logarithm is finite

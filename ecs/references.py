@@ -1,4 +1,4 @@
-"""What the code of a function refers to outside of itself: numba freezes all of it into machine code."""
+"""The outside references of a function's code: the values that numba freezes into machine code."""
 
 import dis
 import functools
@@ -10,15 +10,15 @@ from .errors import DeclarationError
 
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
-RANDOM = ("random", "numpy.random")  # modules whose draws depend on what was drawn before
+RANDOM = ("random", "numpy.random")  # modules of generators with a state
 
 
 def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """(name as it is written, value) of everything that `function` and the functions nested in it refer to.
 
     Names are globals, variables of enclosing functions and defaults of parameters; of modules and classes, the members
-    that are asked for ("package.module.LIMIT", "Color.RED"), as deep as the code goes. Names that are not defined (yet)
-    are left out.
+    that the code accesses ("package.module.LIMIT", "Color.RED"), at any depth. Names that are not defined (yet) are
+    left out.
     """
     cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
     for chain in _chains(function.__code__):
@@ -72,7 +72,7 @@ def refuse_random(label: str, name: str, value: Any) -> None:
 
 @functools.lru_cache(maxsize=4096)
 def _chains(code: CodeType) -> tuple[tuple[str, ...], ...]:
-    """All names that the code loads from outside, with the attributes taken of them: ("package", "module", "LIMIT")."""
+    """All names that the code loads from outside, with their attributes: ("package", "module", "LIMIT")."""
     found: dict[tuple[str, ...], None] = {}
     for each in codes(code):
         chain: tuple[str, ...] = ()

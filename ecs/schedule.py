@@ -1,5 +1,6 @@
-"""The order of a tick: phases in time, systems within a phase by what they declare; ambiguity is an error."""
+"""The schedule: phases in order of time, systems within a phase by what they declare; ambiguity is an error."""
 
+import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,7 +27,7 @@ class Schedule:
         for system in self.systems:
             if system.phase is not phase:
                 phase = system.phase
-                lines.append(f"{phase.name:<9} {phase.when.value:<12} # {phase.says}")
+                lines.append(f"{phase.name:<9} {phase.when.value:<12} # {phase.postcondition}")
             reads, writes, adds = (_touched(system, kind) for kind in ("read", "write", "add"))
             python = "" if system.compiled else "  (python)"
             lines.append(f"{'':<22} {system.label:<22} {reads:<34} {writes:<30} {adds}{python}".rstrip())
@@ -34,11 +35,12 @@ class Schedule:
 
 
 def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Schedule:
-    """Put systems in order. The order in which they are given never matters.
+    """Put systems in order. The order of `systems` does not matter.
 
-    Raises ScheduleError when two systems have one label, when a system needs a component that nothing brings, when
-    `after`/`before` names an unknown system or runs in a circle, when two systems have one random stream, and when two
-    systems of a phase touch a component in conflicting ways without saying who goes first.
+    Raises:
+        ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
+            `after`/`before` names what is unknown or in another phase, or runs in a circle; or two systems of a phase
+            touch a component in conflicting ways without saying who goes first.
     """
     systems = sorted(systems, key=lambda system: system.label)
     for one, two in pairwise(systems):
@@ -52,9 +54,10 @@ def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Sche
     phases: dict[Phase, list[System]] = {}
     for system in systems:
         phases.setdefault(system.phase, []).append(system)
+    known = [*systems, *Module.imported_systems()]
     ordered: list[System] = []
     for phase in sorted(phases, key=lambda phase: phase.position):
-        ordered += _order_phase(phases[phase])
+        ordered += _order_phase(phases[phase], known)
     return Schedule(tuple(ordered))
 
 
@@ -85,42 +88,65 @@ def _check_streams(systems: Sequence[System]) -> None:
                 )
 
 
-def _order_phase(systems: Sequence[System]) -> list[System]:
-    """Topological order by after/before, ties by label; then every conflicting pair must be connected."""
+def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[System]:
+    """Topological order by after/before, ties by label; then every conflicting pair must be connected.
+
+    known: the systems of the scenario, and of all mechanics that are imported, to distinguish a typo in after/before
+    from a mechanic that is left out.
+    """
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
-    named: dict[str, set[str]] = {}  # the labels that a name stands for: a system's own, and those it is inherited by
     for system in systems:
-        for name in (system.label, *system.aliases):
-            named.setdefault(name, set()).add(system.label)
-    for system in systems:
-        for label in system.after + system.before:
-            if label not in named and label not in Module.labels():
-                raise ScheduleError(f"{system.label} is to run after or before '{label}', which no module registers")
-        for label in system.after:
-            earlier[system.label] |= named.get(label, set())
-        for label in system.before:
-            for later in named.get(label, ()):
+        for name in system.after:
+            earlier[system.label] |= _named(name, system, systems, known)
+        for name in system.before:
+            for later in _named(name, system, systems, known):
                 earlier[later].add(system.label)
     ordered: list[System] = []
-    reach: dict[str, set[str]] = {}
+    predecessors: dict[str, set[str]] = {}
     waiting = list(systems)
     while waiting:
-        ready = next((s for s in waiting if earlier[s.label] <= reach.keys()), None)
+        ready = next((s for s in waiting if earlier[s.label] <= predecessors.keys()), None)
         if ready is None:
             names = ", ".join(s.label for s in waiting)
             raise ScheduleError(f"the after/before of these systems run in a circle: {names}")
-        reach[ready.label] = set().union(*({name} | reach[name] for name in earlier[ready.label]))
+        predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
         ordered.append(ready)
         waiting.remove(ready)
-    _check_conflicts(ordered, reach)
+    _check_conflicts(ordered, predecessors)
     return ordered
 
 
-def _check_conflicts(systems: Sequence[System], reach: dict[str, set[str]]) -> None:
+def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
+    """Labels of those of the phase's `systems` that `name` stands for in the after/before of the system `asking`.
+
+    A label stands for its system, also where another mechanic inherits it; a mechanic's name for all systems (but
+    `asking`) of the mechanic in its slot. What is `known`, but not in the scenario, stands for nothing.
+    """
+    meant = [system for system in known if name in (system.label, system.module)]
+    if not meant:
+        names = {name for system in known for name in (system.label, system.module)}
+        close = difflib.get_close_matches(name, sorted(names), cutoff=0.5)
+        raise ScheduleError(
+            f"{asking.label} is to run after or before '{name}', which no module registers"
+            + (f"; did you mean {' or '.join(map(repr, close))}?" if close else "")
+        )
+    if not any(system.phase is asking.phase for system in meant):
+        phases = " and ".join(sorted({system.phase.name for system in meant}))
+        raise ScheduleError(
+            f"{asking.label} in phase {asking.phase.name} is to run after or before '{name}', which is in {phases}: "
+            "the order of phases is fixed, so leave that out, or name something of the same phase"
+        )
+    if "." in name:
+        return {system.label for system in systems if name in (system.label, *system.aliases)}
+    slots = {system.slot for system in meant}
+    return {system.label for system in systems if system.slot in slots} - {asking.label}
+
+
+def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]]) -> None:
     for k, second in enumerate(systems):
         for first in systems[:k]:
             shared = _conflict(first, second)
-            if shared and first.label not in reach[second.label]:
+            if shared and first.label not in predecessors[second.label]:
                 raise ScheduleError(
                     f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both "
                     f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} '

@@ -1,17 +1,17 @@
-"""Sixteen rows at a time: arithmetic on a stretch of a column, and what is true of which row as bits of a number.
+"""SIMD for kernels: vectors of 16 float32 from a block of rows, and masks of them as bitsets.
 
-    x, y = load(body.x, 16 * g) - px, load(body.y, 16 * g) - py
-    hits = to_bits(x * x + y * y <= square) & alive[g]
+    x, y = load(body.x, 16 * b) - px, load(body.y, 16 * b) - py
+    hits = to_bits(x * x + y * y <= square) & alive[b]
     while hits:
-        e = 16 * g + trailing_zeros(hits)
+        e = 16 * b + trailing_zeros(hits)
         hits &= hits - 1
 
-A kernel that asks something of all rows, when nearly all answers are no, finds the few others in a few vector
-instructions. In kernels these are types of their own, in plain Python they are numpy arrays of sixteen: float32 sums,
-differences, products and comparisons, each lane rounded as if alone. Sets of rows are uint16 words: bit j of word g
-stands for row 16 g + j (Bitset in ecs.access).
+A kernel that tests all rows, of which few pass, finds these in a few vector instructions. Vectors have sums,
+differences, products and comparisons, each lane rounded as a scalar would be. In kernels they are types of their own,
+in plain Python numpy arrays of 16. A bitset has 16 bits for each block: bit j of block b is row 16 b + j (Bitset in
+ecs.access).
 
-A column may be read past its end. What is there means nothing, and no set of rows has its bits.
+A column may be read past its end. The values there are arbitrary, and no bitset includes these rows.
 """
 
 import operator
@@ -28,21 +28,21 @@ from numba.extending import intrinsic, models, register_model
 
 from .jit import compiled
 
-SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of word e >> SIMD_SHIFT
+SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of block e >> SIMD_SHIFT
 FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
-TRUTHS = ir.VectorType(ir.IntType(1), SIMD_WIDTH)
+BOOLEANS = ir.VectorType(ir.IntType(1), SIMD_WIDTH)
 INDEX = ir.IntType(32)
 
 
 class VectorType(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen float32."""
+    """Numba's type of a vector of 16 float32."""
 
 
 class MaskType(types.Type):  # type: ignore[misc]
-    """Numba's type of sixteen truths."""
+    """Numba's type of a vector of 16 booleans."""
 
 
-VECTOR, MASK = VectorType("Lanes"), MaskType("Mask")
+VECTOR, MASK = VectorType("Vector"), MaskType("Mask")
 
 
 @register_model(VectorType)
@@ -54,11 +54,11 @@ class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
 @register_model(MaskType)
 class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, TRUTHS)
+        super().__init__(manager, kind, BOOLEANS)
 
 
 def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...]], emit: Callable[..., Any]) -> None:
-    """Teach numba the operator on these types: emit(builder, *values) writes its instruction."""
+    """Define an operator on these types for numba: emit(builder, *values) generates its instruction."""
     signatures = [signature(result, *case) for case in cases]
     infer_global(function)(type("Template", (ConcreteTemplate,), {"key": function, "cases": signatures}))
 
@@ -69,8 +69,8 @@ def _define(function: Any, result: types.Type, cases: list[tuple[types.Type, ...
         lower_builtin(function, *case)(lower)
 
 
-def _spread(builder: Any, value: Any) -> Any:
-    """A scalar in every lane; lanes as they are."""
+def _broadcast(builder: Any, value: Any) -> Any:
+    """A scalar in every lane; a vector as it is."""
     if value.type == FLOATS:
         return value
     nothing = ir.Constant(FLOATS, ir.Undefined)
@@ -80,12 +80,12 @@ def _spread(builder: Any, value: Any) -> Any:
 
 def _on_floats(name: str, *before: str) -> Callable[..., Any]:
     def emit(builder: Any, left: Any, right: Any) -> Any:
-        return getattr(builder, name)(*before, _spread(builder, left), _spread(builder, right))
+        return getattr(builder, name)(*before, _broadcast(builder, left), _broadcast(builder, right))
 
     return emit
 
 
-def _on_truths(name: str) -> Callable[..., Any]:
+def _on_booleans(name: str) -> Callable[..., Any]:
     return lambda builder, *values: getattr(builder, name)(*values)
 
 
@@ -95,8 +95,8 @@ for _function, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operat
 for _function, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
     _define(_function, MASK, _PAIRS, _on_floats("fcmp_ordered", _sign))
 for _function, _name in ((operator.and_, "and_"), (operator.or_, "or_")):
-    _define(_function, MASK, [(MASK, MASK)], _on_truths(_name))
-_define(operator.invert, MASK, [(MASK,)], _on_truths("not_"))
+    _define(_function, MASK, [(MASK, MASK)], _on_booleans(_name))
+_define(operator.invert, MASK, [(MASK,)], _on_booleans("not_"))
 _define(abs, VECTOR, [(VECTOR,)], lambda builder, value: builder.call(_absolute(builder), [value]))
 
 
@@ -106,7 +106,7 @@ def _absolute(builder: Any) -> Any:
 
 
 def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any) -> Any:
-    """Where sixteen elements lie, given an array and the first one's index."""
+    """The address of a vector in an array, given the index of its first element."""
     array, start = arguments[:2]
     data = builder.extract_value(array, context.data_model_manager[kind].get_field_position("data"))
     return builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
@@ -177,8 +177,8 @@ def _python_to_bits(mask: Any) -> int:
     return int(np.packbits(mask, bitorder="little").view(np.uint16)[0])
 
 
-load: Any = _load if compiled() else _padded  # (float32 column, start) -> Lanes
-store: Any = _store if compiled() else _python_store  # (float32 array, start, Lanes): all sixteen must lie in the array
-load_flags: Any = _load_flags if compiled() else _python_load_flags  # (uint8 column, start) -> Mask
-to_bits: Any = _to_bits if compiled() else _python_to_bits  # (Mask) -> int: bit j is lane j
-trailing_zeros: Any = _trailing_zeros if compiled() else _python_trailing_zeros  # (int > 0) -> its lowest one
+load: Any = _load if compiled() else _padded  # (float32 column, start) -> vector
+store: Any = _store if compiled() else _python_store  # (float32 array, start, vector): all 16 must be in the array
+load_flags: Any = _load_flags if compiled() else _python_load_flags  # (uint8 column, start) -> mask
+to_bits: Any = _to_bits if compiled() else _python_to_bits  # (mask) -> int: bit j is lane j
+trailing_zeros: Any = _trailing_zeros if compiled() else _python_trailing_zeros  # (int > 0) -> index of its lowest 1

@@ -1,4 +1,4 @@
-"""Systems: the verbs, as they are registered on a mechanic."""
+"""Systems: the functions of a mechanic, as they are registered on it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from .phase import Phase
 
 @dataclass(frozen=True)
 class System:
-    """One step of the tick: a kernel for ONE world, its phase, and what its parameter list declares."""
+    """One step of the tick: a kernel for one world, its phase, and what its parameter list declares."""
 
     module: str
     name: str
@@ -23,23 +23,24 @@ class System:
     before: tuple[str, ...]
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
+    slot: type  # of its mechanic: see Module.slot
     aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
 
     @property
     def label(self) -> str:
-        """Its name everywhere: "module.system"."""
+        """Its name in schedules, messages and after/before: "module.system"."""
         return f"{self.module}.{self.name}"
 
-    def inherited(self, heir: str) -> "System":
-        """The same system as one of the module `heir`, a subclass of its own: its order among siblings stays."""
+    def inherited(self, subclass: str) -> "System":
+        """The same system as one of a subclass of that name; the order among systems of one module stays."""
 
         def renamed(labels: tuple[str, ...]) -> tuple[str, ...]:
             own = f"{self.module}."
-            return tuple(f"{heir}.{each.removeprefix(own)}" if each.startswith(own) else each for each in labels)
+            return tuple(f"{subclass}.{each.removeprefix(own)}" if each.startswith(own) else each for each in labels)
 
         return dataclasses.replace(
             self,
-            module=heir,
+            module=subclass,
             after=renamed(self.after),
             before=renamed(self.before),
             aliases=tuple(dict.fromkeys((self.label, *self.aliases))),

@@ -2,7 +2,7 @@
 
 `concurrent.futures`, `threading.Thread.start` and `threading.Condition` are Python code: Ctrl-C after they took a lock
 and before they entered the block that releases it leaves the lock taken, and every thread that needs it waits for ever.
-Here each wait is a single call into C, of a lock or of a queue, which Ctrl-C either precedes or follows.
+Here each wait is a single call into C, of a lock or of a queue: Ctrl-C comes before or after it, not within.
 """
 
 import _thread
@@ -25,7 +25,7 @@ class Job:
         self._unfinished.acquire()
 
     def run(self) -> None:
-        """Make the call, unless somebody else does or did."""
+        """Make the call, unless another thread has begun it."""
         if not self._claimed.acquire(blocking=False):
             return
         call, arguments = self._call
@@ -34,11 +34,11 @@ class Job:
         except BaseException as error:
             self._error = error
         finally:
-            del self._call, call, arguments  # what a finished job holds is its result
+            del self._call, call, arguments  # a finished job refers to its result only
             self._unfinished.release()
 
     def cancel(self) -> None:
-        """See that it does not run any more: nobody begins it, and where somebody has, wait for the end."""
+        """Prevent the call, or where a thread has begun it, wait for its end."""
         if not self._claimed.acquire(blocking=False):
             with self._unfinished:
                 pass
@@ -58,14 +58,14 @@ class Job:
 
 
 class Workers:
-    """`count` threads, started with the first job and ended by close(), by the collector or with the process."""
+    """`count` threads, started with the first job; they end with close(), with this object or with the process."""
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._owner = 0
 
     def submit(self, jobs: Iterable[Job]) -> None:
-        """Have the jobs run. A job whose submission was interrupted may be submitted again."""
+        """Queue the jobs. A job whose submission was interrupted may be submitted again."""
         if self._owner != os.getpid():  # the first ones; or this is a fork, which inherits no threads
             self._jobs: SimpleQueue[Job | None] = SimpleQueue()
             self._threads: dict[int, threading.Lock] = {}
@@ -77,10 +77,10 @@ class Workers:
             running = threading.Lock()
             running.acquire()
             thread = _thread.start_new_thread(_work, (self._jobs, running))
-            self._threads[thread] = running  # Ctrl-C ahead of this makes one thread too many, which does no harm
+            self._threads[thread] = running  # Ctrl-C just before this leaves one thread too many, which is harmless
 
     def close(self) -> None:
-        """Let the threads go, after the jobs that were submitted."""
+        """End the threads, after the jobs that were submitted."""
         if self._owner == os.getpid():
             self._owner = 0
             self._end()
@@ -89,7 +89,7 @@ class Workers:
 def _work(jobs: "SimpleQueue[Job | None]", running: threading.Lock) -> None:
     while (job := jobs.get()) is not None:
         job.run()
-        del job  # while it waits for the next one, a thread keeps nothing alive
+        del job  # a waiting thread keeps no job alive
     jobs.put(None)  # for the next thread
     running.release()
 
@@ -99,6 +99,6 @@ def _end(jobs: "SimpleQueue[Job | None]", threads: dict[int, threading.Lock], ow
         return
     jobs.put(None)
     for thread, running in threads.items():
-        if thread != threading.get_ident():  # in which the collector may have found the last reference
+        if thread != threading.get_ident():  # garbage collection may run this in a worker
             with running:
                 pass

@@ -1,4 +1,4 @@
-"""A batch of worlds of one scenario, their tables, and the runner that takes blocks of them through the tick."""
+"""A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
 
 import contextlib
 import gc
@@ -12,29 +12,42 @@ from numba.core.errors import TypingError
 
 from . import schedule
 from .access import SELECTIONS
+from .arguments import ArgumentBlock
 from .cache import is_cached
 from .component import Action, Clock, Component
 from .errors import DeclarationError, ScheduleError
-from .frame import Frame
 from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
 from .tick import segments
 from .workers import Job, Workers
 
-LEAST = 16  # worlds a thread takes at a time, at least: enough to pay for the call
-SHARES = 16  # blocks for each thread: enough for all of them to end together
+MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
+RANGES_PER_THREAD = 16  # enough for all threads to end at about the same time
 
 
 class Worlds:
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself and stay the same objects for life. actions: all action columns in one array,
-    (actions, count, ...), in the order of `layout.actions`. split: compile every system by itself and take
-    all worlds through one after the other, to time them (see `times`); the results are the same. without: phases to
-    leave out, for whoever wants no observations, say.
-    Raises DeclarationError or ScheduleError when the modules do not fit together.
+    The arrays are the state itself and remain the same objects until the end.
+
+    Args:
+        modules: The mechanics, in any order.
+        count: How many worlds.
+        threads: How many threads `run` uses; the results do not depend on it.
+        split: Compile every system by itself and take all worlds through one after the other, to time them (see
+            `times`); the results are the same.
+        without: Phases to leave out, such as that of observations.
+
+    Attributes:
+        actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
+        block: uint8 (count, bytes), the state of each world.
+        times: Seconds spent in each segment of the tick; with split, in each system of the schedule.
+
+    Raises:
+        DeclarationError: A module, or what several modules say together, is impossible.
+        ScheduleError: The order of the systems is ambiguous or contradictory.
     """
 
     def __init__(
@@ -51,13 +64,13 @@ class Worlds:
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components)
         self.block = _aligned(count, self.layout.world_bytes)
-        self.block[:] = self.layout.template
+        self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         self._segments = segments(self.layout, self.schedule.systems, split)
-        self.times = [0.0] * len(self._segments)  # seconds spent in each; with split, in each system of the schedule
-        self._frames: dict[tuple[int, int], Frame] = {}
+        self.times = [0.0] * len(self._segments)
+        self._arguments: dict[tuple[int, int], ArgumentBlock] = {}  # by segment and thread
         self._lock = threading.Lock()
         self._workers = Workers(threads - 1)
 
@@ -75,6 +88,9 @@ class Worlds:
     def components(self) -> tuple[type[Component], ...]:
         """All components, in the order of storage."""
         return self.layout.components
+
+    def __repr__(self) -> str:
+        return f"Worlds({self.count} worlds, {len(self.components)} components)"
 
     @property
     def dims(self) -> dict[str, int]:
@@ -103,24 +119,24 @@ class Worlds:
         self.mode[:] = mode
         for k, segment in enumerate(self._segments):
             start = time.perf_counter()
-            if self.threads == 1 or not segment.compiled or self.count <= LEAST:
+            if self.threads == 1 or not segment.compiled or self.count <= MIN_RANGE:
                 self._call(k, 0, 0, self.count)
             else:
                 self._spread(k)
             self.times[k] += time.perf_counter() - start
 
     def close(self) -> None:
-        """Let the threads go. The tables stay readable."""
+        """End the threads. The tables stay readable."""
         self._workers.close()
 
     def _spread(self, segment: int) -> None:
-        """Threads take the next block of worlds until none is left; the caller's thread is one of them."""
-        block = max(LEAST, self.count // (self.threads * SHARES))
-        starts = iter(range(0, self.count, block))  # next() of a range iterator is one step under the GIL
+        """Threads, the caller's among them, take the next range of worlds until none is left."""
+        size = max(MIN_RANGE, self.count // (self.threads * RANGES_PER_THREAD))
+        starts = iter(range(0, self.count, size))  # next() of a range iterator is one step under the GIL
 
         def work(thread: int) -> None:
             for start in starts:
-                self._call(segment, thread, start, min(start + block, self.count))
+                self._call(segment, thread, start, min(start + size, self.count))
 
         others = [Job(work, thread) for thread in range(1, self.threads)]
         try:
@@ -128,7 +144,7 @@ class Worlds:
             work(0)
             for other in others:
                 other.result()
-        except BaseException:  # an error or Ctrl-C: no new blocks, and an end of those that run
+        except BaseException:  # an error or Ctrl-C: start no more ranges, and wait for those that run
             for _ in starts:
                 pass
             for other in others:
@@ -136,18 +152,18 @@ class Worlds:
             raise
 
     def _call(self, k: int, thread: int, start: int, stop: int) -> None:
-        segment, frame = self._segments[k], self._frame(k, thread)
+        segment, arguments = self._segments[k], self._argument_block(k, thread)
         if segment.compiled and segment.function.overloads:
-            segment.function(frame.address, start, stop)
+            segment.function(arguments.address, start, stop)
         elif segment.compiled:
             with _plain_errors(), _few_collections():
-                segment.function(frame.address, start, stop)
+                segment.function(arguments.address, start, stop)
         else:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                segment.function(frame, start, stop)
+                segment.function(arguments, start, stop)
 
     def _applies(self, system: Any) -> bool:
-        """A system one of whose row sets is empty has nothing to do: it is dormant and not scheduled."""
+        """Whether none of its lists of rows is empty; else the system is inactive, that is, not scheduled."""
         return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
 
     def _allocate(self, component: type[Component]) -> Any:
@@ -162,7 +178,7 @@ class Worlds:
         )
 
     def _allocate_actions(self) -> np.ndarray[Any, Any]:
-        """All action columns in one array, so that a face sets them in one go: (actions, worlds, ...)."""
+        """All action columns in one array, so that an adapter sets them by one assignment: (actions, worlds, ...)."""
         kinds = {
             (component.columns[name].dtype, component.row_shape(name, self.dims))
             for component, name in self.layout.actions
@@ -173,17 +189,17 @@ class Worlds:
         dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
         return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
 
-    def _frame(self, segment: int, thread: int) -> Frame:
-        """The frame of a thread, made when it is first needed."""
+    def _argument_block(self, segment: int, thread: int) -> ArgumentBlock:
+        """The arguments of a thread, made when they are first needed."""
         with self._lock:
-            if (segment, thread) not in self._frames:
-                plan, compiled = self._segments[segment].plan, self._segments[segment].compiled
-                self._frames[segment, thread] = Frame(plan, self, compiled)
-        return self._frames[segment, thread]
+            if (segment, thread) not in self._arguments:
+                layout, compiled = self._segments[segment].arguments, self._segments[segment].compiled
+                self._arguments[segment, thread] = ArgumentBlock(layout, self, compiled)
+        return self._arguments[segment, thread]
 
 
 def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
-    """Blocks that begin on a cache line, and after the last one a line that ecs.simd may read."""
+    """State of `count` worlds, each aligned to cache lines; ecs.simd may read one line past the last."""
     memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + count * world_bytes].reshape(count, world_bytes)
@@ -191,7 +207,7 @@ def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
 
 @contextlib.contextmanager
 def _few_collections() -> Iterator[None]:
-    """The compiler makes millions of objects that stay; looking for garbage among them takes time."""
+    """Collect garbage rarely: the compiler makes millions of objects that stay, and to search them takes time."""
     before = gc.get_threshold()
     gc.set_threshold(100_000, 50, 50)
     try:
@@ -202,7 +218,7 @@ def _few_collections() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _plain_errors() -> Iterator[None]:
-    """A kernel that does not compile, told in the words of the engine."""
+    """Turn numba's error about a read-only array into a ScheduleError that names the cure."""
     try:
         yield
     except TypingError as error:

@@ -1,57 +1,76 @@
-"""What the faces refuse. The environment is as it was before the refused call."""
+"""Errors of environments, files and tools. The environment is as it was before the refused call.
+
+Each one is also the error of Gymnasium, or of Python, that callers expect there.
+"""
+
+from gymnasium import error
+
+from outlast.ecs.errors import OutlastError
 
 
-class ActionError(ValueError):
+class ActionError(OutlastError, error.InvalidAction, ValueError):
     """Actions of the wrong shape or type, or out of range."""
 
 
-class NotResetError(RuntimeError):
+class NotResetError(OutlastError, error.ResetNeeded, RuntimeError):
     """A step where there is no running episode."""
 
 
-class ClosedError(RuntimeError):
+class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
     """A call after close()."""
 
 
-class PendingError(RuntimeError):
+class PendingError(OutlastError, error.AlreadyPendingCallError, error.NoAsyncCallError, RuntimeError):
     """A call between send() and recv() or while another thread is in one, or recv() without send()."""
 
+    def __init__(self, message: str, name: str = "step") -> None:
+        Exception.__init__(self, message)  # Gymnasium's two constructors cannot be called one after the other
+        self.name = name
 
-class FaultError(RuntimeError):
+
+class FaultError(OutlastError, RuntimeError):
     """A world is in a state that cannot go on; only a reset of that world helps."""
 
 
-class EndlessError(RuntimeError):
+class EndlessError(OutlastError, RuntimeError):
     """Whole episodes are asked for, and one does not end."""
 
 
-class StateError(ValueError):
+class ScenarioError(OutlastError, ValueError):
+    """An unknown variant or mechanic, or mechanics that do not go together; the message lists the known ones."""
+
+
+class StateError(OutlastError, ValueError):
     """A saved state that is broken, or of another scenario."""
 
 
-class FilmError(ValueError):
+class FilmError(OutlastError, ValueError):
     """Pictures or a film that cannot be drawn or written as asked; nothing is left half-written."""
 
 
-class PageError(ValueError):
-    """A page of worlds that are not there, or of nothing."""
+class PageError(OutlastError, ValueError):
+    """A page of worlds that do not exist, or of nothing."""
 
 
-class RecordingError(ValueError):
+class RecordingError(OutlastError, ValueError):
     """A recording that is broken, or cannot be written or replayed."""
 
 
 class ReplayError(RecordingError):
-    """A replay that is not what was recorded: names the first run of the tick and the components that differ."""
+    """A replay that differs from its recording: names the first tick record and the components that differ."""
 
 
-class ClusterError(RuntimeError):
-    """A Ray cluster that is not there, or does not do its work."""
+class ClusterError(OutlastError, RuntimeError):
+    """A Ray cluster that does not exist, or does not do its work."""
 
 
-class PlayError(RuntimeError):
+class PlayError(OutlastError, RuntimeError):
     """A game that cannot begin: no such agent, no port, or no library to serve it with."""
 
 
-class TrainingError(ValueError):
-    """A run that cannot begin or go on: a folder in use, or a checkpoint that is broken or of something else."""
+class MessageError(OutlastError, ValueError):
+    """A message of a page that the game does not understand; the text, at most 123 bytes, closes the connection."""
+
+
+class UsageError(OutlastError, ValueError):
+    """A mistake of use: the command line reports it in one line. Other packages derive their errors from it."""

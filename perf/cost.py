@@ -45,7 +45,7 @@ def memory(steps: int) -> Table:
     """Bytes a world, and growth of the resident set after a warm-up of a tenth of the steps."""
     table = Table("memory", "variant", "state", "buffers", "bytes a world", f"growth in {steps:,} steps")
     for name in tqdm(VARIANTS, unit="variant"):
-        env = make_vec(name, CHUNK, seed=0)
+        env = make_vec(name, CHUNK, seed=0, copy=False)
         policy, worlds = random_policy(env), env.worlds
         observations, _ = env.reset()
         state = worlds.layout.world_bytes
@@ -76,7 +76,7 @@ def start() -> Table:
             script = f"""if True:
                 import time; start = time.perf_counter()
                 import outlast; imported = time.perf_counter()
-                env = outlast.make_vec({made}, num_worlds=1, seed=0); env.reset()
+                env = outlast.make_vec({made}, num_worlds=1, seed=0, copy=False); env.reset()
                 env.step(env.action_space.sample()); print(imported - start)"""
             begin = time.perf_counter()
             environment = os.environ | {"OUTLAST_CACHE_DIR": folder}

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from outlast import Scenario
 from outlast.components import Body, Shape, Solid
 from outlast.ecs import RESET, Worlds
-from outlast.ecs.jit import entry, external
+from outlast.ecs.jit import entry_point, external
 from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems.box2d import layout as at
 from perf.measure import DRAWS, LIMIT, Call, alternate, stepper
@@ -61,7 +61,7 @@ def plain_box2d(case: Scenario, count: int) -> Call:
     pushes *= np.array([motors.ahead, motors.left, motors.turn], np.float32)  # type: ignore[attr-defined]
     rate, substeps = np.float32(physics.rate), physics.substeps  # type: ignore[attr-defined]
     iterations = physics.velocity_iterations, physics.position_iterations  # type: ignore[attr-defined]
-    loop, kept = entry(step_all), built  # the worlds live as long as this call does
+    loop, kept = entry_point(step_all), built  # the worlds live as long as this call does
 
     def call(k: int) -> int:
         loop(worlds, agents, pushes[k % DRAWS], np.float32(1) / rate, substeps, *iterations)

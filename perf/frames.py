@@ -71,7 +71,7 @@ def rate(call: Callable[[int], object], count: int, clock: Callable[[], float]) 
 
 def played() -> Worlds:
     """Worlds in the middle of the game."""
-    env = make_vec("teams_3", WORLDS, seed=0)
+    env = make_vec("teams_3", WORLDS, seed=0, copy=False)
     for _ in ticks(env, scripted_policy(env), START):
         pass
     return env.worlds
@@ -79,7 +79,7 @@ def played() -> Worlds:
 
 def filmed(size: int) -> list[np.ndarray]:
     """Frames of one world, tick after tick."""
-    env = make_vec("teams_3", 1, seed=0)
+    env = make_vec("teams_3", 1, seed=0, copy=False)
     return [draw(env.worlds, 0, size) for tick in ticks(env, scripted_policy(env), START + LENGTH - 1) if tick >= START]
 
 

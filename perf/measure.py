@@ -23,7 +23,7 @@ DRAWS = 50  # different actions, drawn ahead of the clock
 
 def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
     """Calls of env.step with random actions: checks, autoreset and statistics included."""
-    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads)
+    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads, copy=False)
     policy = random_policy(env)
     observations, _ = env.reset()
     actions = [policy(observations) for _ in range(DRAWS)]
@@ -67,7 +67,7 @@ def alternate(calls: Sequence[Call], rounds: int = 5, seconds: float = 0.2) -> n
 
 
 def in_turn(timers: Sequence[Timer], rounds: int = 5) -> np.ndarray:
-    """What the timers say, (rounds, timers): one after the other in every round."""
+    """The results of the timers, (rounds, timers): one after the other in every round."""
     return np.array([[each() for each in timers] for _ in range(rounds)])
 
 

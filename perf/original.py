@@ -42,8 +42,8 @@ class Original:
             raise NotTheOriginal(f"expected PYTHON:CHECKOUT, an interpreter and the original's folder, not {given!r}")
         for part in PARTS:
             if not (Path(folder) / part).exists():
-                told = f"there is no {Path(folder) / part}"
-                raise NotTheOriginal(f"expected the original's folder behind the colon, but {told}")
+                missing = Path(folder) / part
+                raise NotTheOriginal(f"expected the original's folder behind the colon, but there is no {missing}")
         # what this process imports from is not for the other one
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         command = [self.python, __file__, str(Path(folder).resolve())]
@@ -52,8 +52,8 @@ class Original:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
             )
         except OSError as problem:
-            told = f"{self.python} does not start ({problem.strerror})"
-            raise NotTheOriginal(f"expected a Python interpreter before the colon, but {told}") from None
+            found = f"{self.python} does not start ({problem.strerror})"
+            raise NotTheOriginal(f"expected a Python interpreter before the colon, but {found}") from None
         self.about: str = self._answer()["about"]  # its versions
 
     def __enter__(self) -> Original:
@@ -84,13 +84,13 @@ class Original:
         try:
             answer: dict[str, Any] = json.loads(self._process.stdout.readline())
         except ValueError:  # nothing, or not of the script below
-            answer = {"error": "nothing that the script perf/original.py would say"}
+            answer = {"error": "no answer of the script perf/original.py"}
         if "error" not in answer:
             return answer
         self._process.kill()
         self._process.communicate()
-        told = f"{self.python} says: {answer['error']}"
-        raise NotTheOriginal(f"expected an interpreter before the colon that plays the original, but {told}")
+        found = f"{self.python} says: {answer['error']}"
+        raise NotTheOriginal(f"expected an interpreter before the colon that plays the original, but {found}")
 
 
 def serve(checkout: Path) -> None:
@@ -98,19 +98,19 @@ def serve(checkout: Path) -> None:
     answers, sys.stdout = sys.stdout, open(os.devnull, "w")  # noqa: SIM115 (until the process ends)
     sys.path[0] = str(checkout)  # before: the folder of this file, whose names are not for the original
 
-    def say(**answer: object) -> None:
+    def send(**answer: object) -> None:
         print(json.dumps(answer), file=answers, flush=True)
 
     try:
         from masurvival.envs.masurvival_env import MaSurvival
 
-        say(about=versions())
+        send(about=versions())
         for line in sys.stdin:
             asked = json.loads(line)
             made = MaSurvival(config=configuration(checkout, asked["experiment"], asked["counts"]))
-            say(seconds=play(made, asked["steps"], asked["limit"]))
+            send(seconds=play(made, asked["steps"], asked["limit"]))
     except Exception as problem:
-        say(error=f"{type(problem).__name__}: {problem}")
+        send(error=f"{type(problem).__name__}: {problem}")
 
 
 def versions() -> str:

@@ -29,11 +29,11 @@ class Row:
 def _crowd(paper: float, agents: int, heals: int = 0, boxes: int = 0, cameras: bool = True) -> Row:
     """A row of the first table: the variants' configuration, free for all, with only the counts changed."""
     parts = [f"{agents} agents", "(no cameras)"] if not cameras else [f"{agents} agents"]
-    things = [f"{count} {what}" for count, what in ((heals, "heals"), (boxes, "boxes")) if count]
+    items = [f"{count} {what}" for count, what in ((heals, "heals"), (boxes, "boxes")) if count]
     scenario = variant("ffa_3").replace(n_agents=agents)
     scenario = scenario.replace(n_heals=heals) if heals else scenario.without(Heals)
     scenario = scenario.replace(n_boxes=boxes) if boxes else scenario.without(Boxes)
-    name = ", ".join([" ".join(parts), *things])
+    name = ", ".join([" ".join(parts), *items])
     if not cameras:
         return Row(name, scenario.without(Cameras), paper)
     return Row(name, scenario, paper, "1v1_all_mid", {"agents": agents, "heals": heals, "boxes": boxes})

@@ -7,10 +7,10 @@ without cameras it is the simulation's alone, which is what the paper's first ta
 Microseconds of CPU time a world-step, best of five rounds. `outlast` is the best batch size; `paper` was measured by
 the paper's authors, on a laptop: it is not to be divided by ours.
 
-With --original (docs/performance.md tells how to get it) a second table puts both side by side: in every round the
+With --original (docs/performance.md has how to get it) a second table puts both side by side: in every round the
 original's env.step is timed, then ours, the same 100 first steps of episodes under random actions. Rows without cameras
 are not in it, as the original's env.step needs them. `times faster` is the best of the original's rounds by our best;
-`round by round` tells how far apart the ratios of single rounds are.
+`round by round`: how far apart the ratios of single rounds are.
 """
 
 import time

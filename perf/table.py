@@ -35,8 +35,8 @@ class Table:
             machine: the folder, or none.
             beside: what else ran, besides what `describe` names.
         """
-        told = "; ".join(filter(None, (describe(), beside)))
-        print(f"{self}\n{told}\n")
+        machine_line = "; ".join(filter(None, (describe(), beside)))
+        print(f"{self}\n{machine_line}\n")
         if machine is None:
             return
         path = FOLDER / machine / f"{self.name}.csv"
@@ -46,7 +46,7 @@ class Table:
             csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
         os.replace(temporary, path)
         line = path.with_suffix(".txt") if beside else path.with_name("machine.txt")
-        line.write_text(told + "\n")
+        line.write_text(machine_line + "\n")
 
 
 def has(name: str, machine: str) -> bool:

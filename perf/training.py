@@ -25,20 +25,20 @@ COLLECTING = ("worlds", "observations", "networks", "statistics")
 UPDATING = ("minibatches", "forward", "backward", "clipping", "optimiser")
 
 
-class Clock:
+class Stopwatch:
     """Seconds spent in functions that were wrapped, by label."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
 
-    def wrap(self, thing: Any, name: str, label: str) -> None:
-        """Let `thing.name` be measured under a label."""
-        inner = getattr(thing, name)
+    def wrap(self, target: Any, name: str, label: str) -> None:
+        """Let `target.name` be measured under a label."""
+        inner = getattr(target, name)
 
         def timed(*args: Any, **keywords: Any) -> Any:
             return self.run(label, lambda: inner(*args, **keywords))
 
-        setattr(thing, name, timed)
+        setattr(target, name, timed)
 
     def run(self, label: str, call: Callable[[], Any]) -> Any:
         start = time.perf_counter()
@@ -89,7 +89,7 @@ def parts(model: SharedPPO) -> dict[str, Callable[[], None]]:
     return {"collecting": model.collect, "updating": model.train}
 
 
-def measure(call: Callable[[], None], clock: Clock) -> tuple[float, dict[str, float]]:
+def measure(call: Callable[[], None], clock: Stopwatch) -> tuple[float, dict[str, float]]:
     """Seconds of one call, and of what was wrapped in it."""
     clock.seconds.clear()
     start = time.perf_counter()
@@ -97,15 +97,15 @@ def measure(call: Callable[[], None], clock: Clock) -> tuple[float, dict[str, fl
     return time.perf_counter() - start, dict(clock.seconds)
 
 
-def watched(model: SharedPPO) -> Clock:
+def watched(model: SharedPPO) -> Stopwatch:
     """A clock on the parts of a model."""
-    clock, buffer = Clock(), model.rollout_buffer
-    clock.wrap(model.core, "step", "worlds")
-    clock.wrap(model.core, "reset", "worlds")
-    clock.wrap(model.core, "observe", "observations")
+    clock, buffer = Stopwatch(), model.rollout_buffer
+    clock.wrap(model.base_env, "step", "worlds")
+    clock.wrap(model.base_env, "reset", "worlds")
+    clock.wrap(model.base_env, "observe", "observations")
     clock.wrap(model.policy, "forward", "networks")
-    clock.wrap(model.collector.behaviour, "before", "statistics")
-    clock.wrap(model.collector.behaviour, "after", "statistics")
+    clock.wrap(model.collector.behaviour, "before_step", "statistics")
+    clock.wrap(model.collector.behaviour, "after_step", "statistics")
     clock.wrap(model.collector.episodes, "add", "statistics")
     get = buffer.get
     buffer.get = lambda size: clock.each("minibatches", iter(get(size)))

@@ -76,7 +76,7 @@ class Agents(Module):
         return {"self": (low, high), "others": (low, high)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return np.zeros(dims["groups"], np.int32)
+        return np.zeros(dims["blocks"], np.int32)
 
 
 @Agents.system(Phase.LOOK)

@@ -50,7 +50,7 @@ class Heals(Module):
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Heal, "heals")
-        birth = layout.births(Health, "points").get("agent", 0)
+        birth = layout.prefab_values(Health, "points").get("agent", 0)
         if self.count * self.amount + birth > LARGEST:
             raise NumberError(
                 f"heals.count = {self.count} times heals.amount = {self.amount} is more than the {LARGEST} hit points "
@@ -58,7 +58,7 @@ class Heals(Module):
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
-        far, amounts = laid(layout), layout.births(Heal, "amount").values()
+        far, amounts = laid(layout), layout.prefab_values(Heal, "amount").values()
         return {"heals": (-far, far), "heal_slot": (0, max(map(np.max, amounts)))}
 
 

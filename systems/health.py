@@ -22,7 +22,7 @@ class Mortality(Module):
     limit: int = number(0, low=0, high=MOST)  # hit points
 
     def check(self, layout: Layout) -> None:
-        birth = layout.births(Health, "points").get("agent", 0)
+        birth = layout.prefab_values(Health, "points").get("agent", 0)
         if self.limit and birth > self.limit:
             raise NumberError(f"health.limit = {self.limit}: agents are born with {birth}; take at least as many")
 

@@ -35,7 +35,7 @@ class Melee(Module):
     to the nearest one that it can hurt (reference rules, section 6, point 2).
     """
 
-    cause: ClassVar[str] = "melee"
+    damage_type: ClassVar[str] = "melee"
 
     reach: float = number(2.0, above=0)  # metres from the agent's centre
     damage: int = number(5, low=0, high=MOST)  # hit points

@@ -41,7 +41,7 @@ class SafeZone(Module):
     """
 
     name = "zone"
-    cause: ClassVar[str] = "zone"
+    damage_type: ClassVar[str] = "zone"
 
     radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
     stand: int = number(100, low=0)  # ticks

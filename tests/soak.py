@@ -104,7 +104,7 @@ def steps() -> Iterator[int]:
 def resets() -> Iterator[int]:
     """Reset all or some worlds with every kind of seed, and step once after each reset. Yields resets."""
     rng, modes = np.random.default_rng(0), ("NextStep", "SameStep", "Disabled")
-    envs = [outlast.make_vec(name, 3, seed=0, autoreset=modes[k % 3]) for k, name in enumerate(VARIANTS)]
+    envs = [outlast.make_vec(name, 3, seed=0, autoreset_mode=modes[k % 3]) for k, name in enumerate(VARIANTS)]
     for env in envs:
         env.reset()
     while True:

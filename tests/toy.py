@@ -57,7 +57,7 @@ class Energy(Component):
 
 class Wind(Singleton):
     push: Array = column("f8", fill=0.5)
-    cause: Array = column("i4", fill=-1)
+    damage_type: Array = column("i4", fill=-1)
     felt: Array = column("i4", "memory", 2)
 
 
@@ -122,7 +122,7 @@ def show(place: Read[Place], line: Write[Line], pay: Write[Pay], clock: Read[Clo
 
 @dataclass(frozen=True)
 class Food(Toy):
-    cause = "hunger"
+    damage_type = "hunger"
 
     count: int = number(2, low=1)
     worth: int = number(3, low=0)
@@ -158,7 +158,7 @@ def eat(
 
 @dataclass(frozen=True)
 class Weather(Toy):
-    cause = "cold"
+    damage_type = "cold"
 
     gusts: tuple[float, ...] = number((0.25, -0.5), low=-1, high=1)
     wild: bool = number(True)
@@ -179,12 +179,12 @@ def blow(
     gusts: tuple[float, ...],
     wild: bool,
     sky: int,
-    cause: DamageType,
+    damage_type: DamageType,
     memory: Scratch,
     key: Random,
 ) -> None:
     wind.push[0] = uniform(key, 0)
-    wind.cause[0] = cause
+    wind.damage_type[0] = damage_type
     wind.felt[0, 1] = sky
     memory[0, 0] += 1  # ticks of all worlds that this thread has seen
     for e in rows:

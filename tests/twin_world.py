@@ -134,7 +134,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
         things,
         int(clock["tick"][0]),
         env.scenario.numbers(),
-        tables.layout.causes,
+        tables.layout.damage_types,
         [tuple(centre) for centre in zone.pop("centres")],
         [value[0] for value in zone.values()],
         _deaths(env, w),

@@ -1,4 +1,4 @@
-"""Logs of a run: a CSV file in the form of the paper's curves, and TensorBoard. Both go on where a run goes on."""
+"""What writes the logs of a run: log.csv and TensorBoard's events. Both go on where a run goes on."""
 
 import csv
 import io
@@ -14,22 +14,19 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
-from outlast.envs.errors import TrainingError
-from outlast.envs.storage.atomic_write import draft
-
-from .curves import HEADER
+from . import log_file
 
 FORMAT = "brain.Event:2"  # the first event of a file says so
 _numbers = itertools.count()  # of event files that one process makes, perhaps in one second
 
 
-class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
+class CsvLog(KVWriter):  # type: ignore[misc]  # mypy does not follow it
     """Appends rows tag,step,value to a file; step counts agent-steps."""
 
     def __init__(self, path: Path) -> None:
         self.file = path.open("a", newline="")
         if self.file.tell() == 0:
-            self.file.write(",".join(HEADER) + "\n")
+            self.file.write(",".join(log_file.HEADER) + "\n")
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
         """One row for each tag, in order of tags, written at once."""
@@ -44,7 +41,7 @@ class Curves(KVWriter):  # type: ignore[misc]  # mypy does not follow it
         self.file.close()
 
 
-class Board(KVWriter):  # type: ignore[misc]
+class TensorBoardLog(KVWriter):  # type: ignore[misc]
     """Writes scalars for TensorBoard; those of an earlier part of the run after `step` are hidden.
 
     Events are in the file when `write` returns, or it raises OSError: TensorBoard's own writer has a thread for it.
@@ -73,18 +70,7 @@ class Board(KVWriter):  # type: ignore[misc]
 
 
 def open_logs(folder: Path, steps: int) -> Logger:
-    """The logs of a run that has done so many agent-steps: what they hold of later ones is taken out."""
-    cut(folder / "log.csv", steps)
-    return Logger(str(folder), [Curves(folder / "log.csv"), Board(folder, steps)])
-
-
-def cut(path: Path, steps: int) -> None:
-    """Take the rows after so many steps out of a CSV file, and a last row that was not written whole."""
-    if not path.exists():
-        return
-    lines = path.read_text().splitlines(keepends=True)
-    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
-        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
-    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
-    with draft(path) as place:
-        place.write_text("".join([",".join(HEADER) + "\n", *kept]))
+    """The logs of a run that has done so many agent-steps, without what they held of later ones."""
+    path = folder / log_file.NAME
+    log_file.truncate_log(path, steps)
+    return Logger(str(folder), [CsvLog(path), TensorBoardLog(folder, steps)])

@@ -1,7 +1,7 @@
-"""The networks: entities are embedded, attend to each other and are averaged; towers make something of it.
+"""The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
 Attention is computed as the average of its output is needed: linear maps of the rows are moved behind the average, and
-only visible rows ask. The numbers are those of torch.nn.MultiheadAttention followed by the average.
+only visible rows are queries. The numbers are those of torch.nn.MultiheadAttention followed by the average.
 """
 
 import math
@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .layout import Layout
+from .observation_layout import ObservationLayout
 from .presets import Preset
 
 ACTIVATIONS = {"tanh": torch.tanh, "relu": torch.relu}
@@ -21,14 +21,14 @@ GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
-    """One agent's packed row (batch, size) to (batch, 2 * width): what is known of itself and zone, and of entities."""
+    """Packed rows (batch, size) to features (batch, 2 * width): half of the agent's own numbers, half of entities."""
 
     kind: Tensor
     cells: Tensor
     own_scale: Tensor
     scale: Tensor
 
-    def __init__(self, layout: Layout, preset: Preset, scales: tuple[Any, Any]) -> None:
+    def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
         super().__init__()
         self.layout, self.preset, width = layout, preset, preset.width
         self.own = nn.Linear(layout.own, width)
@@ -53,10 +53,8 @@ class Extractor(nn.Module):
     def _split(self, packed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Own numbers, masks (batch, rows), rows (batch, rows, features); with the padding entity if there is one."""
         own, count = self.layout.own, self.layout.rows
-        seen, rows = (
-            packed[:, own : own + count],
-            packed[:, own + count :].view(len(packed), count, self.layout.features),
-        )
+        seen = packed[:, own : own + count]
+        rows = packed[:, own + count :].view(len(packed), count, self.layout.features)
         if self.preset.padded:
             seen, rows = functional.pad(seen, (0, 1), value=1.0), functional.pad(rows, (0, 0, 0, 1))
         return packed[:, :own], seen, rows
@@ -70,8 +68,8 @@ class Extractor(nn.Module):
         if self.preset.leaky:
             rows = self._embed_all(rows)
             return self._attend(_chosen(rows, where), valid, rows, 1 - seen) / seen.shape[1]
-        asking = self._embed(_chosen(rows, where), self.kind[where])
-        return self._attend(asking, valid, asking, (1 - valid) * NEVER) / count.clamp(min=1)
+        queries = self._embed(_chosen(rows, where), self.kind[where])
+        return self._attend(queries, valid, queries, (1 - valid) * NEVER) / count.clamp(min=1)
 
     def _embed_all(self, rows: Tensor) -> Tensor:
         """Every row (batch, rows, features) through the layer of its kind: a matrix for each row."""
@@ -87,17 +85,17 @@ class Extractor(nn.Module):
         return self._active(inputs @ weight)
 
     def _matrices(self) -> Tensor:
-        """The weights of each kind, (kinds + 1, features, width); behind the numbers that it has come any others."""
+        """The weights of each kind, (kinds + 1, features, width); those of features that it has not are arbitrary."""
         return (self.weight * self.scale).index_select(0, self.cells).view(len(self.bias) + 1, -1, self.preset.width)
 
     def _biases(self) -> Tensor:
         """The biases of each kind, (kinds + 1, width); the last kind is the padding entity's, which has none."""
         return functional.pad(self.bias, (0, 0, 0, 1))
 
-    def _attend(self, asking: Tensor, valid: Tensor, rows: Tensor, bias: Tensor) -> Tensor:
-        """The sum of what attention gives to the valid of those who are asking: (batch, width).
+    def _attend(self, queries: Tensor, valid: Tensor, rows: Tensor, bias: Tensor) -> Tensor:
+        """The sum of the outputs of attention over valid queries: (batch, width).
 
-        asking (batch, askers, width), valid (batch, askers), rows (batch, rows, width), bias (batch, rows) on logits.
+        queries (batch, count, width), valid (batch, count), rows (batch, rows, width), bias (batch, rows) on logits.
         """
         batch, width, heads = len(rows), rows.shape[2], self.preset.heads
         query, key, value = self.attention.in_proj_weight.view(3, heads, -1, width)
@@ -105,8 +103,10 @@ class Extractor(nn.Module):
         query, query_bias = query * (width // heads) ** -0.5, query_bias * (width // heads) ** -0.5
         folded = torch.bmm(key.transpose(1, 2), query).view(heads * width, width)
         folded_bias = torch.bmm(query_bias[:, None], key).view(heads * width)
-        wanted = functional.linear(asking, folded, folded_bias).view(batch, -1, width)
-        weights = torch.baddbmm(bias[:, None], wanted, rows.transpose(1, 2)).softmax(2)  # (batch, askers * heads, rows)
+        wanted = functional.linear(queries, folded, folded_bias).view(batch, -1, width)
+        weights = torch.baddbmm(bias[:, None], wanted, rows.transpose(1, 2)).softmax(
+            2
+        )  # (batch, queries * heads, rows)
         weights = torch.bmm(valid[:, None], weights.view(batch, valid.shape[1], -1)).view(batch, heads, -1)
         mixed = torch.bmm(torch.bmm(weights, rows).transpose(0, 1), value.transpose(1, 2))  # (heads, batch, each)
         count = valid.sum(1, keepdim=True)
@@ -141,14 +141,14 @@ class Tower(nn.Module):
             orthogonal(layer.weight, own)
             nn.init.zeros_(layer.bias)
 
-    def forward(self, known: Tensor) -> Tensor:
+    def forward(self, features: Tensor) -> Tensor:
         """(batch, 2 * width) to (batch, outputs)."""
-        out: Tensor = self.last(self.inner(known))
+        out: Tensor = self.last(self.inner(features))
         return out
 
-    def inner(self, known: Tensor) -> Tensor:
+    def inner(self, features: Tensor) -> Tensor:
         """Before the last layer: (batch, hidden)."""
-        return self.activation(self.second(self.activation(self.first(known))))
+        return self.activation(self.second(self.activation(self.first(features))))
 
 
 def _chosen(rows: Tensor, where: Tensor) -> Tensor:

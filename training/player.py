@@ -1,4 +1,4 @@
-"""Trained policies as functions (observations) -> actions, as every face takes them for opponents."""
+"""Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
 
 import contextlib
 import threading
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import TrainingError
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -19,22 +18,23 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
 
-from .layout import Layout, scales
-from .policy import Policy
+from .errors import TrainingError
+from .observation_layout import ObservationLayout, own_key, scales
+from .policy import ActorCritic
 from .presets import preset
 
 Array = np.ndarray[Any, Any]
-CHANGING = threading.RLock()  # held while PyTorch is at another number of threads than the user's
+THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """PyTorch at one thread; afterwards at as many as before, as they are those of the user's own networks, too.
+    """Run PyTorch on one thread, and restore the number of threads, which the user's own networks share.
 
     Networks this small are slower with more, by far where cores are busy, as threads wait for each other; and sums
     come out the same wherever it runs. The change itself takes less than a microsecond.
     """
-    with CHANGING:
+    with THREADS_LOCK:
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
@@ -44,10 +44,10 @@ def one_thread() -> Iterator[None]:
 
 
 class Player:
-    """The policy of a checkpoint or of a kept one: a function of observations, float32 (..., agents, ...), to actions.
+    """The policy of a checkpoint: a function of observations, float32 (..., agents, ...), to actions.
 
-    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with what it was trained to be told
-    >>> env = gymnasium.make("outlast/FreeForAll2-v1", variant=duel, others=player)
+    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations that it was trained with
+    >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
 
     Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed. They
     are computed on one thread, whatever PyTorch is set to, which stays as it is.
@@ -55,31 +55,31 @@ class Player:
 
     def __init__(self, path: str | Path, seed: int | None = 0) -> None:
         """Reads tensors and numbers only; nothing in the file is executed. Raises TrainingError."""
-        files = checkpoint.read(Path(path), ("policy.pt",))
-        self.about = checkpoint.about(files)
-        self.shapes = {key: tuple(shape) for key, shape in self.about["observations"].items()}
-        self.layout, self.preset = Layout(self.shapes), preset(self.about["preset"])
+        files = checkpoint.read_checkpoint(Path(path), ("policy.pt",))
+        self.header = checkpoint.header_of(files)
+        self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
+        self.layout, self.preset = ObservationLayout(self.shapes), preset(self.header["preset"])
         try:
             with one_thread():
-                self.policy = self._made(files)
+                self.policy = self._make_policy(files)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
 
-    def _made(self, files: dict[str, bytes]) -> Policy:
-        """The policy of such files. What they say of its size is not believed, but held against their weights."""
-        sizes, layout, actions = self._scales(), self.layout, self.about["actions"]
+    def _make_policy(self, files: dict[str, bytes]) -> ActorCritic:
+        """The policy in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
+        sizes, layout, actions = self._scales(), self.layout, self.header["actions"]
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) > len(files["policy.pt"]):
-            raise TrainingError("policy.pt is too small for what it was told")
-        policy = Policy(actions, lambda _: 0.0, layout=layout, preset=self.preset, scales=sizes)
-        checkpoint.fill(policy, files)
+            raise TrainingError("policy.pt is too small for the observations and actions in run.json")
+        policy = ActorCritic(actions, lambda _: 0.0, layout=layout, preset=self.preset, scales=sizes)
+        checkpoint.load_weights(policy, files)
         return policy
 
     def _scales(self) -> tuple[Array, Array]:
-        """As when it was trained."""
+        """The scales of inputs, as in training."""
         try:
-            own, kinds = scales(self.layout, self.about["scenario"]["numbers"])
+            own, kinds = scales(self.layout, self.header["scenario"]["numbers"])
         except (KeyError, TypeError, ValueError, ArithmeticError):
             raise TrainingError("run.json has numbers that no scenario has") from None
         needed = self.layout.own, sum(kind.features for kind in self.layout.kinds)
@@ -88,20 +88,20 @@ class Player:
         return own, kinds
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """The scenario in which agents are told what this one was trained with."""
+        """The scenario with the observations that this policy was trained with."""
         return self.preset.scenario(scenario)
 
     def check(self, env: SurvivalVectorEnv) -> None:
-        """Raises TrainingError where it cannot play, before anything is played."""
+        """Check that it can play in these worlds. Raises TrainingError."""
         self._check(env.observe())
-        known, asked = self.about["actions"], [int(size) for size in env.action_sizes]
+        known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
 
     def __call__(self, observations: dict[str, Array]) -> Array:
-        """Raises TrainingError where observations are not like those of the training."""
+        """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
         self._check(observations)
-        batch = observations["self"].shape[:-1]
+        batch = observations[own_key()].shape[:-1]
         packed = np.zeros((*batch, self.layout.size), np.float32)
         for key, view in self.layout.views(packed).items():
             view[...] = observations[key].reshape(view.shape)
@@ -114,8 +114,8 @@ class Player:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
         if given != self.shapes:
             differ = sorted(key for key in given.keys() | self.shapes.keys() if given.get(key) != self.shapes.get(key))
-            told = ", ".join(f"{key} {given.get(key)}, not {self.shapes.get(key)}" for key in differ)
-            raise TrainingError(f"the policy was trained on {self.about['scenario']['name']}; here are {told}")
+            found = ", ".join(f"{key} {given.get(key)}, not {self.shapes.get(key)}" for key in differ)
+            raise TrainingError(f"the policy was trained on {self.header['scenario']['name']}; here are {found}")
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:

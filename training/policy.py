@@ -1,4 +1,4 @@
-"""Policy and value of all agents: what Stable-Baselines3's PPO asks of a policy, for many independent actions."""
+"""Policy and value networks with several independent actions, in the form that Stable-Baselines3's PPO asks for."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -7,23 +7,21 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .layout import Layout
 from .networks import NEVER, Extractor, Tower
+from .observation_layout import ObservationLayout
 from .presets import Preset
 
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
 
 
-class Choices(nn.Module):
-    """Independent categorical distributions out of the logits of all of them, one behind the other.
-
-    sizes: how many values each action has. Shorter ones are filled up with values of probability 0.
-    """
+class MultiCategorical(nn.Module):
+    """Independent categorical distributions, given the logits of all of them in one row."""
 
     where: Tensor
     never: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
+        """sizes: how many values each action has. Shorter ones are filled up with values of probability 0."""
         super().__init__()
         self.count, longest, start = len(sizes), max(sizes), 0
         where = torch.zeros(self.count, longest, dtype=torch.long)
@@ -35,14 +33,14 @@ class Choices(nn.Module):
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
 
-    def log_probabilities(self, known: Tensor, head: nn.Linear) -> Tensor:
-        """(batch, actions, values) of all values, given what the head makes logits of."""
+    def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
+        """(batch, actions, values) of all values, given the features that the head makes logits of."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
-        return functional.linear(known, weight, bias).view(len(known), self.count, -1).log_softmax(2)
+        return functional.linear(features, weight, bias).view(len(features), self.count, -1).log_softmax(2)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
-        """The log probability of joint actions (batch, actions): (batch,)."""
+        """The log probabilities of joint actions (batch, actions): (batch,)."""
         return logs.gather(2, actions[:, :, None]).sum((1, 2))
 
     @staticmethod
@@ -57,21 +55,20 @@ class Choices(nn.Module):
         return (logs.exp() / clocks).argmax(2)
 
 
-class Policy(nn.Module):
+class ActorCritic(nn.Module):
     """Policy and value networks of a preset, and their optimiser.
 
-    Packed observations, float32 (batch, layout.size), go in; actions are int64 (batch, actions). explores: whether
-    entropies carry gradients, which cost time and are of use only where the loss has a term for them.
+    Packed observations, float32 (batch, layout.size), go in; actions are int64 (batch, actions).
     """
 
-    explores = False
+    entropy_gradients = False  # they cost time, and are of use only where the loss has a term for entropy
 
     def __init__(
         self,
         sizes: Sequence[int],
         lr_schedule: Callable[[float], float],
         *,
-        layout: Layout,
+        layout: ObservationLayout,
         preset: Preset,
         scales: tuple[Any, Any],
     ) -> None:
@@ -80,7 +77,7 @@ class Policy(nn.Module):
         self.layout, self.preset = layout, preset
         self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
         self.actor, self.critic = Tower(preset, sum(sizes), GAIN), Tower(preset, 1, 1.0)
-        self.choices = Choices(sizes)
+        self.choices = MultiCategorical(sizes)
         self.optimizer = torch.optim.Adam(self.parameters(), lr_schedule(1), eps=1e-5, fused=True)
 
     def forward(self, packed: Tensor, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor, Tensor]:
@@ -92,7 +89,7 @@ class Policy(nn.Module):
     def evaluate_actions(self, packed: Tensor, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Values, log probabilities of given actions, entropies, (batch,) each."""
         logs, values = self._both(packed)
-        entropy = self.choices.entropy(logs if self.explores else logs.detach())
+        entropy = self.choices.entropy(logs if self.entropy_gradients else logs.detach())
         return values, self.choices.of(actions, logs), entropy
 
     def predict_values(self, packed: Tensor) -> Tensor:
@@ -110,8 +107,8 @@ class Policy(nn.Module):
         self.train(mode)
 
     def _both(self, packed: Tensor) -> tuple[Tensor, Tensor]:
-        known = [extractor(packed) for extractor in self.extractors]
-        return self._logs(known[0]), self.critic(known[-1]).flatten()
+        features = [extractor(packed) for extractor in self.extractors]
+        return self._logs(features[0]), self.critic(features[-1]).flatten()
 
-    def _logs(self, known: Tensor) -> Tensor:
-        return self.choices.log_probabilities(self.actor.inner(known), self.actor.last)
+    def _logs(self, features: Tensor) -> Tensor:
+        return self.choices.log_probabilities(self.actor.inner(features), self.actor.last)

@@ -1,11 +1,12 @@
-"""Which networks there are: the paper's as its text has them, as its code had them, and one with scaled inputs."""
+"""The networks to choose from: the paper's as in its text, as in its authors' code, and one with scaled inputs."""
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-from outlast.envs.scenarios.scenario import Scenario, ScenarioError
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.scenario import Scenario
 
-DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see collect.Collector
+DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Collector
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Preset:
     hidden: int = 64  # of both layers behind the extractor
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """The scenario with what this preset's agents are told. A scenario without cameras stays as it is."""
+        """The scenario with the observations of this preset. A scenario without cameras stays as it is."""
         return scenario.replace(cameras_mode=self.cameras) if "cameras" in scenario else scenario
 
 

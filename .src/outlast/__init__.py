@@ -3,40 +3,100 @@
 >>> import outlast
 >>> env = outlast.make_vec("ffa_3", 1024, seed=0)
 >>> observations, info = env.reset()
+
+What is in `__all__` is public, and docs/api.md describes it; everything else may change between versions.
 """
 
+import warnings
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
-from .envs.adapters.gymnasium_registry import register as register_gymnasium
-from .envs.adapters.pettingzoo_registry import register as register_pettingzoo
+from . import components, ecs, errors, systems
+from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
-from .envs.scenarios.ablations import FIXES
-from .envs.scenarios.scenario import Scenario, ScenarioError
+from .envs.core.vector_env import SurvivalVectorEnv
+from .envs.scenarios.ablations import ABLATIONS
+from .envs.scenarios.scenario import Scenario
 from .envs.scenarios.variants import ALIASES, VARIANTS, variant
+from .envs.snapshots.state import State
+from .errors import ScenarioError
+
+if TYPE_CHECKING:
+    from .envs.adapters.gymnasium_agents import make_agents
+    from .envs.adapters.pettingzoo import aec_env, parallel_env
+    from .envs.adapters.puffer import make_puffer
+    from .envs.adapters.rllib import SurvivalMultiAgentEnv
+    from .envs.adapters.sb3 import make_sb3
+    from .envs.recording import Recording, Replay, record
+    from .envs.rendering.rgb import draw
+    from .envs.rollout.local import rollout
+    from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .training.player import load_policy
 
 __version__ = "0.1.0"
-__all__ = ["ALIASES", "FIXES", "VARIANTS", "Scenario", "ScenarioError", "make_vec", "variant"]
+__all__ = [
+    "ABLATIONS",
+    "ALIASES",
+    "VARIANTS",
+    "Recording",
+    "Replay",
+    "Scenario",
+    "ScenarioError",
+    "State",
+    "SurvivalMultiAgentEnv",
+    "SurvivalVectorEnv",
+    "aec_env",
+    "components",
+    "draw",
+    "ecs",
+    "errors",
+    "load_policy",
+    "make_agents",
+    "make_puffer",
+    "make_sb3",
+    "make_vec",
+    "noop_policy",
+    "parallel_env",
+    "random_policy",
+    "record",
+    "rollout",
+    "scripted_policy",
+    "systems",
+    "variant",
+]
 
-_LAZY: dict[str, str] = {  # names whose modules need a library that is loaded when they are first asked for
+_LAZY = {  # names whose modules, or the libraries they need, are loaded when they are first asked for
     "Recording": "envs.recording",
     "Replay": "envs.recording",
+    "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
+    "draw": "envs.rendering.rgb",
     "load_policy": "training.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",
     "make_sb3": "envs.adapters.sb3",
+    "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
+    "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
-    "SurvivalMultiAgentEnv": "envs.adapters.rllib",
+    "rollout": "envs.rollout.local",
+    "scripted_policy": "envs.rollout.policies",
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name in _LAZY:
-        return getattr(import_module(f".{_LAZY[name]}", __name__), name)
-    raise AttributeError(f"module 'outlast' has no attribute '{name}'")
+if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that exists
+
+    def __getattr__(name: str) -> object:
+        if name in _LAZY:
+            return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+        if name == "FIXES":
+            warnings.warn("outlast.FIXES is called outlast.ABLATIONS", DeprecationWarning, stacklevel=2)
+            return ABLATIONS
+        raise AttributeError(f"module 'outlast' has no attribute '{name}'")
 
 
-register_gymnasium()
-register_pettingzoo()
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])
+
+
+_register()

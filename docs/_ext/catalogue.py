@@ -40,7 +40,7 @@ def variants() -> str:
 def fixes() -> str:
     """The fixes: what each changes in teams_4, which has every mechanic that one could need."""
     plain, rows = outlast.VARIANTS["teams_4"].numbers(), []
-    for name, fix in outlast.FIXES.items():
+    for name, fix in outlast.ABLATIONS.items():
         mended = outlast.variant(f"teams_4+{name}").numbers()
         changed = ", ".join(code(f"{key} = {value}") for key, value in mended.items() if plain.get(key) != value)
         rows.append([code(name), str(fix.flaw), fix.about, changed])
@@ -132,9 +132,9 @@ def _published(base: type[Component], there: Worlds, name: str) -> str:
     found = {entry[1:3]: entry for entry in published(there, base)}
     columns = [pair for component in brought for pair in ((component, own) for own in component.columns)]
     for key, component, own, column in (found[pair] for pair in columns if pair in found):
-        if column.dims == ("causes",):  # reported as a key for each
-            key = ", ".join(f"{key}_{cause}" for cause in there.layout.causes)
-        shape = "" if column.dims == ("causes",) else " × ".join(map(str, column.dims))
+        if column.dims == ("damage_types",):  # reported as a key for each
+            key = ", ".join(f"{key}_{cause}" for cause in there.layout.damage_types)
+        shape = "" if column.dims == ("damage_types",) else " × ".join(map(str, column.dims))
         sizes = " × ".join(map(str, column.shape(there.dims))) if shape else ""
         bounds = "" if math.isinf(column.low) or math.isinf(column.high) else f"{column.low:g} to {column.high:g}"
         note = "; ".join(part for part in (bounds, comments(component).get(own, "")) if part)
@@ -163,7 +163,7 @@ def _noun(kind: type[Component]) -> str:
 
 def phases() -> str:
     """The stations of a tick."""
-    rows = [[code(phase.name), phase.when.value, phase.says] for phase in Phase]
+    rows = [[code(phase.name), phase.when.value, phase.postcondition] for phase in Phase]
     return grid(["phase", "runs on", "what is true when it ends"], rows)
 
 

@@ -13,9 +13,9 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
-from outlast.training.claims import sentences
-from outlast.training.endtable import markdown
-from outlast.training.results import grouped, load
+from outlast.training.paper.claims import sentences
+from outlast.training.paper.end_values import markdown
+from outlast.training.paper.results import group_runs, load_runs
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
@@ -94,7 +94,7 @@ def deviations() -> str:
 def trained(folder: str = ".") -> str:
     """Figures, end values and what they say of the paper, of the results in docs/results or a folder there; films."""
     parts = []
-    for group in grouped(load([DOCS / "results" / folder])):
+    for group in group_runs(load_runs([DOCS / "results" / folder])):
         place = Path("training", folder)
         film = place / f"{group.variant}.gif"
         filmed = (DOCS / film).exists()

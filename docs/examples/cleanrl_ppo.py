@@ -150,7 +150,7 @@ def train(args: Args) -> tuple[Agent, np.ndarray]:
     """The trained agent, and a row for each update: mean return of the episodes that ended, and the three losses."""
     torch.manual_seed(args.seed)
     scenario = DUEL if args.variant == "duel" else args.variant
-    envs = outlast.make_agents(scenario, args.num_worlds, autoreset="SameStep")
+    envs = outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep")
     inputs = sum(int(np.prod(space.shape)) for space in envs.single_observation_space.values())
     agent = Agent(inputs, envs.single_action_space.nvec.tolist())
     optimizer = torch.optim.Adam(agent.parameters(), args.learning_rate, eps=1e-5)

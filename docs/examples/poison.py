@@ -65,7 +65,7 @@ class VialsUsed(Statistic):
 class Poison(Module):
     """Vials lie around; whoever uses one poisons all enemies within reach."""
 
-    cause: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
+    damage_type: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
 
     count: int = number(4, low=1)
     radius: float = number(0.25, low=0.002)  # metres, of a vial

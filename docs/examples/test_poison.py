@@ -64,20 +64,20 @@ def test_what_is_told():
     env = armed(far=2.0)
     assert env.single_observation_space["vials"].shape == (4, 4, 2)
     assert step(env)[0]["vial_slot_mask"][0].tolist() == [[1], [0], [0], [0]]
-    told = step(env, USE)[0]
-    assert told["vial_slot_mask"][0].tolist() == [[0], [0], [0], [0]]
-    assert told["illness"][0].tolist() == [[0], [0], [29], [0]]
+    seen = step(env, USE)[0]
+    assert seen["vial_slot_mask"][0].tolist() == [[0], [0], [0], [0]]
+    assert seen["illness"][0].tolist() == [[0], [0], [29], [0]]
 
 
 def test_a_vial_is_told_of_while_it_is_seen():
     env = armed(far=8.0)
     vial = env.worlds.span("vial").start + 1
     env.worlds[Body].x[0, vial], env.worlds[Body].y[0, vial] = 1.5, 0  # ahead of agent 0, nothing in between
-    told = step(env)[0]
-    assert told["vials_mask"][0, 0, 1] == 1
-    assert told["vials"][0, 0, 1].tolist() == [1.5, 0]
-    hidden = told["vials_mask"][0] == 0
-    assert not told["vials"][0][hidden].any()
+    seen = step(env)[0]
+    assert seen["vials_mask"][0, 0, 1] == 1
+    assert seen["vials"][0, 0, 1].tolist() == [1.5, 0]
+    hidden = seen["vials_mask"][0] == 0
+    assert not seen["vials"][0][hidden].any()
 
 
 def test_vials_can_be_picked_up():

@@ -1,4 +1,4 @@
-"""One world as a whole: a state that tells of everything, for centralised critics."""
+"""The state of a whole world as one vector, for centralised critics."""
 
 import numpy as np
 from gymnasium import spaces
@@ -12,8 +12,8 @@ from ..core.validation import Array
 POSE = ("x", "y", "angle")
 
 
-class Overview:
-    """The state of one world as one float32 vector: for centralised critics, who see all that agents do not.
+class GlobalState:
+    """The state of one world as one float32 vector, with what no agent sees.
 
     In this order, each a block of rows; all but the flags are 0 for what is not there:
 
@@ -24,7 +24,7 @@ class Overview:
     items   lies on the ground (0, 1), x, y, and who carries it: 0 nobody, 1 agent_0, 2 agent_1 ...
     ======= ===================================================================================
 
-    Objects and items are in the order of their rows (`Worlds.span` tells which kinds are where).
+    Objects and items are in the order of their rows (`Worlds.span` says which kinds are where).
     """
 
     def __init__(self, worlds: Worlds) -> None:
@@ -73,7 +73,7 @@ class Overview:
         return np.column_stack([rows, np.where(holder >= 0, holder - self.first + 1, 0)])
 
     def _standing(self, w: int, rows: Array, columns: list[Array]) -> Array:
-        """The flag that says who is in the world, and the columns, 0 for those that are not."""
+        """Whether each row is in the world, and its columns, 0 if it is not."""
         alive = self.worlds[Entity].alive[w, rows]
         return np.column_stack([alive, *(np.where(alive, column[w, rows], 0) for column in columns)])
 

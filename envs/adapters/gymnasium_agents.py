@@ -4,60 +4,91 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from ..core.validation import Array, check_choice, check_count
-from ..rendering.modes import RENDER_MODES
-from ..scenarios.scenario import Scenario
-from .per_agent import Face
-from .rows import face_core
+from ..core.spaces import statistics
+from ..core.validation import Array
+from ..scenarios.scenario import Number, Scenario
+from .per_agent import PerAgentVectorEnv, renamed, requested
 
 
-class SurvivalAgentVectorEnv(Face):
-    """`num_worlds` worlds as a gymnasium VectorEnv with a sub-environment for each agent: num_envs = worlds * agents.
+class SurvivalAgentVectorEnv(PerAgentVectorEnv):
+    """All agents of `num_worlds` worlds as a gymnasium VectorEnv; made by `outlast.make_agents`.
 
-    Sub-environment w * agents + i is agent i of world w. Observations: dict of float32 (num_envs, ...). Actions:
-    integers (num_envs, actions). Rewards: float32 (num_envs,). Terminated, truncated: bool (num_envs,), those of the
-    agent's world: as in the paper's training, the dead stay until their world ends.
+    ## Description
+    Sub-environment w * num_agents + i is agent i of world w; num_envs = num_worlds * num_agents.
 
-    info["alive"], bool (num_envs,), with its mask info["_alive"]: whether the agent of this observation lives; a
-    learner may drop the steps of those that did not. Whenever worlds end, info["statistics"] and info["_statistics"]
-    tell of their episodes, each sub-environment of its own return and its own side's kills.
+    ## Action Space
+    MultiDiscrete (num_envs, actions), in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0,
+    +1), attack, use, give. What the dead do is ignored.
 
-    seed: as in reset, for the first episodes. copy=True: what comes out is the caller's. copy=False, the fast path:
-    observations are read-only and overwritten by the next call. check_actions=False leaves out the range check.
+    ## Observation Space
+    Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare.
+
+    ## Rewards
+    float32 (num_envs,), each agent's own.
+
+    ## Starting State
+    World w of seed s is keyed by (s, w): it is world w of `outlast.make_vec` with that seed.
+
+    ## Episode End
+    terminated and truncated, bool (num_envs,), are those of the agent's world. As in the paper's training, the dead
+    stay until their world ends: this is dead="keep" of the adapters that offer a choice.
+
+    ## Info
+    info["alive"], bool (num_envs,), with its mask info["_alive"]: whether the agent of this observation is alive; a
+    learner may drop the steps of those that were not. Where worlds end, info["statistics"] has their episodes,
+    (num_envs,) by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is
+    info["_statistics"].
+
+    ## Version History
+    v1: the rules of the paper's runs.
     """
 
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        num_worlds: int,
-        *,
-        seed: int | None = None,
-        threads: int = 1,
-        autoreset: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        copy: bool = True,
-        check_actions: bool = True,
-        render_mode: str | None = None,
-    ) -> None:
-        check_count("num_worlds", num_worlds, 1)
-        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-        core, mode = face_core(scenario, num_worlds, autoreset, seed=seed, threads=threads, check_actions=False)
-        self.num_agents = core.num_agents
-        super().__init__(
-            core, slice(0, None), autoreset=mode, copy=copy, render_mode=render_mode, check_actions=check_actions
-        )
-
-    def _joint(self, rows: Array) -> Array:
-        return rows.reshape(self.num_worlds, self.num_agents, -1)
-
-    def _report(self) -> dict[str, Any]:
-        return {"statistics": self._own(self.over), "_statistics": self._spread(self.over)}
+    def _report(self, done: Array) -> dict[str, Any]:
+        found = statistics(self.base_env.worlds, done)
+        return {"statistics": self._statistics(found), "_statistics": self._spread(done)}
 
 
-def make_agents(scenario: str | Scenario, num_worlds: int, **options: Any) -> SurvivalAgentVectorEnv:
-    """All agents of `num_worlds` worlds of a variant or scenario, as a gymnasium VectorEnv of single agents.
+def make_agents(
+    scenario: str | Scenario,
+    num_worlds: int,
+    *,
+    seed: int | None = None,
+    threads: int = 1,
+    max_episode_steps: int | None = None,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    copy: bool = True,
+    check_actions: bool = True,
+    render_mode: str | None = None,
+    **numbers: Number,
+) -> SurvivalAgentVectorEnv:
+    """All agents of `num_worlds` worlds as a gymnasium VectorEnv of single agents.
 
-    >>> env = outlast.make_agents("teams_3", 1024, seed=0)  # 4096 sub-environments
+    >>> env = outlast.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
 
-    options: seed, threads, autoreset, copy, check_actions, render_mode; see SurvivalAgentVectorEnv. Raises as make_vec.
+    Args:
+        scenario: Name of a variant, or a Scenario.
+        num_worlds: How many worlds to step together.
+        seed: Of the first episodes, as in reset. None: a seed that cannot be foreseen.
+        threads: How many threads step the worlds.
+        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
+        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
+        copy: Whether observations are the caller's. False is faster: they are read-only views, and the next call
+            overwrites them (also under tensors that share their memory, as those of jax.device_put do).
+        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
+        render_mode: None, "rgb_array" or "ansi".
+        numbers: Other numbers of the scenario, as in Scenario.replace.
+
+    Raises:
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
-    return SurvivalAgentVectorEnv(scenario, num_worlds, **options)
+    autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
+    return SurvivalAgentVectorEnv(
+        requested(make_agents, scenario, numbers, max_episode_steps),
+        num_worlds,
+        seed=seed,
+        threads=threads,
+        autoreset_mode=autoreset_mode,
+        copy=copy,
+        check_actions=check_actions,
+        render_mode=render_mode,
+    )

@@ -5,73 +5,130 @@ from typing import Any
 
 import gymnasium
 
-from ..core.validation import Array, as_array, check_choice
-from ..errors import ActionError, NotResetError
+from ..core.validation import Array, check_choice, checked_actions
+from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
 from .opponents import Others
+from .per_agent import renamed, requested
 
 Observation = dict[str, Array]
 
 
 class SurvivalEnv(gymnasium.Env[Observation, Array]):
-    """One agent of one world learns.
+    """One agent of one world learns; made by `gymnasium.make`.
 
-    Observations: dict of float32 arrays, copies. Actions: MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left
-    and turn (0, 1, 2 for -1, 0, +1), attack, use, give. The reward is the agent's own. Terminated: the world ended by
-    its rule, or the learner died; with dead="keep" it stays, with its rewards, until its world ends. Truncated: at the
-    time limit, the scenario's (ending_limit) or the one that gymnasium.make was given (max_episode_steps).
+    >>> env = gymnasium.make("outlast/Teams3-v1", others="scripted", melee_damage=20)
 
-    info has the same keys always, numbers all: "alive", and the statistics of the episode so far ("length", "return",
-    "kills" of the agent's side, "deaths_zone" ...).
+    ## Description
+    Agents in a shrinking safe zone strike each other, fetch heals and push boxes, as the scenario says. One of them
+    is the environment's agent, the learner; the others follow a policy.
 
-    variant: name or Scenario. learner: id of the agent that learns. others: "noop", "random", "scripted", or a function
-    (observations) -> actions; see opponents.Opponents. Copies and pickles hold how an environment was made, not where
-    it is: what comes out has not been reset.
+    ## Action Space
+    MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
+
+    ## Observation Space
+    Dict of float32 arrays, by the keys that the scenario's mechanics declare. What is returned is a copy.
+
+    ## Rewards
+    A float, the agent's own, as the scenario's rewards_* numbers say.
+
+    ## Starting State
+    reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
+
+    ## Episode End
+    Terminated: the world ended by its rule, or the learner died; with dead="keep" it stays, with its rewards, until
+    its world ends. Truncated: at the time limit, the scenario's (ending_limit) or max_episode_steps.
+
+    ## Info
+    The same keys after every call: "alive", bool, and the statistics of the episode so far, Python's numbers
+    ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
+
+    ## Arguments
+    scenario: Name of a variant, or a Scenario.
+    learner: Index of the agent that learns.
+    others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
+    dead: "end" or "keep", see above.
+    max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
+    render_mode: None, "rgb_array", "ansi" or "human".
+    numbers: Other numbers of the scenario, as in Scenario.replace.
+
+    ## Version History
+    v1: the rules of the paper's runs.
+
+    Copies and pickles hold how an environment was made, not where it is: what comes out has not been reset. `get_state`
+    and `set_state` are for the rest.
     """
 
     metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
 
     def __init__(
         self,
-        variant: str | Scenario = "ffa_3",
+        scenario: str | Scenario = "ffa_3",
         *,
         learner: int = 0,
         others: Others = "random",
         dead: str = "end",
+        max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        **numbers: Number,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
+        scenario = renamed(numbers, "variant", "scenario", scenario)
+        scenario = requested(type(self).__init__, scenario, numbers)
         options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
-        self._recipe = partial(type(self), variant, **options, render_mode=render_mode)
+        options["max_episode_steps"] = max_episode_steps
+        self._recipe = partial(type(self), scenario, **options, render_mode=render_mode)
         self._window = Window("outlast", FPS) if render_mode == "human" else None
         drawn = "rgb_array" if render_mode == "human" else render_mode
-        self.batch = SurvivalLearnerVectorEnv(1, variant, autoreset="Disabled", **options, render_mode=drawn)
-        self.metadata = {**type(self).metadata, "name": self.batch.core.scenario.name}
+        self._batch = SurvivalLearnerVectorEnv(1, scenario, autoreset_mode="Disabled", **options, render_mode=drawn)
+        self.base_env = self._batch.base_env
+        self.metadata = {**type(self).metadata, "name": self.base_env.scenario.name}
         self.render_mode = render_mode
-        self.observation_space = self.batch.single_observation_space
-        self.action_space = self.batch.single_action_space
+        self.observation_space = self._batch.single_observation_space
+        self.action_space = self._batch.single_action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode: the first of `seed`, or the next one. Nothing is read from options."""
+        """Start an episode.
+
+        Args:
+            seed: Start the first episode of this seed; None: the next episode.
+            options: Gymnasium's; nothing is read from it.
+
+        Returns:
+            Observation and info, see the class.
+
+        Raises:
+            ValueError: The seed is no integer from 0 to 2**64 - 1.
+        """
         super().reset(seed=seed)
-        observations, info = self.batch.reset(seed=seed)
+        observations, info = self._batch.reset(seed=seed)
         self._show()
         return _first(observations), _numbers(info)
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One tick. action: integers of any type, or a list. Raises ActionError, and NotResetError after the end."""
-        if self.batch.over[0]:
+        """One tick.
+
+        Args:
+            action: Integers of any type, or a list, in the action space.
+
+        Returns:
+            Observation, reward, terminated, truncated and info, see the class.
+
+        Raises:
+            ActionError: The action is not in the action space, or `others` returned none.
+            NotResetError: The episode is over, or has not begun.
+        """
+        if self.base_env._tracker.done[0]:
             raise NotResetError("step() after the end of the episode; call reset() first")
-        row, sizes = as_array(action), self.batch.core.action_sizes
-        if row.shape != sizes.shape:
-            raise ActionError(f"the action has shape {row.shape}: {sizes.shape} is needed, {len(sizes)} integers")
-        observations, reward, terminated, truncated, info = self.batch.step(row[None])
+        sizes = self.base_env.action_sizes
+        row = checked_actions(action, sizes.shape, sizes, axes="(actions,)", who="the learner")
+        observations, reward, terminated, truncated, info = self._batch.step(row[None])
         self._show()
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
@@ -80,7 +137,7 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
 
         None, with a warning, without a render_mode.
         """
-        frames = self.batch.render()
+        frames = self._batch.render()
         if frames is None or self._window is None:
             return None if frames is None else frames[0]
         self._window.show(frames[0])
@@ -88,17 +145,17 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
 
     def get_state(self) -> State:
         """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self.batch.get_state()
+        return self._batch.get_state()
 
     def set_state(self, state: State) -> Observation:
-        """Go on from `state`; returns what the learner sees. Raises StateError if it is of another scenario."""
-        return _first(self.batch.set_state(state))
+        """Go on from `state`; returns the learner's observation. Raises StateError if it is of another scenario."""
+        return _first(self._batch.set_state(state))
 
     def close(self) -> None:
-        """Let go of window and world; again does no harm."""
+        """Close window and world; again does no harm."""
         if self._window is not None:
             self._window.close()
-        self.batch.close()
+        self._batch.close()
 
     def _show(self) -> None:
         if self._window is not None:

@@ -7,9 +7,8 @@ import numpy as np
 
 from outlast.ecs import Clock
 
-from ..core.validation import Array, as_array
+from ..core.validation import Array, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import ActionError
 from ..rollout.policies import GOLDEN, Policy, joint_action_sampler, mix64, noop_policy, scripted_policy
 
 Others = str | Policy
@@ -19,49 +18,53 @@ NAMES = ("noop", "random", "scripted")
 class Opponents:
     """All agents of all worlds but the learner.
 
-    others: "noop", "random", "scripted" (envs.policies says what they do), or a function (observations) -> actions. As
-    all policies, it is called for the whole batch (a single environment is a batch of one world), but it is told only
-    of the agents that it plays, in order of id with the learner left out: observations are a dict of read-only float32
-    (worlds, agents - 1, ...), overwritten later; actions are integers (worlds, agents - 1, actions). It is not told
-    when episodes begin: a policy with a memory cannot play.
+    A policy is called for all worlds at once (a single environment is a batch of one world). It gets the observations
+    of the agents that it plays only, in order of id with the learner left out: a dict of read-only float32
+    (worlds, agents - 1, ...), which the next tick overwrites. It returns integers (worlds, agents - 1, actions). It is
+    not informed when episodes begin: a policy with a memory cannot play.
 
-    "random" is a function of (seed, world, episode, tick, agent): a world plays the same alone and in any batch.
+    "random" is a function of (seed, world, episode, tick, agent): a world is played the same alone and in any batch.
+
+    Attributes:
+        agent_indices: Which agents of a world it plays, a list or a slice.
+
+    Args:
+        others: "noop", "random", "scripted" (envs.rollout.policies describes them), or a function (observations) ->
+            actions.
+        base_env: The worlds.
+        learner: Index of the agent that is left out.
     """
 
-    def __init__(self, others: Others, core: SurvivalVectorEnv, learner: int) -> None:
-        self.core = core
-        ids = [i for i in range(core.num_agents) if i != learner]
-        self.seats: Any = ids  # a slice where that is possible, which copies nothing
-        if learner in (0, core.num_agents - 1):
-            self.seats = slice(1, None) if learner == 0 else slice(0, learner)
-        self.shape = (core.num_worlds, len(ids), len(core.action_sizes))
+    def __init__(self, others: Others, base_env: SurvivalVectorEnv, learner: int) -> None:
+        self.base_env = base_env
+        ids = [i for i in range(base_env.num_agents) if i != learner]
+        self.agent_indices: Any = ids  # a slice where that is possible, which copies nothing
+        if learner in (0, base_env.num_agents - 1):
+            self.agent_indices = slice(1, None) if learner == 0 else slice(0, learner)
+        self.shape = (base_env.num_worlds, len(ids), len(base_env.action_sizes))
         self._policy = self._named(others, np.array(ids, np.uint64)) if isinstance(others, str) else others
 
     def actions(self) -> Array:
-        """What they do in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError."""
+        """Their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError."""
         if not self.shape[1]:
             return np.zeros(self.shape, np.int8)
-        seen = {key: values[:, self.seats] for key, values in self.core.observe().items()}
-        actions = as_array(self._policy(seen))
-        if actions.shape != self.shape or actions.dtype.kind not in "iu":
-            raise ActionError(
-                f"others: the policy returned {actions.dtype} of shape {actions.shape}: "
-                f"integers, (worlds, agents but the learner, actions) = {self.shape}, are needed"
-            )
-        return actions
+        observations = {key: values[:, self.agent_indices] for key, values in self.base_env.observe().items()}
+        actions = self._policy(observations)
+        what, axes = "others: the actions that the policy returned", "(worlds, agents but the learner, actions)"
+        return checked_actions(actions, self.shape, self.base_env.action_sizes, False, what=what, axes=axes)
 
     def _named(self, name: str, ids: Array) -> Policy:
         if name == "scripted":
-            return scripted_policy(self.core)
+            return scripted_policy(self.base_env)
         if name == "noop":
-            idle = noop_policy(self.core)
+            idle = noop_policy(self.base_env)
             return lambda observations: idle(observations)[:, 1:]
         return self._random(ids)
 
     def _random(self, ids: Array) -> Policy:
         """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-        draw, clock = joint_action_sampler(self.core.action_sizes), self.core.worlds[Clock]
-        return lambda observations: draw(_scrambled(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
+        draw, clock = joint_action_sampler(self.base_env.action_sizes), self.base_env.worlds[Clock]
+        return lambda observations: draw(_hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
 
 
 def check_others(others: Any) -> None:
@@ -76,7 +79,7 @@ def check_others(others: Any) -> None:
     )
 
 
-def _scrambled(*parts: Array) -> Array:
+def _hashed(*parts: Array) -> Array:
     """A uniform uint64 for each combination of the parts."""
     word = np.zeros((1, 1), np.uint64)
     for part in parts:

@@ -1,58 +1,102 @@
-"""A batch of worlds seen agent by agent: what the Gymnasium faces with single-agent sub-environments share."""
+"""What adapters share in which every agent, and not every world, is an environment."""
 
+import sys
+import warnings
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from outlast.components import Side
-from outlast.ecs import Clock, Entity, Statistic
-
-from ..core.spaces import published, statistics
-from ..core.validation import Array, reset_mask
+from ..core.agents import agent_statistics, alive
+from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
+from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
-from ..rendering.modes import FPS, RENDER_MODES, render_worlds
+from ..scenarios.scenario import Number, Scenario
+from ..scenarios.variants import resolve
 from ..snapshots.state import State
-from .agent_spaces import agent_spaces
-from .rows import checked_rows, world_mask, world_seeds
 
 
-class Face(VectorEnv[Arrays, Actions, Array]):
-    """Agents of every world as sub-environments, world by world; a view on a SurvivalVectorEnv, the core.
+def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spaces.MultiDiscrete]]:
+    """The observation and the action space of each agent: row i of the spaces of a world, in objects of their own."""
+    world: Any = base_env.single_observation_space
+    observations = [
+        spaces.Dict({key: spaces.Box(box.low[i], box.high[i], dtype=np.float32) for key, box in world.items()})
+        for i in range(base_env.num_agents)
+    ]
+    return observations, [spaces.MultiDiscrete(base_env.action_sizes) for _ in observations]
 
-    seats: which agents of a world, a slice of ids. core: made by `face_core`, for the same autoreset mode. Worlds end
-    as wholes: all sub-environments of a world end, and are reset, together. over: bool (worlds,), which have ended and
-    wait for their reset.
+
+def requested(
+    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
+) -> Scenario:
+    """The scenario that the factory `make` was asked for; its time limit is called ending_limit in scenarios."""
+    if (dead := numbers.pop("dead", "keep")) != "keep":  # of those that have no such keyword
+        cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
+        raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
+    if max_episode_steps is not None:
+        check_count("max_episode_steps", max_episode_steps, 1)
+        if "ending_limit" in numbers:
+            raise ValueError("max_episode_steps and ending_limit are the same number: give one of them")
+        numbers = numbers | {"ending_limit": max_episode_steps}
+    return resolve(scenario, numbers, make.__kwdefaults__ or ())
+
+
+def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
+    """`value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
+    if old not in options:
+        return value
+    warnings.warn(f"the keyword {old} is now called {new}", DeprecationWarning, stacklevel=3)
+    return options.pop(old)
+
+
+class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
+    """Agents of every world as sub-environments, world by world. All those of a world end, and are reset, together.
+
+    Episodes end and are reset by base_env, a SurvivalVectorEnv without copies. It resets as autoreset_mode says, but
+    under SAME_STEP, where its own mode is DISABLED: the last observations and infos are taken here before the reset.
+
+    Args:
+        scenario: The scenario of all worlds, or the name of a variant.
+        num_worlds: How many there are.
+        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
+        copy: Whether observations are copies, and not views of the engine's memory.
+        check_actions: Whether to check the range of actions.
+        check_joint: Whether base_env checks the range of the actions of all agents.
+        options: Further arguments of base_env: seed, threads, render_mode.
     """
 
     def __init__(
         self,
-        core: SurvivalVectorEnv,
-        seats: slice,
+        scenario: str | Scenario,
+        num_worlds: int,
         *,
-        autoreset: AutoresetMode,
-        copy: bool,
-        render_mode: str | None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
         check_actions: bool = True,
+        check_joint: bool = False,
+        **options: Any,
     ) -> None:
-        self.core, self.autoreset, self.render_mode = core, autoreset, render_mode
-        self.copy, self.check_actions = copy, check_actions
-        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "autoreset_mode": autoreset}
-        self.metadata["name"] = core.scenario.name
-        self.num_worlds, self._seats = core.num_worlds, seats
-        ids = range(core.num_agents)[seats]
-        self.num_envs, self._each = self.num_worlds * len(ids), len(ids)
-        seen, done = agent_spaces(core)
-        self.single_observation_space, self.single_action_space = seen[ids[0]], done[ids[0]]
-        self._views = {key: self._rows(buffer) for key, buffer in core.observe().items()}  # of the same memory for life
-        columns = published(core.worlds, Statistic)
-        self._shares = {key: column.dims[0] for key, _, _, column in columns if column.dims}
-        self._agents = core.worlds.span("agent")
-        self.over = np.zeros(self.num_worlds, bool)
-        self._started = np.zeros(self.num_worlds, bool)
+        self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
+        inner = AutoresetMode.DISABLED if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
+        self.base_env = SurvivalVectorEnv(
+            resolve(scenario), num_worlds, autoreset_mode=inner, copy=False, check_actions=check_joint, **options
+        )
+        self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
+        self.render_mode = self.base_env.render_mode
+        self.num_worlds, self.num_agents = self.base_env.num_worlds, self.base_env.num_agents
+        self._indices = self._choose()
+        chosen = range(self.num_agents)[self._indices]
+        self._each = len(chosen)
+        self.num_envs = self.num_worlds * self._each
+        observations, actions = agent_spaces(self.base_env)
+        self.single_observation_space, self.single_action_space = observations[chosen[0]], actions[chosen[0]]
+        self._views = {key: self._rows(buffer) for key, buffer in self.base_env.observe().items()}
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -67,144 +111,158 @@ class Face(VectorEnv[Arrays, Actions, Array]):
     def reset(
         self, *, seed: int | list[int] | Array | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Start new episodes everywhere, or where options["reset_mask"] (bool, (num_envs,)) says.
+        """Start new episodes.
 
-        seed: an int keys world w by (seed, w), so that no two seeds have a world in common; a sequence has an entry for
-        each sub-environment and keys its world by (entry, 0). In sequence and mask the agents of a world must agree.
-        Without a seed, every world goes on to its next episode. Raises ValueError.
+        Args:
+            seed: An integer keys world w by (seed, w), so that no two seeds have a world in common. A sequence has an
+                integer for each sub-environment, equal ones for the agents of a world, and keys that world by
+                (integer, 0). None: every world goes on to its next episode.
+            options: {"reset_mask": bool (num_envs,)} resets the worlds of these sub-environments only; the agents of a
+                world must agree. No other options are known.
+
+        Returns:
+            Observations, float32 (num_envs, ...) by key, and info, which has "alive" for those that were reset.
+
+        Raises:
+            ValueError: No such seed or option, or agents of one world that disagree.
+            TypeError: A wrapper is around that cannot work with observations in a dict.
         """
-        mask = world_mask(reset_mask(options, self.num_envs), self._each)
-        self.core.reset(seed=self._seeds(seed), options={"reset_mask": mask})
+        refuse_dicts(sys._getframe(1))
+        mask = self._of_worlds("reset_mask", reset_mask(options, self.num_envs))
+        self.base_env.reset(seed=self._seeds(seed), options={"reset_mask": mask})
         if isinstance(seed, int | np.integer):
             super().reset(seed=int(seed))  # for np_random_seed
-        self.over &= ~mask
-        self._started |= mask
-        return self._observe(), self._tell(mask)
+        return self._observe(), self._info(mask)
 
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """One tick of every world. A refused call (see ActionError) changes nothing.
+        """One tick of every world. A refused call changes nothing.
 
         NEXT_STEP: who ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at once;
-        info["final_obs"] and info["final_info"] tell of the end. DISABLED: reset it yourself.
+        info["final_obs"] and info["final_info"] are of the end. DISABLED: reset it yourself.
+
+        Args:
+            actions: Integers of any type, (num_envs, actions).
+
+        Returns:
+            Observations, float32 (num_envs, ...) by key; rewards, float32 (num_envs,); terminated and truncated, bool
+            (num_envs,); info.
+
+        Raises:
+            ActionError: Actions of another shape, of another type or out of range.
+            NotResetError: Some world has not started, or has ended and autoreset_mode is DISABLED.
         """
-        self._check_steppable()
-        joint = self._joint(checked_rows(actions, self.num_envs, self.core.action_sizes, self.check_actions))
-        _, reward, terminated, truncated, _ = self.core.step(joint)
-        terminated, truncated = self._ends(terminated, truncated)
-        if self.over.any():  # NEXT_STEP, and this was the step that resets them
-            self._restart(reward, terminated, truncated)
-        self.over = terminated | truncated
-        info = self._finish() if self.over.any() else {}
-        info |= self._tell(np.ones(self.num_worlds, bool))
+        self._check_running("step")
+        shape = self.num_envs, len(self.base_env.action_sizes)
+        rows = checked_actions(
+            actions, shape, self.base_env.action_sizes, self.check_actions,
+            axes="(num_envs, actions)", who="sub-environment {0}",
+        )  # fmt: skip
+        _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
+        done = terminated | truncated
+        info = self._finish(done) if done.any() else {}
+        info |= self._info(np.ones(self.num_worlds, bool))
         return self._observe(), self._rows(reward).copy(), self._spread(terminated), self._spread(truncated), info
 
     def render(self) -> tuple[Any, ...] | None:
-        """A frame of each agent's world, uint8 (512, 512, 3) or text; agents of one world share it."""
+        """Draw the world of every sub-environment: a tuple of uint8 (height, width, 3), RGB, or of texts.
+
+        Agents of a world share one frame. None, with a warning, without a render_mode.
+        """
         if self.render_mode is not None:
-            self._check_started("render")
-        return render_worlds(self.core.worlds, self.render_mode, self._each)
+            self._check_running("render")
+        frames = self.base_env.render()
+        return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self.core.get_state()
+        return self.base_env.get_state()
 
     def set_state(self, state: State) -> Arrays:
         """Go on from `state`, of as many worlds or of one for all; returns the observations. Raises StateError."""
-        self.core.set_state(state)
-        self._started[:] = state.arrays["started"]
-        self.over[:] = state.arrays["over"]
-        self.over = np.logical_or(*self._ends(self.over, np.zeros(self.num_worlds, bool)))
+        self.base_env.set_state(state)
         return self._observe()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the core."""
-        if hasattr(self, "core"):  # gymnasium 1.1 also closes what could not be made
-            self.core.close()
+        """Close base_env."""
+        if hasattr(self, "base_env"):  # gymnasium also closes what could not be made
+            self.base_env.close()
 
-    def _seeds(self, seed: Any) -> Any:
-        """What the core is to be seeded with."""
-        return world_seeds(seed, self.num_worlds, self._each)
+    def _choose(self) -> slice:
+        """Which agents of a world are sub-environments."""
+        return slice(0, None)
 
     def _joint(self, rows: Array) -> Array:
         """The actions of all agents, (worlds, agents, actions), given those of the sub-environments."""
-        raise NotImplementedError
+        return rows.reshape(self.num_worlds, self._each, -1)
 
-    def _ends(self, terminated: Array, truncated: Array) -> tuple[Array, Array]:
-        """Which worlds end here, given which end by themselves; new or the same arrays, bool (worlds,)."""
-        return terminated, truncated
+    def _seeds(self, seed: Any) -> Any:
+        """What base_env is to be seeded with: one seed, or one for each world."""
+        if as_array(seed).ndim == 0:
+            return seed  # base_env checks it
+        seeds = np.asarray(seed, object)
+        if seeds.shape != (self.num_envs,):
+            wanted = f"one integer, or one for each of {self.num_envs} sub-environments"
+            raise ValueError(f"seed has shape {seeds.shape}: {wanted}")
+        return self._of_worlds("seed", seeds).tolist()
 
-    def _report(self) -> dict[str, Any]:
-        """What info holds only when sub-environments end, about those."""
+    def _report(self, done: Array) -> dict[str, Any]:
+        """What info has about the worlds that are `done`, bool (worlds,), and at no other time."""
         return {}
 
-    def _tell(self, where: Array) -> dict[str, Any]:
-        """What info always holds, about the worlds `where`."""
+    def _info(self, where: Array) -> dict[str, Any]:
+        """What info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
-        return {"alive": self._alive().ravel() & rows, "_alive": rows}
+        return {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
 
-    def _restart(self, reward: Array, terminated: Array, truncated: Array) -> None:
-        """Make this the resetting step of the worlds that were over: the core knows only of those that it ended."""
-        stale = self.over & (self.core.worlds[Clock].tick[:, 0] > 0)
-        if stale.any():
-            self.core.reset(options={"reset_mask": stale})
-        reward[self.over] = 0
-        terminated[self.over] = truncated[self.over] = False
-
-    def _finish(self) -> dict[str, Any]:
+    def _finish(self, done: Array) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
-        info = self._report()
-        if self.autoreset is AutoresetMode.SAME_STEP:
-            rows, final = self._spread(self.over), np.full(self.num_envs, None, object)
+        info = self._report(done)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            rows, final = self._spread(done), np.full(self.num_envs, None, object)
             for k in np.flatnonzero(rows):
                 final[k] = {key: view[k].copy() for key, view in self._views.items()}
-            info |= {"final_info": info | self._tell(self.over), "_final_info": rows.copy()}
+            info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
             info |= {"final_obs": final, "_final_obs": rows}
-            self.core.reset(options={"reset_mask": self.over})
-            self.over = np.zeros(self.num_worlds, bool)
+            self.base_env.reset(options={"reset_mask": done})
         return info
 
     def _observe(self) -> Arrays:
         return {key: view.copy() if self.copy else view for key, view in self._views.items()}
 
-    def _alive(self) -> Array:
-        """Which of the seated agents live, bool (worlds, seats)."""
-        alive: Array = self.core.worlds[Entity].alive[:, self._agents][:, self._seats] != 0
-        return alive
-
-    def _own(self, where: Array) -> Arrays:
-        """Statistics of the episodes so far, (num_envs, ...), zero but for the worlds `where`.
-
-        Of what is counted by agent or by side, every sub-environment gets its own, or its side's.
-        """
-        side = self.core.worlds[Side].side[:, self._agents][:, self._seats]
-        own = {}
-        for key, values in statistics(self.core.worlds, where).items():
-            share = self._shares.get(key)
-            if share == "sides":
-                own[key] = values[np.arange(self.num_worlds)[:, None], side].reshape(self.num_envs, *values.shape[2:])
-            else:
-                own[key] = self._rows(values).copy() if share == "agents" else self._spread(values)
-        return own
+    def _statistics(self, statistics: Arrays) -> Arrays:
+        """Each sub-environment's own entry of statistics of worlds, (num_envs,) by key."""
+        own = agent_statistics(self.base_env.worlds, statistics)
+        return {key: self._rows(values) for key, values in own.items()}
 
     def _rows(self, values: Array) -> Array:
-        """(worlds, agents, ...) as (num_envs, ...), the seated agents only; a view where that is possible."""
-        return values[:, self._seats].reshape(self.num_envs, *values.shape[2:])
+        """(worlds, agents, ...) as (num_envs, ...), sub-environments only; a view where that is possible."""
+        return values[:, self._indices].reshape(self.num_envs, *values.shape[2:])
 
     def _spread(self, values: Array) -> Array:
-        """(worlds, ...) as (num_envs, ...): a copy in which every sub-environment has what its world has."""
+        """(worlds,) as (num_envs,): a copy in which every sub-environment has what its world has."""
         return np.repeat(values, self._each, axis=0)
 
-    def _check_started(self, name: str) -> None:
+    def _of_worlds(self, name: str, rows: Array) -> Array:
+        """(num_envs,) as (worlds,): the one value that the sub-environments of a world have in common."""
+        by_world = rows.reshape(self.num_worlds, self._each)
+        differ = (by_world != by_world[:, :1]).any(1)
+        if differ.any():
+            w = int(differ.argmax())
+            raise ValueError(
+                f"{name}: sub-environments {w * self._each} to {(w + 1) * self._each - 1} are the agents of world {w} "
+                f"and must agree; they have {by_world[w].tolist()}"
+            )
+        return by_world[:, 0]
+
+    def _check_running(self, call: str) -> None:
+        """ClosedError or NotResetError unless every world can take a step, or be drawn."""
         if self.closed:
             raise ClosedError("the environment is closed; make a new one")
-        if not self._started.all():
-            missing = int((~self._started).sum())
-            raise NotResetError(f"{name}() before reset(): {missing} worlds have not started; reset them")
-
-    def _check_steppable(self) -> None:
-        self._check_started("step")
-        if self.autoreset is AutoresetMode.DISABLED and self.over.any():
+        tracker = self.base_env._tracker
+        if missing := int((~tracker.running).sum()):
+            raise NotResetError(f"{call}() before reset(): {missing} worlds have not started; reset them")
+        if call == "step" and self.autoreset_mode is AutoresetMode.DISABLED and (done := tracker.done).any():
             raise NotResetError(
-                f"sub-environments {np.flatnonzero(self._spread(self.over))[:8].tolist()} have ended and autoreset is "
+                f"sub-environments {np.flatnonzero(self._spread(done))[:8].tolist()} have ended and autoreset is "
                 'disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'
             )

@@ -4,17 +4,13 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import flatten_space
-from gymnasium.vector import AutoresetMode
 
-from outlast.ecs import Entity
-
-from ..core.make import make_vec
-from ..core.validation import Array, check_choice
+from ..core.agents import alive
+from ..core.validation import Array, check_choice, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..rendering.modes import RENDER_MODES, render_world
-from ..scenarios.scenario import Scenario
-from .agent_spaces import agent_spaces
-from .rows import checked_rows
+from ..scenarios.scenario import Number, Scenario
+from .per_agent import agent_spaces, requested
 
 try:
     from pufferlib import PufferEnv
@@ -35,23 +31,38 @@ def make_puffer(
     *,
     seed: int | None = 0,
     threads: int = 1,
+    max_episode_steps: int | None = None,
     check_actions: bool = True,
     render_mode: str | None = None,
     buf: dict[str, Array] | None = None,
+    **numbers: Number,
 ) -> "SurvivalPufferEnv":
-    """`num_worlds` worlds of a variant or scenario for PufferLib, alone or made by its vector.make.
+    """All agents of `num_worlds` worlds for PufferLib, alone or made by its vector.make.
 
     >>> vecenv = outlast.make_puffer("ffa_3", 1024)
     >>> vecenv = pufferlib.vector.make(outlast.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
 
-    seed: world w is keyed by (seed, w), so that environments with seeds 1 apart, as PufferLib makes them, have no world
-    in common. None: by a seed that nobody knows. threads, check_actions: see SurvivalVectorEnv. render_mode: None,
-    "rgb_array" or "ansi". buf: PufferLib's arrays. Raises as make_vec.
+    Args:
+        scenario: Name of a variant, or a Scenario.
+        num_worlds: How many worlds to step together.
+        seed: World w is keyed by (seed, w), so that environments with seeds 1 apart, as PufferLib makes them, have no
+            world in common. None: a seed that cannot be foreseen.
+        threads: How many threads step the worlds.
+        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
+        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
+        render_mode: None, "rgb_array" or "ansi".
+        buf: PufferLib's arrays.
+        numbers: Other numbers of the scenario, as in Scenario.replace.
+
+    Raises:
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-    mode = AutoresetMode.DISABLED
-    core = make_vec(scenario, num_worlds, seed=seed, threads=threads, autoreset=mode, check_actions=False)
-    return SurvivalPufferEnv(core, check_actions=check_actions, render_mode=render_mode, buf=buf)
+    scenario = requested(make_puffer, scenario, numbers, max_episode_steps)
+    base_env = SurvivalVectorEnv(
+        scenario, num_worlds, seed=seed, threads=threads, autoreset_mode="SameStep", copy=False, check_actions=False
+    )
+    return SurvivalPufferEnv(base_env, check_actions=check_actions, render_mode=render_mode, buf=buf)
 
 
 class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -59,37 +70,37 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
 
     The arrays are those of PufferLib (buf) or, without it, the environment's own; every call overwrites them:
 
-    ============ ======= ================== ===================================================================
+    ============ ======= ================== ========================================================================
     observations float32 (num_agents, size) all that an agent sees, flat, in order of the keys
     rewards      float32 (num_agents,)
     terminals    bool    (num_agents,)      whether its world ended by its rule
     truncations  bool    (num_agents,)      whether its world ended at the time limit
-    masks        bool    (num_agents,)      whether the agent of this observation lives
-    ============ ======= ================== ===================================================================
+    masks        bool    (num_agents,)      whether the agent of this observation is alive: info["alive"] elsewhere
+    ============ ======= ================== ========================================================================
 
-    As in the paper's training, the dead stay until their world ends, with their rewards; their actions are ignored. A
-    world that ended starts anew in that very step: the observation is already the next episode's. PufferLib's own
-    trainer stops returns at terminals only.
+    As in the paper's training, the dead stay until their world ends, with their rewards (dead="keep" of other
+    adapters); their actions are ignored. A world that ended starts anew in that very step: the observation is already
+    the next episode's. PufferLib's own trainer stops returns at terminals only.
 
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
     of agents and sides one for each. gymnasium.spaces.unflatten(agent_observation_space, row) takes a row apart.
 
-    core: the worlds, with autoreset DISABLED, as this face resets them itself.
+    Attributes:
+        base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP.
     """
 
     def __init__(
-        self, core: SurvivalVectorEnv, *, check_actions: bool, render_mode: str | None, buf: dict[str, Array] | None
+        self, base_env: SurvivalVectorEnv, *, check_actions: bool, render_mode: str | None, buf: dict[str, Array] | None
     ) -> None:
-        self.core, self.check_actions, self.render_mode = core, check_actions, render_mode
-        self.num_worlds, self.num_agents = core.num_worlds, core.num_worlds * core.num_agents
-        (self.agent_observation_space, *_), (self.single_action_space, *_) = agent_spaces(core)  # all agents' are alike
+        self.base_env, self.check_actions, self.render_mode = base_env, check_actions, render_mode
+        self.num_worlds, self.num_agents = base_env.num_worlds, base_env.num_worlds * base_env.num_agents
+        (self.agent_observation_space, *_), (self.single_action_space, *_) = agent_spaces(base_env)  # all are alike
         self.single_observation_space = flatten_space(self.agent_observation_space)
-        self._agents = core.worlds.span("agent")
         super().__init__(buf)
 
     def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
         """Start new episodes everywhere: of `seed`, or the next ones. Returns (observations, infos)."""
-        self.core.reset(seed=seed)
+        self.base_env.reset(seed=seed)
         self.rewards[:] = 0
         self.terminals[:] = self.truncations[:] = False
         self._observe()
@@ -101,16 +112,17 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
         actions: integers (num_agents, actions). Returns (observations, rewards, terminals, truncations, infos). A
         refused call (ActionError, NotResetError, ClosedError) changes nothing.
         """
-        rows = checked_rows(actions, self.num_agents, self.core.action_sizes, self.check_actions)
-        _, rewards, terminated, truncated, info = self.core.step(self._by_world(rows))
+        shape, sizes = (self.num_agents, len(self.base_env.action_sizes)), self.base_env.action_sizes
+        axes, who = "(num_agents, actions)", "sub-environment {0}"
+        rows = checked_actions(actions, shape, sizes, self.check_actions, axes=axes, who=who)
+        _, rewards, terminated, truncated, info = self.base_env.step(self._by_world(rows))
         self.rewards[:] = rewards.ravel()
         self._by_world(self.terminals)[:] = terminated[:, None]
         self._by_world(self.truncations)[:] = truncated[:, None]
         infos = []
-        if info:
-            over = info["_statistics"]
-            infos.append({key: values[over].ravel().tolist() for key, values in info["statistics"].items()})
-            self.core.reset(options={"reset_mask": over})
+        if "statistics" in info:
+            done = info["_statistics"]
+            infos.append({key: values[done].ravel().tolist() for key, values in info["statistics"].items()})
         self._observe()
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 
@@ -118,15 +130,15 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
-        return render_world(self.core.worlds, 0, self.render_mode)
+        return render_world(self.base_env.worlds, 0, self.render_mode)
 
     def close(self) -> None:
-        """Let the threads go; again does no harm."""
-        self.core.close()
+        """Close the worlds and their threads; again does no harm."""
+        self.base_env.close()
 
     def _observe(self) -> None:
-        self.core.observe(out=self._by_world(self.observations))
-        self.masks[:] = (self.core.worlds[Entity].alive[:, self._agents] != 0).ravel()
+        self.base_env.observe(out=self._by_world(self.observations))
+        self.masks[:] = alive(self.base_env.worlds).ravel()
 
     def _by_world(self, rows: Array) -> Array:
         """(num_agents, ...) as (worlds, agents, ...): a view, also of a part of a larger array."""

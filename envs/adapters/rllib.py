@@ -15,53 +15,62 @@ except ImportError as error:
 
 
 class SurvivalMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
-    """One world of a scenario for RLlib; its agents are agent_0, agent_1 ...
+    """One world for RLlib; its agents are agent_0, agent_1 ...
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
 
-    config: what `parallel_env` takes ("scenario", "dead", "seed", "max_cycles", numbers ...), and so are observations,
-    actions, rewards and flags; besides, "__all__" is terminated when the world has ended by its rule, and truncated at
-    the time limit, whoever died in that tick. Raises what `parallel_env` raises.
+    Observations, actions, rewards, flags and infos are those of `outlast.parallel_env`. Besides, "__all__" is
+    terminated when the world has ended by its rule, and truncated at the time limit, whoever died in that tick.
 
     reset(seed=s) gives world 0 of a batch with that seed; in a training run, where copies play a world of their own
-    each, another one: a function of s, config["seed"], worker and copy. parallel: the SurvivalParallelEnv below.
+    each, another one: a function of s, config["seed"], worker and copy.
+
+    Args:
+        config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", numbers ...
+
+    Raises:
+        ScenarioError, NumberError, ValueError: As `outlast.parallel_env`.
+
+    Attributes:
+        base_env: The SurvivalVectorEnv of one world below.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None) -> None:
-        self.parallel: SurvivalParallelEnv = parallel_env(**(config or {}))
-        self.possible_agents = self.parallel.possible_agents
+        self._parallel: SurvivalParallelEnv = parallel_env(**(config or {}))
+        self.possible_agents = self._parallel.possible_agents
         self.agents = self.possible_agents[:]
-        self.observation_spaces = {agent: self.parallel.observation_space(agent) for agent in self.agents}
-        self.action_spaces = {agent: self.parallel.action_space(agent) for agent in self.agents}
-        self.metadata, self.render_mode = self.parallel.metadata, self.parallel.render_mode
+        self.observation_spaces = {agent: self._parallel.observation_space(agent) for agent in self.agents}
+        self.action_spaces = {agent: self._parallel.action_space(agent) for agent in self.agents}
+        self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
         self._config, self._seed = config, (config or {}).get("seed")
-        self.parallel.batch.first_world = _world(config)
+        self.base_env = self._parallel.base_env
+        self.base_env.first_world = _world(config)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
         """Start an episode: of `seed`, or the next one. The first reset takes the configuration's seed."""
         seed, self._seed = self._seed if seed is None else seed, None
-        observations, infos = self.parallel.reset(seed=seed, options=options)
-        self.agents = self.parallel.agents
+        observations, infos = self._parallel.reset(seed=seed, options=options)
+        self.agents = self._parallel.agents
         return observations, infos
 
     def step(
         self, action_dict: Mapping[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One tick; see SurvivalParallelEnv.step."""
-        observations, rewards, terminated, truncated, infos = self.parallel.step(action_dict)
-        self.agents = self.parallel.agents
+        """One tick, as SurvivalParallelEnv.step; terminated and truncated also have "__all__"."""
+        observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
+        self.agents = self._parallel.agents
         cut = any(truncated.values())
         terminated["__all__"], truncated["__all__"] = not self.agents and not cut, cut
         return observations, rewards, terminated, truncated, infos
 
     def render(self) -> Any:
         """The picture, as config["render_mode"] says."""
-        return self.parallel.render()
+        return self._parallel.render()
 
     def close(self) -> None:
-        """Let go of window and threads; again does no harm."""
-        self.parallel.close()
+        """Close window and world; again does no harm."""
+        self._parallel.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._config,)
@@ -70,8 +79,8 @@ class SurvivalMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]  # untyped, se
 def _world(config: Any) -> int:
     """The number of this copy's world; 0 outside of RLlib.
 
-    It tells copies apart because RLlib does not: those of one worker get the same context object, and when RLlib checks
-    them, all copies in all workers get the same seed, from which they go on if the run has none.
+    RLlib does not distinguish copies: those of one worker get the same context object, and when RLlib checks them, all
+    copies in all workers get the same seed, from which they go on if the run has none.
     """
     if not isinstance(config, EnvContext):
         return 0

@@ -1,22 +1,17 @@
-"""The face for Stable-Baselines3: every agent of every world is one sub-environment of a VecEnv."""
+"""Stable-Baselines3: every agent of every world is a sub-environment of a VecEnv."""
 
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
-from outlast.components import Side
-from outlast.ecs import Entity, Statistic
-
-from ..core.make import make_vec
-from ..core.spaces import published
-from ..core.validation import check_count, keys
-from ..core.vector_env import Arrays, SurvivalVectorEnv
-from ..errors import ActionError, PendingError
+from ..core.validation import Array, as_array, check_count, keys
+from ..core.vector_env import Arrays
+from ..errors import PendingError
 from ..rendering.window import Window
-from ..scenarios.scenario import Scenario
-from .agent_spaces import agent_spaces
+from ..scenarios.scenario import Number, Scenario
+from .gymnasium_agents import SurvivalAgentVectorEnv
+from .per_agent import requested
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -26,8 +21,6 @@ except ImportError as error:
         "make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'", name="stable_baselines3"
     ) from error
 
-Array = np.ndarray[Any, Any]
-
 
 def make_sb3(
     scenario: str | Scenario,
@@ -35,22 +28,42 @@ def make_sb3(
     *,
     seed: int | None = None,
     threads: int = 1,
+    max_episode_steps: int | None = None,
     check_actions: bool = True,
     render_mode: str | None = None,
     render_worlds: int = 1,
+    **numbers: Number,
 ) -> "SurvivalVecEnv":
-    """`num_worlds` worlds of a variant or scenario for Stable-Baselines3.
+    """All agents of `num_worlds` worlds for Stable-Baselines3.
 
     >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.make_sb3("ffa_1", 64, seed=0)))
 
-    seed: world w is keyed by (seed, w), as by SurvivalVecEnv.seed. threads, check_actions: see SurvivalVectorEnv.
-    render_mode: None or "rgb_array", which render(mode="human") needs, too. render_worlds: render() shows the first so
-    many worlds.
+    Args:
+        scenario: Name of a variant, or a Scenario.
+        num_worlds: How many worlds to step together.
+        seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: a seed that cannot be foreseen.
+        threads: How many threads step the worlds.
+        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
+        check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
+        render_mode: None, or "rgb_array", which render(mode="human") needs, too.
+        render_worlds: render() shows the first so many worlds.
+        numbers: Other numbers of the scenario, as in Scenario.replace.
+
+    Raises:
+        ScenarioError, NumberError, ValueError: As `outlast.make_vec`.
     """
-    core = make_vec(
-        scenario, num_worlds, threads=threads, check_actions=check_actions, autoreset=AutoresetMode.DISABLED
+    check_count("render_worlds", render_worlds, 1)
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"render_mode = {render_mode!r}: None or 'rgb_array' is needed")
+    agents = SurvivalAgentVectorEnv(
+        requested(make_sb3, scenario, numbers, max_episode_steps),
+        num_worlds,
+        threads=threads,
+        autoreset_mode="SameStep",
+        check_actions=check_actions,
+        render_mode=render_mode,
     )
-    return SurvivalVecEnv(core, seed=seed, render_mode=render_mode, render_worlds=render_worlds)
+    return SurvivalVecEnv(agents, seed=seed, render_worlds=render_worlds)
 
 
 class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
@@ -59,34 +72,32 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
     Observations: dict of float32 (num_envs, ...), copies, because SB3's algorithms keep the last ones during a step.
     Actions: integers (num_envs, actions). Rewards: float32 (num_envs,). Dones: bool (num_envs,).
 
-    An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays: it is paid and
-    observes what the scenario says, and its actions are ignored. Every info has "alive" (1 or 0) and
-    "TimeLimit.truncated"; where the world ended, also "terminal_observation" and "statistics": numbers of the episode,
-    of agents and sides the agent's own entry.
+    An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays (dead="keep" of
+    other adapters): it has the rewards and observations of the scenario, and its actions are ignored. Every info has
+    "alive" (1 or 0) and "TimeLimit.truncated"; where the world ended, also "terminal_observation" and "statistics":
+    numbers of the episode, of agents and sides the agent's own entry. There, "alive" is of the terminal observation.
 
-    core: the worlds, with autoreset DISABLED, as this face resets them itself.
+    Attributes:
+        base_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
     """
 
-    def __init__(
-        self, core: SurvivalVectorEnv, *, seed: int | None, render_mode: str | None, render_worlds: int
-    ) -> None:
-        check_count("render_worlds", render_worlds, 1)
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode = {render_mode!r}: None or 'rgb_array' is needed")
-        self.core, self.render_mode, self.render_worlds = core, render_mode, render_worlds
-        self.num_worlds, self.num_agents = core.num_worlds, core.num_agents
-        (observations, *_), (actions, *_) = agent_spaces(core)  # everybody's are alike
-        super().__init__(self.num_worlds * self.num_agents, observations, actions)
-        fps = core.metadata["render_fps"]
-        self.metadata = {"name": core.scenario.name, "render_modes": ["rgb_array"], "render_fps": fps}
-        self._statistic_dims = {key: column.dims for key, _, _, column in published(core.worlds, Statistic)}
+    def __init__(self, agents: SurvivalAgentVectorEnv, *, seed: int | None, render_worlds: int) -> None:
+        self._agents, self.base_env = agents, agents.base_env
+        self.render_mode, self.render_worlds = agents.render_mode, render_worlds
+        self.num_worlds, self.num_agents = agents.num_worlds, agents.num_agents
+        super().__init__(agents.num_envs, agents.single_observation_space, agents.single_action_space)
+        self.metadata = {
+            "name": agents.metadata["name"],
+            "render_modes": ["rgb_array"],
+            "render_fps": agents.metadata["render_fps"],
+        }
         self._actions: Array | None = None
         self._window: Window | None = None
         if seed is not None:
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> list[int]:
-        """Key world w by (seed, w) at the next reset; None: by a seed that nobody knows.
+        """Key world w by (seed, w) at the next reset; None: by a seed that cannot be foreseen.
 
         Stable-Baselines3's own environments get seed + their number instead. Here that would give seeds 0 and 1 all
         worlds but one in common, and a learner trained with both nearly the same sample twice.
@@ -95,7 +106,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
             The seed, once for each agent.
 
         Raises:
-            ValueError: it is no integer from 0 to 2**64 - 1.
+            ValueError: It is no integer from 0 to 2**64 - 1.
         """
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -111,23 +122,16 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
     def reset(self) -> Arrays:
         """Start new episodes everywhere. A step that was begun is dropped."""
         self._actions = None
-        observations, _ = self.core.reset(seed=self._seeds[0])
+        observations, _ = self._agents.reset(seed=self._seeds[0])
         self._reset_seeds()
         self.reset_infos = [{"alive": 1} for _ in range(self.num_envs)]
-        return self._by_agent(observations)
+        return observations
 
     def step_async(self, actions: Array) -> None:
-        """Begin a step, of which `step_wait` does the work. Raises PendingError, ActionError."""
+        """Take the actions of a step, which `step_wait` checks and does. Raises PendingError."""
         if self._actions is not None:
             raise PendingError("step_async() after step_async(): call step_wait(), or reset(), first")
-        try:
-            actions = np.array(actions)
-        except ValueError:  # lists of unequal length
-            actions = np.empty(0, object)
-        shape = (self.num_envs, len(self.core.action_sizes))
-        if actions.shape != shape:
-            raise ActionError(f"actions have shape {actions.shape}: (num_envs, actions) = {shape} is needed")
-        self._actions = actions.reshape(self.num_worlds, self.num_agents, -1)
+        self._actions = as_array(actions).copy()
 
     def step_wait(self) -> tuple[Arrays, Array, Array, list[dict[str, Any]]]:
         """One tick of every world, then new episodes where it was the last: observations, rewards, dones, infos.
@@ -137,20 +141,25 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         if self._actions is None:
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None
-        observations, rewards, terminated, truncated, info = self.core.step(actions)
-        alive = self.core.worlds[Entity].alive[:, self._rows].ravel().tolist()
-        infos: list[dict[str, Any]] = [{"alive": each, "TimeLimit.truncated": False} for each in alive]
-        over = terminated | truncated
-        if over.any():
-            self._report(np.flatnonzero(over), observations, truncated, info["statistics"], infos)
-            observations, _ = self.core.reset(options={"reset_mask": over})
-        return self._by_agent(observations), rewards.ravel(), np.repeat(over, self.num_agents), infos
+        observations, rewards, terminated, truncated, info = self._agents.step(actions)
+        alive, done = info["alive"].astype(int), terminated | truncated
+        if done.any():
+            alive[done] = info["final_info"]["alive"][done]
+        infos: list[dict[str, Any]] = [{"alive": each, "TimeLimit.truncated": False} for each in alive.tolist()]
+        if done.any():
+            own = {key: values.tolist() for key, values in info["statistics"].items()}
+            for i in np.flatnonzero(done).tolist():
+                infos[i]["TimeLimit.truncated"] = bool(truncated[i])
+                infos[i]["terminal_observation"] = info["final_obs"][i]
+                infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
+                self.reset_infos[i] = {"alive": 1}
+        return observations, rewards, done, infos
 
     def close(self) -> None:
-        """Let threads and window go; a later reset or step is a ClosedError."""
+        """Close threads and window; a later reset or step is a ClosedError."""
         if self._window is not None:
             self._window.close()
-        self.core.close()
+        self._agents.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """An attribute of this object, which all sub-environments share, once for each of them."""
@@ -189,13 +198,6 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         self._window.show(picture)
         return None
 
-    @property
-    def _rows(self) -> slice:
-        return self.core.worlds.span("agent")
-
-    def _by_agent(self, observations: Arrays) -> Arrays:
-        return {key: values.reshape(self.num_envs, *values.shape[2:]).copy() for key, values in observations.items()}
-
     def _chosen(self, indices: Any) -> list[int]:
         return [range(self.num_envs)[i] for i in self._get_indices(indices)]
 
@@ -205,28 +207,4 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         if self.render_mode is None:
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
         drawn: dict[int, Array] = {}
-        return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.core.worlds, w)) for w in worlds]
-
-    def _report(
-        self, worlds: Array, observations: Arrays, truncated: Array, statistics: Arrays, infos: list[dict[str, Any]]
-    ) -> None:
-        """Complete the infos of the agents of `worlds` (indices), which ended."""
-        agents = (worlds[:, None] * self.num_agents + np.arange(self.num_agents)).ravel()
-        last = {key: values[worlds].reshape(len(agents), *values.shape[2:]) for key, values in observations.items()}
-        own = {key: self._own(key, values[worlds], worlds) for key, values in statistics.items()}
-        cut = np.repeat(truncated[worlds], self.num_agents).tolist()
-        for k, i in enumerate(agents.tolist()):
-            infos[i]["TimeLimit.truncated"] = cut[k]
-            infos[i]["terminal_observation"] = {key: rows[k] for key, rows in last.items()}
-            infos[i]["statistics"] = {key: values[k] for key, values in own.items()}
-            self.reset_infos[i] = {"alive": 1}
-
-    def _own(self, key: str, values: Array, worlds: Array) -> list[Any]:
-        """What of a statistic each agent of `worlds` is told."""
-        dims = self._statistic_dims.get(key)
-        if dims == ("agents",):
-            return list(values.ravel().tolist())
-        if dims == ("sides",):
-            sides = self.core.worlds[Side].side[worlds, self._rows]
-            return list(np.take_along_axis(values, sides, 1).ravel().tolist())
-        return list(np.repeat(values, self.num_agents, axis=0).tolist())
+        return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]

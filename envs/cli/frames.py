@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
     rows, columns = options.mosaic or (1, 1)
     scenario, make_policy = scenario_and_policy(options)
-    env = make_vec(scenario, options.worlds or rows * columns, seed=options.seed, check_actions=False)
+    env = make_vec(scenario, options.worlds or rows * columns, seed=options.seed, copy=False, check_actions=False)
     with contextlib.closing(env):
         played = ticks(env, make_policy(env, options.seed), options.steps)
         return video_options.write_frames(options, env.worlds, played, options.steps)

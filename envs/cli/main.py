@@ -15,18 +15,18 @@ from ..errors import (
     PageError,
     PlayError,
     RecordingError,
+    ScenarioError,
     StateError,
-    TrainingError,
+    UsageError,
 )
-from ..scenarios.scenario import ScenarioError
 from . import frames, listing, play, replay, rollout
 from .options import messages_shown
 
 COMMANDS = (rollout, replay, play, frames, listing)
-# Told in one line, without a traceback.
+# Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
-    *(PlayError, RecordingError, StateError, TrainingError),
+    *(PlayError, RecordingError, StateError, UsageError),
 )
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
 
@@ -52,7 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
+    import outlast  # here, as the package imports the environments
+
     top = argparse.ArgumentParser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
+    top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}")
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)

@@ -10,9 +10,9 @@ from typing import Any
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import TrainingError
+from ..errors import ScenarioError, UsageError
 from ..rollout.policies import POLICIES, Policy
-from ..scenarios.scenario import Scenario, ScenarioError
+from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
 
 SAVED = ".zip"  # what a saved policy's file ends in
@@ -71,7 +71,7 @@ def policy(text: str) -> str:
 def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
     """The scenario that the options name, and what makes the policy for it: see POLICIES.
 
-    Raises ScenarioError, TrainingError.
+    Raises ScenarioError, UsageError.
     """
     asked = scenario(options)
     if options.policy in POLICIES:
@@ -83,14 +83,14 @@ def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable
 def load_policy(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
     """A saved policy, and the scenario with the observations that it was trained with.
 
-    Raises TrainingError if it cannot play there, or if there is no PyTorch.
+    Raises UsageError if it cannot play there, or if there is no PyTorch.
     """
-    import outlast  # here: the package knows of training, envs do not
+    import outlast  # here, as the package imports the environments
 
     try:
         player = outlast.load_policy(path, seed)
     except ModuleNotFoundError as error:
-        raise TrainingError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
+        raise UsageError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
     fitting = player.scenario(asked)
     with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
         player.check(env)
@@ -146,7 +146,7 @@ def _integer(text: str, least: int) -> int:
     return value
 
 
-def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, object]:
+def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
     """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
     name, equals, value = text.partition("=")
     if not equals:

@@ -49,7 +49,9 @@ def run(options: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
-    env = make_vec(scenario, options.worlds, seed=options.seed, threads=options.threads, check_actions=False)
+    env = make_vec(
+        scenario, options.worlds, seed=options.seed, threads=options.threads, copy=False, check_actions=False
+    )
     policy = make_policy(env, options.seed)
     with contextlib.closing(env):
         if options.record is not None:

@@ -26,7 +26,7 @@ def side(worlds: Worlds, where: Any = slice(None)) -> Array:
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any = slice(None)) -> dict[str, Array]:
-    """Statistics of episodes as each agent is told of them: its own, its side's, or those of its world.
+    """Each agent's share of the statistics of episodes.
 
     Args:
         worlds: The worlds that the statistics are of.

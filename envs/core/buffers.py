@@ -34,7 +34,7 @@ def write(observations: Mapping[str, Array], out: Any) -> None:
         start += numbers
 
 
-def copies(observations: Mapping[str, Array], where: Array) -> Array:
+def final_observations(observations: Mapping[str, Array], where: Array) -> Array:
     """A copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
     found = np.full(len(where), None, object)
     for w in np.flatnonzero(where):
@@ -57,7 +57,7 @@ def _check(name: str, array: Any, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name} is read-only")
 
 
-def locked(array: Array) -> Array:
+def read_only(array: Array) -> Array:
     """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
     view = array.view()
     view.flags.writeable = False

@@ -14,25 +14,25 @@ Options = ParamSpec("Options")
 Result = TypeVar("Result")
 
 
-class Background:
-    """Whose turn it is, and a thread that starts with the first call in the background.
+class CallGuard:
+    """A re-entrancy guard, and a thread for one call in the background, which starts with the first such call.
 
-    `with background:` is a turn; it raises PendingError while another thread has one.
+    `with guard:` raises PendingError while another thread is inside.
     """
 
     def __init__(self) -> None:
         self._worker = Workers(1)
         self._pending: Job | None = None
         self._owner = os.getpid()
-        self._turn: dict[str, int] = {}  # the thread whose turn it is: what Ctrl-C leaves here, its next turn clears
+        self._holder: dict[str, int] = {}  # the thread that is inside: what Ctrl-C leaves here, its next call clears
 
     def __enter__(self) -> None:
         me = threading.get_ident()
-        if self._turn.setdefault("thread", me) != me:
+        if self._holder.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
 
     def __exit__(self, *error: object) -> None:
-        self._turn.pop("thread", None)
+        self._holder.pop("thread", None)
 
     @property
     def busy(self) -> bool:
@@ -44,7 +44,7 @@ class Background:
         with self:
             pass
         self._owner = os.getpid()
-        self._pending = Job(self._in_turn, call, *arguments)
+        self._pending = Job(self._guarded, call, *arguments)
         self._worker.submit([self._pending])
 
     def fetch(self) -> Any:
@@ -65,18 +65,18 @@ class Background:
         """Let the thread go, after its call."""
         self._worker.close()
 
-    def _in_turn(self, call: Callable[..., Any], *arguments: Any) -> Any:
+    def _guarded(self, call: Callable[..., Any], *arguments: Any) -> Any:
         with self:
             return call(*arguments)
 
 
-def alone(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
-    """A method of an environment that is open, in which nobody else is. Raises ClosedError or PendingError."""
+def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
+    """A method of an open environment that one thread at a time may be in. Raises ClosedError or PendingError."""
 
     @functools.wraps(call)
     def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
-        check_callable(env)  # before the turn, which the call in the background needs
-        with env._background:
+        check_callable(env)  # before the guard, which the call in the background needs
+        with env._guard:
             return call(env, *arguments, **options)
 
     return checked
@@ -86,5 +86,5 @@ def check_callable(env: Any) -> None:
     """Raises ClosedError after close(), and PendingError between send() and recv()."""
     if env.closed:
         raise ClosedError("the environment is closed; make a new one")
-    if env._background.busy:
+    if env._guard.busy:
         raise PendingError("a step was sent and not received; call recv() first")

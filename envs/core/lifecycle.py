@@ -9,8 +9,7 @@ import numpy as np
 from outlast.components import End, Fault, Reward
 from outlast.ecs import Worlds
 
-from ..errors import FaultError, NotResetError, RecordingError
-from ..scenarios.scenario import ScenarioError
+from ..errors import FaultError, NotResetError, RecordingError, ScenarioError
 
 Array = np.ndarray[Any, Any]
 

@@ -1,22 +1,63 @@
 """Making environments from a variant's name or a scenario."""
 
-from typing import Any
+from gymnasium.vector import AutoresetMode
 
-from ..scenarios.scenario import Scenario, ScenarioError
-from ..scenarios.variants import variant
+from ..scenarios.scenario import Number, Scenario
+from ..scenarios.variants import resolve
 from .vector_env import SurvivalVectorEnv
 
 
-def make_vec(scenario: str | Scenario, num_worlds: int, **options: Any) -> SurvivalVectorEnv:
-    """A batch of `num_worlds` worlds of a variant or scenario.
+def make_vec(
+    scenario: str | Scenario,
+    num_worlds: int,
+    *,
+    seed: int | None = None,
+    threads: int = 1,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    copy: bool = True,
+    check_actions: bool = True,
+    first_world: int = 0,
+    render_mode: str | None = None,
+    autoreset: AutoresetMode | str | None = None,
+    **numbers: Number,
+) -> SurvivalVectorEnv:
+    """Make `num_worlds` worlds of a variant or scenario that are stepped together.
 
-    >>> env = outlast.make_vec("teams_3", 4096, seed=0, threads=2)
+    >>> env = outlast.make_vec("teams_3", 4096, seed=0, threads=2, copy=False, melee_damage=20)
 
-    options: seed, threads, autoreset, copy, check_actions, first_world, render_mode; see SurvivalVectorEnv. Raises
-    ScenarioError for an unknown variant, and NumberError or ScheduleError for a scenario that cannot be.
+    Args:
+        scenario: Name of a variant ("ffa_3", "teams_2+health_cap"), or a Scenario.
+        num_worlds: How many worlds.
+        seed: Keys the random numbers of world i by (seed, first_world + i); None: by a seed from the system.
+        threads: Threads that share the worlds in a step.
+        autoreset_mode: When a world that ended begins its next episode; see gymnasium.vector.AutoresetMode.
+        copy: Whether observations are arrays of the caller's own. False is faster: they are read-only views that the
+            next call overwrites.
+        check_actions: Whether the range of actions is checked. Without that, actions out of range have no particular
+            meaning, but do no harm.
+        first_world: Number of the first world: world i of a batch is world i of any other batch of the same seed.
+        render_mode: "rgb_array", "ansi" or None.
+        autoreset: Deprecated: autoreset_mode.
+        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+
+    Raises:
+        ScenarioError: No such variant, or a scenario without rewards or ends.
+        NumberError: No such number, or one that is out of its range.
+        ScheduleError: The order of the scenario's systems is ambiguous.
+        ValueError: An option that is out of its range.
     """
-    if isinstance(scenario, str):
-        scenario = variant(scenario)
-    if not isinstance(scenario, Scenario):
-        raise ScenarioError(f"{scenario!r}: the name of a variant or a Scenario is needed")
-    return SurvivalVectorEnv(scenario, num_worlds, **options)
+    return SurvivalVectorEnv(
+        resolve(scenario, numbers, OPTIONS),
+        num_worlds,
+        seed=seed,
+        threads=threads,
+        autoreset_mode=autoreset_mode,
+        copy=copy,
+        check_actions=check_actions,
+        first_world=first_world,
+        render_mode=render_mode,
+        autoreset=autoreset,
+    )
+
+
+OPTIONS = tuple(make_vec.__kwdefaults__ or ())  # its keywords

@@ -35,11 +35,11 @@ def check_published(worlds: Worlds) -> None:
                     f"{component.__qualname__}.{name}: the {base.__name__.lower()} '{key}' has the dimensions "
                     f'{column.dims}: the first one is "agents", as each agent has a row of its own'
                 )
-    names = ["alive"]  # what info tells beside the statistics
+    names = ["alive"]  # what info has beside the statistics
     for key, _, _, column in published(worlds, Statistic):
         names += _reported(worlds, key, column)
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise DeclarationError(f"two things that info tells are called '{twice[0]}'; rename a column of a Statistic")
+        raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
 
 
 def bounds(worlds: Worlds) -> dict[str, tuple[Array, Array]]:
@@ -93,12 +93,12 @@ def action_space(worlds: Worlds) -> spaces.MultiDiscrete:
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     """Copies of the episode statistics; rows of worlds that are not `where` are zero. Shapes (worlds,) or (worlds, n).
 
-    A column with one entry a cause of harm becomes one key for each: "deaths_zone".
+    A column with one entry a damage type becomes one key for each: "deaths_zone".
     """
     result: dict[str, Array] = {}
     for key, component, name, column in published(worlds, Statistic):
         values = np.where(where[:, None], getattr(worlds[component], name), 0)
-        if column.dims == ("causes",):
+        if column.dims == ("damage_types",):
             result.update(zip(_reported(worlds, key, column), values.T, strict=True))
         else:
             result[key] = values if column.dims else values[:, 0]
@@ -106,5 +106,5 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
 
 def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:
-    """The names under which a statistic is reported: its key, or one for each cause of harm ("deaths_zone")."""
-    return [f"{key}_{cause}" for cause in worlds.layout.causes] if column.dims == ("causes",) else [key]
+    """The names under which a statistic is reported: its key, or one for each damage type ("deaths_zone")."""
+    return [f"{key}_{type_}" for type_ in worlds.layout.damage_types] if column.dims == ("damage_types",) else [key]

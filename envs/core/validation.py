@@ -1,5 +1,6 @@
 """What a caller hands in, checked before anything changes: counts, seeds, masks, actions."""
 
+import warnings
 from numbers import Integral
 from typing import Any
 
@@ -23,13 +24,19 @@ def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = ""
         raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
 
 
-def autoreset_mode(value: Any) -> AutoresetMode:
-    """The mode, or the one of that value; ValueError for anything else."""
+def autoreset_mode(mode: Any, deprecated: Any = None) -> AutoresetMode:
+    """The mode, or the one of that value. deprecated: what was given as `autoreset`, the keyword's name of before.
+
+    Raises ValueError for anything else.
+    """
+    if deprecated is not None:
+        warnings.warn("autoreset= is called autoreset_mode=, as in Gymnasium", DeprecationWarning, stacklevel=4)
+        mode = deprecated
     try:
-        return AutoresetMode(value)
+        return AutoresetMode(mode)
     except ValueError:
         known = ", ".join(f"AutoresetMode.{mode.name} ({mode.value!r})" for mode in AutoresetMode)
-        raise ValueError(f"autoreset = {value!r}: allowed are {known}") from None
+        raise ValueError(f"autoreset_mode = {mode!r}: allowed are {known}") from None
 
 
 def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array]:

@@ -1,9 +1,9 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
-import os
+import sys
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -15,17 +15,17 @@ from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
-from ..snapshots.state import State, put, take
-from .buffers import copies, flat_size, locked, write
-from .concurrency import Background, alone, check_callable
+from ..snapshots.state import State, restore, snapshot
+from .agents import alive
+from .buffers import final_observations, flat_size, read_only, write
+from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
 from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
-from .validation import autoreset_mode, check_choice, check_count, checked_actions, keys, reset_mask
-
-if TYPE_CHECKING:
-    from ..recording import Recorder  # which needs this module
+from .validation import autoreset_mode as checked_autoreset_mode
+from .validation import check_choice, check_count, checked_actions, keys, reset_mask
+from .wrappers import refuse_dicts, refuse_reward_sums
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -34,18 +34,45 @@ Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and reco
 
 
 class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
-    """`num_worlds` worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
+    """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
 
-    Observations: dict of float32 (worlds, agents, ...). Actions: integers (worlds, agents, actions). Rewards: float32
-    (worlds, agents). Terminated, truncated: bool (worlds,), as an episode ends for all agents of a world at once.
-
-    Randomness is a function of (seed, world, episode): world i of a batch is the world i of any other batch, so
-    `first_world=i` gives it alone. Observations are read-only and overwritten by the next call, unless copy=True.
-    check_actions=False leaves out the range check (out-of-range actions then mean nothing in particular, but harm
-    nothing). noop: the action of an agent that does nothing, read-only integers (actions,).
+    ## Description
+    Agents in a closed room fight with melee attacks, fetch and use items, push boxes, and have to stay inside a zone
+    that shrinks. All worlds advance together by one tick a step. Mechanics and numbers are those of the scenario.
 
     One call at a time: PendingError refuses a thread while another one is in a call. Ctrl-C leaves a step not begun or
-    whole, or else worlds that a step refuses (NotResetError) until they are reset.
+    whole, or else worlds that `step` refuses (NotResetError) until they are reset.
+
+    ## Action Space
+    MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants
+    [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. `noop` is the action that does
+    nothing, integers (actions,).
+
+    ## Observation Space
+    Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
+    depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
+
+    ## Rewards
+    float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
+    are refused; `make_agents` is for them.
+
+    ## Starting State
+    Agents, boxes and heals at random places of a grid, with full health. A function of (seed, world, episode): an int
+    seed keys world i by (seed, first_world + i), so that it is world i of any other batch of that seed.
+
+    ## Episode End
+    Terminated, truncated: bool (worlds,), as an episode ends for all agents of a world at once: terminated by the
+    scenario's rule, truncated at its limit (`ending_limit`, ticks). Dead agents stay until then.
+
+    Every info has "alive", bool (worlds, agents). When worlds end it also has "statistics", the episode's numbers by
+    name, (worlds,) or (worlds, n), with "_statistics", the mask of worlds that they are of; under SAME_STEP "final_obs"
+    and "final_info" (what info was before the reset), with their masks, too.
+
+    ## Arguments
+    See `make_vec`, which also takes the name of a variant.
+
+    ## Version History
+    v1: as in outlast 0.1.
     """
 
     def __init__(
@@ -55,23 +82,25 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         *,
         seed: int | None = None,
         threads: int = 1,
-        autoreset: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        copy: bool = False,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
         check_actions: bool = True,
         first_world: int = 0,
         render_mode: str | None = None,
+        autoreset: AutoresetMode | str | None = None,
     ) -> None:
         check_count("num_worlds", num_worlds, 1)
         check_count("threads", threads, 1)
         check_count("first_world", first_world, 0)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset, self.render_mode = autoreset_mode(autoreset), render_mode
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode, deprecated=autoreset)
+        self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
-        self.metadata["autoreset_mode"] = self.autoreset
+        self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
         self._runner: Any = self.worlds  # or what also records it
-        self._background = Background()
+        self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
         self.num_envs = self.num_worlds = int(num_worlds)
@@ -84,10 +113,10 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.noop.flags.writeable = False
         self.action_sizes = self.single_action_space.nvec[0]
         self._observations = {
-            k: locked(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
+            k: read_only(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }
         self._mode = np.zeros(self.num_worlds, np.int8)
-        self._tracker = EpisodeTracker(self.worlds, self.autoreset is AutoresetMode.SAME_STEP)
+        self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode is AutoresetMode.SAME_STEP)
         self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
         self._stops: Stops | None = None
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
@@ -105,32 +134,56 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """The single space, batched; the same object in every call, as its generator goes on from sample to sample."""
         return batch_space(self.single_action_space, self.num_worlds)
 
-    @alone
+    @exclusive
     def reset(
         self, *, seed: int | list[int] | np.ndarray[Any, Any] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Start new episodes everywhere, or where options["reset_mask"] (bool, (worlds,)) says.
+        """Start new episodes.
 
-        seed: an int keys world i by (seed, first_world + i); a sequence keys it by (seed[i], 0). Without a seed, every
-        world goes on to its next episode.
+        Args:
+            seed: An int keys the random numbers of world i by (seed, first_world + i); a sequence of num_worlds ints
+                keys them by (seed[i], 0). None: every world goes on to its next episode.
+            options: {"reset_mask": bool (worlds,)}: the worlds to reset; without it, all.
+
+        Returns:
+            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents).
+
+        Raises:
+            ValueError: A seed or mask that cannot be.
+            TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
+        refuse_reward_sums(sys._getframe(2))
+        refuse_dicts(sys._getframe(2))
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
-        return self._observe(), {}
+        return self._observe(), {"alive": alive(self.worlds)}
 
-    @alone
+    @exclusive
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """One tick of every world. A refused call (see ActionError) changes nothing.
+        """Take every world through one tick. A refused call changes nothing.
 
         NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at
-        once; info["final_obs"] holds its last observation. DISABLED: reset it yourself. Whenever worlds end,
-        info["statistics"] holds their episodes and info["_statistics"] says which.
+        once; info["final_obs"] holds its last observation. DISABLED: reset it yourself.
+
+        Args:
+            actions: Integers of any type, (worlds, agents, actions), each from 0 to its size - 1.
+
+        Returns:
+            Observations; rewards, float32 (worlds, agents); terminated and truncated, bool (worlds,); and info, which
+            always has "alive", bool (worlds, agents), of the observations that are returned.
+
+        Raises:
+            ActionError: Actions of the wrong shape or type, or out of range.
+            NotResetError: Worlds that have not been reset, or have ended under DISABLED.
+            FaultError: A world is in a state that physics cannot take; the others have been stepped.
+            TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
+        refuse_reward_sums(sys._getframe(2))
         return self._step(actions)
 
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        self._tracker.check(resets=self.autoreset is not AutoresetMode.DISABLED)
+        self._tracker.check(resets=self.autoreset_mode is not AutoresetMode.DISABLED)
         self._take(actions)
         self._run()
         end = self.worlds[End]
@@ -142,32 +195,43 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             check_faults(self.worlds)
         finally:  # the other worlds go on
             info = self._finish(done) if (done := self._tracker.done).any() else {}
-        return self._observe(), reward, terminated, truncated, info
+        return self._observe(), reward, terminated, truncated, info | {"alive": alive(self.worlds)}
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
 
-        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. The
-        arrays that the call before returned are overwritten while the step runs, unless copy=True.
+        Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. With
+        copy=False, the arrays that the call before returned are overwritten while the step runs.
         """
         check_callable(self)
-        self._background.begin(self._step, actions)
+        self._guard.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """What `step` would have returned or raised for the actions that were sent."""
-        result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._background.fetch()
+        result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._guard.fetch()
         return result
 
-    @alone
+    @exclusive
     def render(self) -> tuple[Any, ...] | None:
-        """A frame of each world, uint8 (512, 512, 3) or text; None without a render_mode."""
+        """Draw every world: a tuple of uint8 (height, width, 3), RGB, or of texts, as render_mode says.
+
+        None, with a warning, without a render_mode. `outlast.draw(env.worlds, w)` draws one of many worlds.
+        """
         return render_worlds(self.worlds, self.render_mode)
 
-    @alone
+    @exclusive
     def observe(self, out: Any = None) -> Arrays:
-        """The observations as they are now; also written into `out`, if that is given (see core.buffers).
+        """The observations as they are now.
 
-        out: {key: float32 (worlds, agents, ...)} or one float32 array (worlds, agents, flat_size).
+        Args:
+            out: Where to write them, too: float32 arrays (worlds, agents, ...) by key, or one float32 array
+                (worlds, agents, flat_size) in which the keys lie one behind the other.
+
+        Returns:
+            As `step`: copies, or views if copy=False.
+
+        Raises:
+            ValueError: `out` has other keys, shapes or types; nothing was written.
         """
         if out is not None:
             write(self._observations, out)
@@ -175,24 +239,32 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def flat_size(self) -> int:
-        """Numbers that one agent is told: the length of its row in a flat array."""
+        """Numbers in the observation of one agent: the length of its row in a flat array."""
         return flat_size(self._observations)
 
-    @alone
+    @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
-        return take(self.scenario, self.worlds, self._masks, where)
+        return snapshot(self.scenario, self.worlds, self._masks, where)
 
-    @alone
+    @exclusive
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
-        """Go on from `state` in the worlds `where`: one for each, or one for all of them. Returns the observations.
+        """Go on from `state`. Random numbers go on as they would have: copies of a world have the same future.
 
-        Raises StateError, and changes nothing, if it is of another scenario or of too many worlds. Random numbers go on
-        as they would have: copies of a world see the same.
+        Args:
+            state: The state of as many worlds as `where` names, or of one for all of them.
+            where: The worlds that go on from it: mask, indices or slice.
+
+        Returns:
+            The observations.
+
+        Raises:
+            StateError: It is of another scenario or of too many worlds; nothing was changed.
+            RecordingError: A recording goes on.
         """
         self._check_unrecorded("set_state")
         with self._tracker.overwritten(where):
-            put(state, self.scenario, self.worlds, self._masks, where)
+            restore(state, self.scenario, self.worlds, self._masks, where)
         self._stop(where)
         return self._observe()
 
@@ -208,18 +280,15 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """
         self._stops = stops
 
-    def record(self, path: str | os.PathLike[str]) -> "Recorder":
-        """See outlast.record, which takes the place of this."""
-        from ..recording import record
-
-        return record(self, path)
-
-    @alone
+    @exclusive
     def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
-        """Run the worlds through what make_runner() returns; for outlast.record. Raises RecordingError if one does."""
+        """Run the worlds through what make_runner() returns; for outlast.record. RecordingError if one does already."""
         self._check_unrecorded("record")
         self._runner = runner = make_runner()
         return runner
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.scenario.name!r}, num_worlds={self.num_worlds})"
 
     def __reduce__(self) -> Any:
         raise TypeError(
@@ -230,16 +299,17 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go, and end a recording."""
         if hasattr(self, "worlds"):  # it is not there when the constructor refused its arguments
-            self._background.close()
+            self._guard.close()
             self.worlds.close()
             self._runner.close()
 
     def _finish(self, done: Actions) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
         info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
-        if self.autoreset is AutoresetMode.SAME_STEP:
-            info |= {"final_obs": copies(self._observations, done), "_final_obs": done.copy()}
-            info |= {"final_info": {"statistics": info["statistics"]}, "_final_info": done.copy()}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            info |= {"final_obs": final_observations(self._observations, done), "_final_obs": done.copy()}
+            final = {"statistics": info["statistics"], "alive": alive(self.worlds)}
+            info |= {"final_info": final, "_final_info": done.copy()}
             self._run(done)
         return info
 

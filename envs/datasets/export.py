@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..recording import Replay
-from ..storage.atomic_write import draft
+from ..storage.atomic_write import atomic_write
 from .samples import Selection, manifest, read_shards
 
 MINARI = "minari:"
@@ -51,7 +51,7 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
     Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
     """
     about, shards, count = manifest(replay), list[dict[str, object]](), 0
-    with draft(target) as folder:
+    with atomic_write(target) as folder:
         folder.mkdir()
         for number, batch in enumerate(read_shards(replay, selection)):
             named = {f"observations/{key}": array for key, array in batch.observations.items()}

@@ -66,7 +66,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
 def _staged(name: str, place: Path) -> Iterator[None]:
     """Meanwhile Minari writes into a hidden folder; from there the dataset goes to its place, whole."""
     root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
-    hidden = atomic_write.name(root / place.name)
+    hidden = atomic_write.temporary_path(root / place.name)
     hidden.mkdir()
     try:
         os.environ[ROOT] = str(hidden)
@@ -78,7 +78,7 @@ def _staged(name: str, place: Path) -> Iterator[None]:
         os.replace(hidden / name, place)
     finally:
         _restore(kept)
-        atomic_write.discard(hidden)
+        atomic_write.remove(hidden)
 
 
 def _restore(kept: str | None) -> None:

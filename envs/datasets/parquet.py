@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..recording import Replay
-from ..storage.atomic_write import draft
+from ..storage.atomic_write import atomic_write
 from .samples import Samples, Selection, manifest, read_shards
 
 try:
@@ -30,7 +30,7 @@ def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
     """
     about, count = manifest(replay), 0
     names = [column["name"] for column in about["actions"]]
-    with draft(target) as path, contextlib.ExitStack() as files:
+    with atomic_write(target) as path, contextlib.ExitStack() as files:
         writer = None
         for batch in read_shards(replay, selection):
             table = _table(batch, names).replace_schema_metadata({"outlast": json.dumps(about)})

@@ -17,7 +17,7 @@ from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 from ..core.agents import alive
 from ..core.spaces import published
 from ..recording import Recording, Replay
-from ..scenarios.fingerprint import identity
+from ..scenarios.fingerprint import fingerprint
 
 Array = np.ndarray[Any, Any]
 
@@ -176,7 +176,7 @@ def manifest(replay: Replay) -> dict[str, Any]:
     return {
         "format": "outlast samples 1",
         "outlast": header["outlast"],
-        "scenario": identity(replay.recording.scenario),
+        "scenario": fingerprint(replay.recording.scenario),
         "mechanics": header["modules"],
         "agents": replay.recording.num_agents,
         "actions": [{"name": name, "size": size} for name, _, size in header["actions"]],

@@ -63,12 +63,12 @@ def _breaks(scene: Scene, bodies: Bodies) -> list[Event]:
 def _deaths(scene: Scene, bodies: Bodies) -> list[Event]:
     if Death not in scene:
         return []
-    death, causes = scene[Death], scene.worlds.layout.causes
+    death, causes = scene[Death], scene.worlds.layout.damage_types
     found = []
     for i, e in enumerate(bodies.agents):
         if death.now[e]:
             side, cause = death.source[e], causes[death.cause[e]] if death.cause[e] >= 0 else ""
-            struck = systems.Melee in scene and cause == systems.Melee.cause
+            struck = systems.Melee in scene and cause == systems.Melee.damage_type
             by = _striker(scene, bodies, e, side) if struck else _sole_member(scene, bodies, side)
             kind = "kill" if side >= 0 and side != scene[Side].side[e] else "death"
             found.append(Event(kind, agent=i, by=by, side=side, cause=cause))

@@ -102,7 +102,7 @@ def describe(worlds: Worlds, w: int) -> Json:
         "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
         "zone": Zone in scene,
         "cone": _cone(scene),
-        "damage_types": list(worlds.layout.causes),
+        "damage_types": list(worlds.layout.damage_types),
         "sides": [
             {"color": css(of_side(s)), "ink": css(ink_on(of_side(s))), "box": css(of_box(s))} for s in range(count)
         ],

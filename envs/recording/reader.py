@@ -11,9 +11,9 @@ import numpy as np
 
 from outlast.ecs import RESET, EngineError
 
-from ..errors import RecordingError
-from ..scenarios.fingerprint import difference, identity, is_identity, is_word
-from ..scenarios.scenario import Scenario, ScenarioError
+from ..errors import RecordingError, ScenarioError
+from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .recorder import MAX_PENDING_BYTES
@@ -164,7 +164,7 @@ def _is_valid(header: Any) -> bool:
         and header["first_world"] < 2**62
         and all(map(is_word, names))
         and type(header["modules"]) is type(digests["components"]) is list
-        and is_identity(header["scenario"])
+        and is_fingerprint(header["scenario"])
         and columns
         and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
         and digests["worlds"] >= 1
@@ -180,7 +180,7 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scen
             return rebuilt(header["scenario"], header["modules"])
         except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{path}: {error}") from None
-    if other := difference(header["scenario"], identity(given)):
+    if other := difference(header["scenario"], fingerprint(given)):
         raise RecordingError(f"{path} is of another scenario {other}")
     if header["modules"] != classes(given):
         raise RecordingError(f"{path} was made with {header['modules']}: the scenario given has {classes(given)}")

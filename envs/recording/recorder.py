@@ -14,7 +14,7 @@ import numpy as np
 from outlast.ecs import RESET, STEP, Clock, Worlds
 
 from ..errors import RecordingError
-from ..scenarios.fingerprint import identity
+from ..scenarios.fingerprint import fingerprint
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes
 from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
@@ -207,7 +207,7 @@ def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, d
     return {
         "outlast": outlast.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
-        "scenario": identity(scenario),
+        "scenario": fingerprint(scenario),
         "modules": classes(scenario),
         "worlds": form.worlds,
         "agents": form.agents,

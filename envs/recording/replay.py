@@ -11,9 +11,8 @@ from outlast.ecs import STEP, Clock, EngineError, Worlds
 from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
 from ..core.spaces import statistics
-from ..errors import RecordingError, ReplayError
+from ..errors import RecordingError, ReplayError, ScenarioError
 from ..rollout.summary import Summary
-from ..scenarios.scenario import ScenarioError
 from .digests import Digests
 from .reader import Recording
 from .tick_records import JointActions, TickRecord

@@ -77,5 +77,5 @@ def _rows(layout: Layout, components: tuple[type[Component], ...]) -> tuple[int,
 
 @functools.lru_cache(maxsize=64)
 def _birth(layout: Layout, component: type[Component]) -> Any:
-    columns = layout.columns(layout.template[None], component)
+    columns = layout.columns(layout.initial_image[None], component)
     return component.Table(*(tuple(column[0].tolist()) for column in columns))

@@ -106,7 +106,7 @@ class Task:
 
 def run_task(task: Task, first: int, count: int) -> Summary:
     """The summary of `count` worlds from `first` on: the same as theirs in a rollout of all."""
-    env = SurvivalVectorEnv(task.scenario, count, seed=task.seed, first_world=first, check_actions=False)
+    env = SurvivalVectorEnv(task.scenario, count, seed=task.seed, first_world=first, copy=False, check_actions=False)
     try:
         return rollout(env, task.policy(env, task.seed), task.steps, episodes=task.episodes)
     finally:

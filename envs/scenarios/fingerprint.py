@@ -1,4 +1,4 @@
-"""What identifies a game: a scenario's name and numbers, as files keep them and are held against."""
+"""What identifies a game: a scenario's name and numbers, as files keep them to be compared."""
 
 import json
 from typing import Any
@@ -8,15 +8,15 @@ from .scenario import Scenario
 LONGEST = 200  # characters of a name
 
 
-def identity(scenario: Scenario) -> dict[str, Any]:
+def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line."""
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name = "".join(letter if letter.isprintable() else "?" for letter in scenario.name[:LONGEST])
     return {"name": name, "numbers": numbers}
 
 
-def is_identity(given: Any) -> bool:
-    """Whether it could be one: a name, and by name numbers, truths, choices and lists of numbers."""
+def is_fingerprint(given: Any) -> bool:
+    """Whether it could be one: a name, and by name numbers, booleans, choices and lists of numbers."""
     if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
         return False
     values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
@@ -35,9 +35,9 @@ def is_word(given: Any) -> bool:
 
 
 def difference(given: Any, own: dict[str, Any]) -> str:
-    """Name of the scenario of that identity and the first number that differs from one's own; empty if none does."""
-    if not is_identity(given):
-        return "(it does not say of which)"
+    """Name of the scenario of that fingerprint and the first number that differs from one's own; empty if none does."""
+    if not is_fingerprint(given):
+        return "(it does not name one)"
     numbers = given["numbers"]
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")

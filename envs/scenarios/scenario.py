@@ -2,23 +2,31 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from outlast.ecs import Module, NumberError
 from outlast.systems import FreeForAll
 
+from ..errors import ScenarioError
 
-class ScenarioError(ValueError):
-    """An unknown variant, module or number; the message lists the known ones."""
+Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scenario:
-    """A world to play in: its mechanics (in any order) as data.
+    """A game: its mechanics with their numbers, as data.
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
+
+    Attributes:
+        name: What errors and files call it.
+        modules: The mechanics, in any order.
+        about: One line for people.
+
+    Raises:
+        ScenarioError: Two mechanics of one kind, or of one name.
     """
 
     name: str
@@ -37,7 +45,7 @@ class Scenario:
         self._check_names()
 
     def _check_names(self) -> None:
-        """ScenarioError if two mechanics, or two numbers, have one name: nothing could tell them apart."""
+        """ScenarioError if two mechanics, or two numbers, have one name: they could not be distinguished."""
         owners: dict[str, Module] = {}
         for module in self.modules:
             for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
@@ -49,21 +57,35 @@ class Scenario:
                     )
                 owners[name] = module
 
+    def __repr__(self) -> str:
+        return f"Scenario({self.name!r}, {len(self.modules)} mechanics)"
+
     def without(self, *kinds: type[Module] | str) -> "Scenario":
-        """The same without some mechanics, named by class or by name ("melee")."""
+        """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
         gone = [self._find(kind) for kind in kinds]
         return dataclasses.replace(self, modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
-        """The same with more mechanics; one of a kind that is there already takes its place."""
+        """The same with more mechanics; one of a kind that is there already is replaced.
+
+        Raises:
+            ScenarioError: What is given is no mechanic.
+        """
         for module in modules:
             if not isinstance(module, Module):
                 raise ScenarioError(f"{module!r} is not a module: pass an instance, as in with_(Melee(damage=20))")
         slots = {module.slot() for module in modules}
         return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
 
-    def replace(self, **numbers: Any) -> "Scenario":
-        """The same with other numbers, named module_number ("melee_damage"); n_agents stands for agents_count."""
+    def replace(self, **numbers: Number) -> "Scenario":
+        """The same with other numbers.
+
+        Args:
+            **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
+
+        Raises:
+            NumberError: An unknown number, with a hint, or a value out of its range.
+        """
         changed: dict[str, dict[str, Any]] = {}
         for key, value in numbers.items():
             module, name = self._split(f"{key[2:]}_count" if key.startswith("n_") else key, key)
@@ -110,7 +132,7 @@ class Scenario:
 
 
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
-    """Its copy with other numbers; who wants none of what it counts is told how to get that."""
+    """Its copy with other numbers; a count of 0 is refused with the way to get none."""
     try:
         return module.replace(**numbers)
     except NumberError as error:

@@ -9,7 +9,8 @@ import numpy as np
 from outlast import systems
 from outlast.ecs import Layout, Module
 
-from .scenario import Scenario, ScenarioError
+from ..errors import ScenarioError
+from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
     f"{kind.__module__}.{kind.__qualname__}": kind for kind in (getattr(systems, name) for name in systems.__all__)
@@ -31,7 +32,7 @@ def classes(scenario: Scenario) -> list[str]:
 
 
 def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
-    """The scenario of that identity (see fingerprint) and those classes, all of them outlast's own.
+    """The scenario of that fingerprint and those classes, all of them outlast's own.
 
     Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
     """

@@ -6,7 +6,6 @@ says what the runs had.
 
 import difflib
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from outlast.systems import (
     Agents,
@@ -31,8 +30,9 @@ from outlast.systems import (
     Teams,
 )
 
-from .ablations import fixed
-from .scenario import Scenario, ScenarioError
+from ..errors import ScenarioError
+from .ablations import ablated
+from .scenario import Number, Scenario
 
 BASE = Scenario(
     "base",
@@ -60,9 +60,9 @@ BASE = Scenario(
 BOXES = Boxes(count=8, toughness=5, owned=True, offset=0.75, settles=True, corners="rolled")
 TEAMS = BASE.with_(Teams(count=2)).replace(n_agents=4, rewards_posthumous=True)
 
-LOW = {"rewards_alive": 1.0, "ending_rule": "all dead"}
-MID = {"rewards_alive": 1.0, "rewards_dead": -1.0, "ending_rule": "last alive"}
-HIGH = {**MID, "rewards_kill": 100.0, "rewards_death": -100.0}
+LOW: dict[str, Number] = {"rewards_alive": 1.0, "ending_rule": "all dead"}
+MID: dict[str, Number] = {"rewards_alive": 1.0, "rewards_dead": -1.0, "ending_rule": "last alive"}
+HIGH: dict[str, Number] = {**MID, "rewards_kill": 100.0, "rewards_death": -100.0}
 
 _ROWS = (
     ("ffa_1", "1v1_heals_low", BASE, LOW, "two agents, heals; survival pays"),
@@ -80,27 +80,27 @@ ALIASES = {original: name for name, original, *_ in _ROWS}
 
 
 def base(name: str) -> str:
-    """The name of a variant without its fixes."""
+    """The name of a variant without its ablations."""
     return name.partition("+")[0]
 
 
 def variant(name: str) -> Scenario:
-    """The paper's variant of that name or of its original name, with flaws mended: "teams_2+health_cap", see FIXES.
+    """The paper's variant of that name or of its original name, with ablations: "teams_2+health_cap", see ABLATIONS.
 
     An unknown name is a ScenarioError that lists all.
     """
-    plain, *fixes = str(name).split("+")
+    plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))
     if found is None:
         near = difflib.get_close_matches(plain, [*VARIANTS, *ALIASES], 2)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
         raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
-    return fixed(found, fixes) if fixes else found
+    return ablated(found, ablations) if ablations else found
 
 
 def resolve(
-    scenario: Scenario | str, numbers: Mapping[str, Any] | None = None, options: Iterable[str] = ()
+    scenario: Scenario | str, numbers: Mapping[str, Number] | None = None, options: Iterable[str] = ()
 ) -> Scenario:
     """The scenario that a factory was asked for: a variant's name or a scenario, with other numbers.
 

@@ -1,1 +1,1 @@
-"""The state of worlds as plain arrays: taken, checked, put back, saved."""
+"""Snapshots of worlds as plain arrays: made, validated, restored, saved."""

@@ -1,4 +1,4 @@
-"""The state of worlds as plain arrays: taken, put back, copied onto other worlds, kept in a file.
+"""The state of worlds as plain arrays: snapshots that are restored, copied onto other worlds, or saved in a file.
 
 A State holds everything that decides how its worlds go on: their blocks of tables, the buffers of actions, observations
 and signals, and whether they run. Whatever continues from it is bit-identical to never having stopped.
@@ -7,7 +7,7 @@ and signals, and whether they run. Whatever continues from it is bit-identical t
 import hashlib
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,10 +16,10 @@ import numpy as np
 from outlast.ecs import Worlds
 
 from ..errors import StateError
-from ..scenarios.fingerprint import difference, identity, is_identity
+from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
 from ..storage import safe_npz
-from ..storage.atomic_write import draft
+from ..storage.atomic_write import atomic_write
 from . import validation
 
 VERSION = 1
@@ -28,36 +28,48 @@ HEADER = "header"  # the entry of a file that says what the others are: JSON as 
 Array = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class State:
     """The state of some worlds of a scenario.
 
-    scenario: its name and numbers, which must be the same where it is put back. arrays: by name, one row a world.
     state[k], state[a:b], state[mask] are the states of some of them.
+
+    Attributes:
+        scenario: Its name and numbers, which must be the same where the state is restored.
+        arrays: By name, one row a world.
     """
 
     scenario: dict[str, Any]
-    arrays: dict[str, Array] = field(repr=False)
+    arrays: dict[str, Array]
 
     def __len__(self) -> int:
         return len(self.arrays["world"])
+
+    def __repr__(self) -> str:
+        return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
 
     def __getitem__(self, which: Any) -> "State":
         chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
         return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all."""
+        """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all.
+
+        Raises:
+            OSError: It cannot be written.
+        """
         header = {"version": VERSION, "scenario": self.scenario, "checksum": _checksum(self.arrays)}
         named: dict[str, Any] = {HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **self.arrays}
-        with draft(Path(path)) as place, place.open("wb") as file:
+        with atomic_write(Path(path)) as place, place.open("wb") as file:
             np.savez(file, **named)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
-        """Read what `save` wrote; StateError with a reason for anything else.
+        """Read what `save` wrote. Its numbers are checked when it is restored, as their ranges depend on the scenario.
 
-        What it holds is checked where it is put, as only a scenario tells what can be: see `put`.
+        Raises:
+            StateError: It is no saved state, of another version, or damaged.
+            FileNotFoundError: There is no such file.
         """
         try:
             with open(path, "rb") as file:
@@ -82,28 +94,28 @@ def read(file: BinaryIO, name: str) -> State:
         raise StateError(f"{name} is damaged: its checksum does not fit")
     if "world" not in arrays or len({array.shape[:1] for array in arrays.values()}) != 1 or not arrays["world"].ndim:
         raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
-    if not is_identity(scenario):
+    if not is_fingerprint(scenario):
         raise StateError(f"{name} is not a saved state: it does not say of which scenario")
     return State(scenario, arrays)
 
 
-def take(scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> State:
-    """The state of the worlds `where` (mask, indices or slice). faces: what a face keeps for each world."""
+def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:
+    """The state of the worlds `where` (mask, indices or slice). masks: what is kept of each world beside its tables."""
     rows = _rows(worlds, where)
-    return State(identity(scenario), {name: array[rows] for name, array in _arrays(worlds, faces).items()})
+    return State(fingerprint(scenario), {name: array[rows] for name, array in _arrays(worlds, masks).items()})
 
 
-def put(state: State, scenario: Scenario, worlds: Worlds, faces: dict[str, Array], where: Any) -> None:
+def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> None:
     """Make the worlds `where` go on from `state`: one for each of them, or one for all.
 
-    Raises StateError, before anything is written, if it is of another scenario or not sound (see validation).
+    Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
     """
-    if other := difference(state.scenario, identity(scenario)):
+    if other := difference(state.scenario, fingerprint(scenario)):
         raise StateError(f"the state is of another scenario {other}")
     rows = _rows(worlds, where)
     if len(state) not in (1, len(rows)):
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
-    arrays = _arrays(worlds, faces)
+    arrays = _arrays(worlds, masks)
     for name, array in arrays.items():
         given = state.arrays.get(name)
         if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
@@ -121,7 +133,7 @@ def _rows(worlds: Worlds, where: Any) -> Array:
     return np.atleast_1d(np.arange(worlds.count)[where])
 
 
-def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
+def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
     """Everything that there is of each world: the arrays themselves, by name."""
     outside = {
         f"{component.__module__}.{component.__qualname__}.{name}": column
@@ -129,7 +141,7 @@ def _arrays(worlds: Worlds, faces: dict[str, Array]) -> dict[str, Array]:
         if not component.packed
         for name, column in worlds[component]._asdict().items()
     }
-    return {"world": worlds.block, **outside, **faces}
+    return {"world": worlds.block, **outside, **masks}
 
 
 def _checksum(arrays: dict[str, Array]) -> str:

@@ -1,16 +1,16 @@
-"""What a saved state may hold: numbers that something takes for an index are in range, and truths are 0 or 1.
+"""Validation of saved states: what is used as an index is in range, and booleans are 0 or 1.
 
 Compiled kernels do not check an index: one that is out of range would read and write somewhere else. RANGES has the
-columns of outlast's own components that kernels or views take for an index, a length or a share of an address. The
+columns of outlast's own components that kernels or views use as an index, a length or a part of an address. The
 others do no harm, whatever they hold: they are compared, counted or computed with.
 
-A mechanic of one's own whose columns hold an index says so, in either of two ways. Without that they are not checked,
-as nothing tells that they are one, and its states are to be loaded from people one trusts only:
+A mechanic of one's own whose columns hold an index declares that, in either of two ways. Without that they are not
+checked, and its states are to be loaded from people one trusts only:
 
     owner: Array = column("i4", fill=-1, low=-1, high=7)   # bounds of integer columns hold for states
     RANGES[Nest] = {"owner": Range(-1, "rows")}            # of this module, where the scenario decides
 
-A state that is sound need not be one to which any game leads: items may be in two bags, or agents in a wall.
+A valid state need not be one to which any game leads: items may be in two bags, or agents in a wall.
 """
 
 import functools
@@ -45,11 +45,11 @@ class Range:
 
 
 LARGEST = 2**63
-ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "causes")  # -1: none
+ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
 RANGES: dict[type[Component], dict[str, Range]] = {
     Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
-    Clock: {"tick": Range(0, 2**62)},  # from which the zone tells its phase
+    Clock: {"tick": Range(0, 2**62)},  # from which the zone's phase is computed
     Death: {"cause": CAUSE, "source": SIDE},
     Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
     Gift: {"taker": ROW},
@@ -62,9 +62,9 @@ RANGES: dict[type[Component], dict[str, Range]] = {
 
 
 def check(layout: Layout, arrays: dict[str, Array]) -> None:
-    """Raise StateError unless the arrays of a state, "world" among them, are sound in worlds of that layout.
+    """Raise StateError unless the arrays of a state, "world" among them, are valid in worlds of that layout.
 
-    Worlds that have not started are reset before anything runs in them: they may hold what nobody has drawn yet.
+    Worlds that have not started are reset before anything runs in them: they may hold initial values.
     """
     for name, array in arrays.items():
         if array.dtype == bool and (array.view(np.uint8) > 1).any():
@@ -77,7 +77,7 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
         bad = (values < span.low) | (values > span.last)
         if "started" in arrays:
             fresh = ~arrays["started"]
-            bad[fresh] &= (values != span.values(layout.template[None]))[fresh]
+            bad[fresh] &= (values != span.values(layout.initial_image[None]))[fresh]
         if bad.any():
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)
@@ -115,7 +115,7 @@ def _spans(layout: Layout) -> tuple[Span, ...]:
 
 
 def _ends(place: Place, dims: dict[str, int]) -> Iterator[tuple[np.dtype[Any], tuple[int, int]]]:
-    """The type of a column (of truths, that of its bytes), and the ends of its range; nothing if all is in range."""
+    """The type of a column (of booleans, that of its bytes), and the ends of its range; nothing if all is in range."""
     column, own = place.component.columns[place.name], RANGES.get(place.component, {}).get(place.name)
     if column.dtype.kind not in "biu":
         return

@@ -1,1 +1,1 @@
-"""Files: written whole or not at all, and read without trust."""
+"""Files: written whole or not at all, and untrusted ones read safely."""

@@ -1,7 +1,7 @@
-"""Files that are whole or not there: written beside their place, and moved to it when they are done.
+"""Files that are whole or not there: written beside their target, which they replace when they are done.
 
-A process that is killed leaves its draft, `.NAME-XXXXXXXX.tmp` with eight hexadecimal digits: nothing reads it, nothing
-minds it, and it can be deleted.
+A process that is killed leaves its temporary file, `.NAME-XXXXXXXX.tmp` with eight hexadecimal digits: nothing reads
+it, and it can be deleted.
 """
 
 import contextlib
@@ -12,20 +12,20 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-DRAFT = re.compile(r"\..+-[0-9a-f]{8}\.tmp")
+TEMPORARY = re.compile(r"\..+-[0-9a-f]{8}\.tmp")
 
 
-def name(target: Path) -> Path:
-    """A new path beside the target, for a draft of it."""
+def temporary_path(target: Path) -> Path:
+    """A new path beside the target, for a temporary file that takes its place."""
     return target.with_name(f".{target.name}-{secrets.token_hex(4)}.tmp")
 
 
-def is_draft(path: Path) -> bool:
-    """Whether that is what a killed process left, or another one is writing."""
-    return DRAFT.fullmatch(path.name) is not None
+def is_temporary(path: Path) -> bool:
+    """Whether it is a temporary file: one that another process is writing, or that a killed one left."""
+    return TEMPORARY.fullmatch(path.name) is not None
 
 
-def discard(path: Path) -> None:
+def remove(path: Path) -> None:
     """Delete a file or a folder, if it is there."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
@@ -34,11 +34,11 @@ def discard(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def draft(target: Path) -> Iterator[Path]:
+def atomic_write(target: Path) -> Iterator[Path]:
     """A path beside the target, for a file or a folder that takes its place if all goes well, and else vanishes."""
-    path = name(target)
+    path = temporary_path(target)
     try:
         yield path
         os.replace(path, target)
     finally:
-        discard(path)
+        remove(path)

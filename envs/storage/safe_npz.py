@@ -1,4 +1,4 @@
-"""Files of others, read without believing what they say of themselves: zip files of plain entries, and arrays."""
+"""Readers for untrusted .zip and .npy files: no pickle, no compression, bounded memory."""
 
 import io
 import math
@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 Array = np.ndarray[Any, Any]
-BROKEN = (  # what zipfile raises for one file or another that is none
+BROKEN = (  # what reading a broken file raises
     *(zipfile.BadZipFile, ValueError, KeyError, TypeError, EOFError, OSError, OverflowError, struct.error),
     *(NotImplementedError, RuntimeError, RecursionError),
 )

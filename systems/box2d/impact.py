@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from outlast.ecs.jit import routine
+from outlast.ecs.jit import noinline_kernel
 
 from . import layout as at
 
 
-@routine
+@noinline_kernel
 def may_hit(arena: int) -> bool:
     """False only if no moving body can have come into a static one; then SolveTOI would change nothing.
 
@@ -27,7 +27,7 @@ def may_hit(arena: int) -> bool:
     return False
 
 
-@routine
+@noinline_kernel
 def _passes(body: int, circle: int, box: int, radius: np.float32) -> bool:
     """Whether one side of the static box has the circle on its outside all along the circle's path.
 

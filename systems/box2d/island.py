@@ -6,7 +6,7 @@ that change nothing. Both are left out here; the order of operations is its own,
 
 import numpy as np
 
-from outlast.ecs.jit import routine
+from outlast.ecs.jit import noinline_kernel
 
 from . import layout as at
 from .arena import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
@@ -17,7 +17,7 @@ _MAX_TURN_SQUARED = _MAX_TURN * _MAX_TURN
 _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 
 
-@routine
+@noinline_kernel
 def solve_islands(arena: int, settings: Settings) -> None:
     """Advance every dynamic body by one substep; new contacts are found at the end."""
     _clear_flags(arena)
@@ -36,7 +36,7 @@ def solve_islands(arena: int, settings: Settings) -> None:
     at.find_new_contacts(arena + at.WORLD_MANAGER)
 
 
-@routine
+@noinline_kernel
 def _clear_flags(arena: int) -> None:
     body = at.load_i8(arena + at.WORLD_BODIES)
     while body:
@@ -48,7 +48,7 @@ def _clear_flags(arena: int) -> None:
         contact = at.load_i8(contact + at.CONTACT_NEXT)
 
 
-@routine
+@noinline_kernel
 def _gather(arena: int, seed: int) -> tuple[int, int]:
     """Collect what touches `seed`, depth first as Box2D does; a static body ends the search."""
     bodies, contacts, waiting = 0, 0, 1
@@ -79,7 +79,7 @@ def _gather(arena: int, seed: int) -> tuple[int, int]:
     return bodies, contacts
 
 
-@routine
+@noinline_kernel
 def _solve_island(arena: int, settings: Settings, bodies: int, contacts: int) -> None:
     linear = max(_ZERO, min(_ONE - settings.dt * settings.linear_damping, _ONE))
     angular = max(_ZERO, min(_ONE - settings.dt * settings.angular_damping, _ONE))
@@ -108,7 +108,7 @@ def _solve_island(arena: int, settings: Settings, bodies: int, contacts: int) ->
             at.store_u2(body + at.BODY_FLAGS, at.load_u2(body + at.BODY_FLAGS) & 0xFFFE)
 
 
-@routine
+@noinline_kernel
 def _iterate(arena: int, iterations: int, bodies: int, contacts: int) -> None:
     """Solve velocities until an iteration changes no bit: the ones after it would not either."""
     constraints = at.load_i8(arena + SOLVER + at.SOLVER_CONSTRAINTS)
@@ -119,7 +119,7 @@ def _iterate(arena: int, iterations: int, bodies: int, contacts: int) -> None:
             break
 
 
-@routine
+@noinline_kernel
 def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
     """Whether any velocity or impulse differs from what the last call saw, and remember them."""
     changed = np.int64(0)
@@ -140,7 +140,7 @@ def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
     return bool(changed != 0)
 
 
-@routine
+@noinline_kernel
 def _load(body: int, position: int, velocity: int, linear: np.float32, angular: np.float32) -> None:
     """Copy a body into the solver's tables, damped, and remember where it starts."""
     x, y = at.load_f4(body + at.BODY_CENTER), at.load_f4(body + at.BODY_CENTER + 4)
@@ -160,7 +160,7 @@ def _load(body: int, position: int, velocity: int, linear: np.float32, angular: 
     at.store_f4(velocity + 8, omega)
 
 
-@routine
+@noinline_kernel
 def _move(position: int, velocity: int, dt: np.float32) -> None:
     """Integrate a position; at most 2 m and a quarter turn, Box2D's limits for one substep."""
     u, v, omega = at.load_f4(velocity), at.load_f4(velocity + 4), at.load_f4(velocity + 8)
@@ -179,7 +179,7 @@ def _move(position: int, velocity: int, dt: np.float32) -> None:
     at.store_f4(velocity + 8, omega)
 
 
-@routine
+@noinline_kernel
 def _store(body: int, position: int, velocity: int) -> None:
     """Write a solved body back and turn its frame (b2Body::SynchronizeTransform)."""
     at.store_i8(body + at.BODY_CENTER, at.load_i8(position))

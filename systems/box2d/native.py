@@ -6,7 +6,7 @@ Each thread owns one arena. A call leaves it as it found it, so the result is a 
 import numpy as np
 from numpy.typing import NDArray
 
-from outlast.ecs.jit import compiled, routine
+from outlast.ecs.jit import compiled, noinline_kernel
 
 from . import layout as at
 from .arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
@@ -55,7 +55,7 @@ def available() -> bool:
     return compiled()
 
 
-@routine
+@noinline_kernel
 def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int) -> int:
     """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
 
@@ -81,7 +81,7 @@ def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int
     return result
 
 
-@routine
+@noinline_kernel
 def _valid(scene: Scene, count: int) -> bool:
     """Whether all numbers are in bounds (not NaN either), no body is too small, and all that moves has a mass."""
     if count > CAPACITY:
@@ -98,7 +98,7 @@ def _valid(scene: Scene, count: int) -> bool:
     return valid
 
 
-@routine
+@noinline_kernel
 def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
@@ -128,7 +128,7 @@ def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     at.store_i8(base + at.WORLD_BODIES, body)
 
 
-@routine
+@noinline_kernel
 def _shape(body: int, scene: Scene, k: int) -> int:
     """Write the shape of body k; the corners go round counter-clockwise from the lower left (SetAsBox)."""
     if scene[k, RADIUS] > 0:
@@ -147,7 +147,7 @@ def _shape(body: int, scene: Scene, k: int) -> int:
     return body + BOX
 
 
-@routine
+@noinline_kernel
 def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int) -> None:
     """One substep, as b2World::Step; impulses from the substep before start the solver (ratio)."""
     for k in range(count):
@@ -167,7 +167,7 @@ def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int)
         at.solve_impacts(base, base + STEP)
 
 
-@routine
+@noinline_kernel
 def _push(body: int, scene: Scene, k: int) -> None:
     """b2Body::ApplyLinearImpulse at the centre and ApplyAngularImpulse; zero impulses are skipped."""
     if scene[k, JX] != 0 or scene[k, JY] != 0:
@@ -179,7 +179,7 @@ def _push(body: int, scene: Scene, k: int) -> None:
         at.store_f4(body + at.BODY_OMEGA, at.load_f4(body + at.BODY_OMEGA) + turn)
 
 
-@routine
+@noinline_kernel
 def _check_reach(base: int, scene: Scene, count: int) -> int:
     for k in range(count):
         position = base + SLOTS + SLOT * k + at.BODY_POSITION
@@ -189,7 +189,7 @@ def _check_reach(base: int, scene: Scene, count: int) -> int:
     return SOLVED
 
 
-@routine
+@noinline_kernel
 def _read(base: int, scene: Scene, count: int) -> None:
     for k in range(count):
         body = base + SLOTS + SLOT * k
@@ -202,7 +202,7 @@ def _read(base: int, scene: Scene, count: int) -> None:
             scene[k, OMEGA] = at.load_f4(body + at.BODY_OMEGA)
 
 
-@routine
+@noinline_kernel
 def _forget(base: int, count: int) -> None:
     """Make the world empty again, faster than destroying its bodies, and its tree as good as new.
 

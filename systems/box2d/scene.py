@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from outlast.ecs.errors import OutlastError
+
 Scene = NDArray[np.float32]
 
 X, Y = 0, 1  # metres, centre of the body; read and written
@@ -47,5 +49,5 @@ class Settings(NamedTuple):
     continuous: int = 1  # 1: fast bodies do not tunnel through static ones
 
 
-class IncompatibleBox2D(RuntimeError):
+class IncompatibleBox2D(OutlastError, RuntimeError):
     """The installed Box2D is not laid out as the native bridge expects; the portable bridge works with any."""

@@ -28,12 +28,12 @@ ZERO = np.float32(0)
 
 def make_extent(dims: dict[str, int]) -> np.ndarray[Any, Any]:
     """Scratch for `enclose`: float32 (2, rows), room for whole groups."""
-    return np.zeros((2, SIMD_WIDTH * dims["groups"]), np.float32)
+    return np.zeros((2, SIMD_WIDTH * dims["blocks"]), np.float32)
 
 
 def make_groups(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Scratch for `populated`: int32 (2, groups)."""
-    return np.zeros((2, dims["groups"]), np.int32)
+    """Scratch for `populated`: int32 (2, blocks)."""
+    return np.zeros((2, dims["blocks"]), np.int32)
 
 
 @kernel

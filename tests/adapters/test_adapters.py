@@ -1,7 +1,8 @@
 """What holds for all environments of many worlds, whichever library they are made for: spaces, seeds, pictures."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -9,37 +10,151 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import outlast
+import tests.adapters.test_puffer  # noqa: F401  # it imports PufferLib where that leaves no link behind
+from outlast import ScenarioError
 from outlast.components import Body
-from tests.adapters.test_puffer import pufferlib
+from outlast.ecs import NumberError
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.core.agents import alive
+from tests.conftest import COMPILED, scaled
+from tests.ways import short
 
 WORLDS = 64
 SAMPLES = 20
+NEEDS = {
+    "make_sb3": "stable_baselines3", "make_puffer": "pufferlib", "parallel_env": "pettingzoo", "aec_env": "pettingzoo",
+    "SurvivalMultiAgentEnv": "ray",
+}  # fmt: skip
+BATCHED = ("make_vec", "make_agents", "gymnasium.make_vec", "make_sb3", "make_puffer")
+LONE = ("gymnasium.make", "parallel_env", "aec_env", "SurvivalMultiAgentEnv")  # of one world
+ALL = (*BATCHED, *LONE)
 
 
-def learners(name: str, worlds: int, **options: Any) -> Any:
-    return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, variant=name, **options)
+def make(name: str, scenario: Any = "ffa_1", worlds: int = 3, **options: Any) -> Any:
+    """The environments of an adapter, without the wrappers of its library."""
+    if find_spec(NEEDS.get(name, "numpy")) is None:
+        pytest.skip(f"needs {NEEDS[name]}")
+    if name == "gymnasium.make":
+        return gymnasium.make("outlast/FreeForAll-v1", scenario=scenario, **options).unwrapped
+    if name == "gymnasium.make_vec":
+        return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, scenario=scenario, **options)
+    if name == "SurvivalMultiAgentEnv":
+        return outlast.SurvivalMultiAgentEnv({"scenario": scenario, **options})
+    env = getattr(outlast, name)(scenario, *([] if name in LONE else [worlds]), **options)
+    return env.unwrapped if name == "aec_env" else env
 
 
-def sb3(name: str, worlds: int, **options: Any) -> Any:
-    pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[sb3]")
-    return outlast.make_sb3(name, worlds, **options)
+def base(env: Any) -> Any:
+    """The worlds below."""
+    return getattr(env, "base_env", env)
 
 
-def puffer(name: str, worlds: int, **options: Any) -> Any:
-    if pufferlib is None:
-        pytest.skip("needs PufferLib; what outlast.make_puffer raises says how")
-    return outlast.make_puffer(name, worlds, **options)
+# ---- keywords
 
 
-BATCHED: dict[str, Callable[..., Any]] = {
-    "make_vec": outlast.make_vec,
-    "make_agents": outlast.make_agents,
-    "gymnasium.make_vec": learners,
-    "make_sb3": sb3,
-    "make_puffer": puffer,
-}
+@pytest.mark.parametrize("name", ALL)
+def test_numbers_are_keywords_of_every_factory(name: str) -> None:
+    env = make(name, melee_damage=20)
+    assert base(env).scenario == outlast.variant("ffa_1").replace(melee_damage=20)
+    env.close()
+    for wrong, right in (("melee_damge", "melee_damage"), ("render_mod", "render_mode")):
+        with pytest.raises(NumberError, match=f"ffa_1 has no number '{wrong}'; did you mean .*{right}"):
+            make(name, **{wrong: 1})
+    with pytest.raises(NumberError, match=r"melee\.damage = -1"):
+        make(name, melee_damage=-1)
+    with pytest.raises(ScenarioError, match="no variant 'ffa_9'"):
+        make(name, "ffa_9")
+
+
+def actions(env: Any) -> Any:
+    """Of everybody, to do nothing."""
+    noop = base(env).noop
+    if hasattr(env, "possible_agents"):
+        return dict.fromkeys(env.agents, noop)
+    shape = getattr(env, "num_envs", None) or getattr(env, "num_agents", None)
+    if env is base(env):
+        return np.tile(noop, (env.num_worlds, env.num_agents, 1))
+    return noop if shape is None else np.tile(noop, (shape, 1))
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "make_vec"])
+def test_max_episode_steps_truncates(name: str) -> None:
+    build = SurvivalEnv if name == "gymnasium.make" else partial(make, name)  # gymnasium.make wraps it in TimeLimit
+    with pytest.raises(ValueError, match="max_episode_steps = 0"):
+        build(max_episode_steps=0)
+    env = build(max_episode_steps=3)
+    env.reset()
+    cut = []
+    for _ in range(3):
+        result = env.step(actions(env))
+        flags = [info["TimeLimit.truncated"] for info in result[3]] if name == "make_sb3" else result[3]
+        cut.append(any(flags.values()) if isinstance(flags, dict) else bool(np.any(flags)))
+    assert cut == [False, False, True]
+
+
+@pytest.mark.parametrize("name", ["make_agents", "make_sb3", "make_puffer"])
+def test_where_all_agents_end_together_the_dead_are_kept(name: str) -> None:
+    make(name, dead="keep").close()
+    with pytest.raises(ValueError, match=r"dead = .end.: .keep. is needed.*gymnasium\.make_vec, parallel_env"):
+        make(name, dead="end")
+
+
+def test_old_keywords_are_taken_with_a_warning() -> None:
+    """For one version."""
+    with pytest.warns(DeprecationWarning, match="autoreset is now called autoreset_mode"):
+        assert outlast.make_agents("ffa_1", 1, autoreset="Disabled").autoreset_mode is AutoresetMode.DISABLED
+    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
+        assert SurvivalEnv(variant="ffa_1").base_env.scenario.name == "ffa_1"
+    with pytest.warns(DeprecationWarning, match="variant is now called scenario"):
+        assert SurvivalLearnerVectorEnv(1, variant="ffa_1").base_env.scenario.name == "ffa_1"
+    with pytest.warns(DeprecationWarning, match="dead='remove' is now called dead='end'"):
+        assert make("parallel_env", dead="remove").dead == "end"
+
+
+# ---- who is alive
+
+
+def reported(name: str, env: Any, info: Any) -> list[bool]:
+    """What info has of the agents of all worlds, in order."""
+    if name == "make_puffer":
+        return [bool(alive) for alive in env.masks]
+    if name == "make_sb3":
+        return [bool(each["alive"]) for each in info]
+    if hasattr(env, "possible_agents"):
+        return [bool(info[agent]["alive"]) for agent in env.possible_agents]
+    return [bool(alive) for alive in np.ravel(info["alive"])]
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
+def test_info_says_after_every_call_who_is_alive(name: str) -> None:
+    """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
+    scenario = short("ffa_3").replace(n_agents=4)
+    options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}
+    env, dead = make(name, scenario, **options), 0
+    if name == "make_sb3":
+        env.seed(5)
+        env.reset()
+        info = env.reset_infos
+    else:
+        info = env.reset(seed=5)[-1]
+    for _ in range(scaled(40, least=20)):
+        expected = alive(base(env).worlds)
+        expected = expected[:, 0] if name.startswith("gymnasium.") else expected
+        ended = np.zeros(expected.size, bool)
+        if name == "make_sb3":  # which shows the last observation of who has ended
+            ended = np.array(["terminal_observation" in each for each in info])
+        found = np.array(reported(name, env, info))
+        assert np.array_equal(found[~ended], expected.ravel()[~ended])
+        dead += int((~found).sum())
+        result = env.step(actions(env))
+        info = result[-1]
+        if name in LONE and (not getattr(env, "agents", True) or (name == "gymnasium.make" and any(result[2:4]))):
+            info = env.reset()[-1]
+    assert dead > 0 or not COMPILED
 
 
 # ---- spaces
@@ -54,7 +169,7 @@ def sample(space: Any) -> bytes:
 @pytest.mark.parametrize("name", BATCHED)
 def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: str) -> None:
     """The space is asked for anew in every line, as in a user's loop."""
-    env = BATCHED[name]("ffa_1", 3)
+    env = make(name)
     for of in [kind] if name == "make_sb3" else [kind, f"single_{kind}"]:
         assert len({sample(getattr(env, of)) for _ in range(SAMPLES)}) > SAMPLES / 2  # two of 216 actions may be alike
         getattr(env, of).seed(7)
@@ -68,15 +183,15 @@ def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: st
 # ---- seeds
 
 
-def starts(env: Any) -> set[bytes]:
+def starts(env: Any) -> list[bytes]:
     """Where all bodies of each world are."""
-    body = getattr(env, "core", env).worlds[Body]
-    return {x.tobytes() + y.tobytes() for x, y in zip(body.x, body.y, strict=True)}
+    body = base(env).worlds[Body]
+    return [x.tobytes() + y.tobytes() for x, y in zip(body.x, body.y, strict=True)]
 
 
-def seeded(name: str, seed: int) -> Iterator[set[bytes]]:
+def seeded(name: str, seed: int) -> Iterator[list[bytes]]:
     """The first worlds of a seed in all the ways in which it can be given."""
-    env = BATCHED[name]("ffa_1", WORLDS)
+    env = make(name, "ffa_1", WORLDS)
     if name == "make_sb3":
         env.seed(seed)
         env.reset()
@@ -84,64 +199,52 @@ def seeded(name: str, seed: int) -> Iterator[set[bytes]]:
         env.reset(seed=seed)
     yield starts(env)
     env.close()
-    if name != "gymnasium.make_vec":  # Gymnasium has no seed at the start
-        env = BATCHED[name]("ffa_1", WORLDS, seed=seed)
+    if not name.startswith("gymnasium."):  # Gymnasium has no seed at the start
+        env = make(name, "ffa_1", WORLDS, seed=seed)
         env.reset()
         yield starts(env)
         env.close()
 
 
-@pytest.mark.parametrize("name", BATCHED)
-def test_no_two_seeds_have_a_world_in_common(name: str) -> None:
+@pytest.mark.parametrize("name", ALL)
+def test_a_world_of_a_seed_is_the_same_in_every_adapter_and_no_two_seeds_share_one(name: str) -> None:
     """But for gymnasium.make_vec, whose worlds are seeded as Gymnasium's own: seed + number."""
-    core = outlast.make_vec("ffa_1", WORLDS, seed=0)
-    core.reset()
+    batch = outlast.make_vec("ffa_1", WORLDS, seed=0)
+    batch.reset()
     for zero, one in zip(seeded(name, 0), seeded(name, 1), strict=True):
-        assert len(zero) == len(one) == WORLDS
+        assert len(set(zero)) == len(set(one)) == (WORLDS if name in BATCHED else 1)
         if name == "gymnasium.make_vec":
-            assert len(zero & one) == WORLDS - 1
-            assert not zero & next(seeded(name, WORLDS))
+            assert len({*zero} & {*one}) == WORLDS - 1
+            assert not {*zero} & {*next(seeded(name, WORLDS))}
+            assert zero == [next(seeded("gymnasium.make", seed))[0] for seed in range(WORLDS)]
         else:
-            assert zero == starts(core)
-            assert not zero & one
+            assert zero == starts(batch)[: len(zero)]
+            assert not {*zero} & {*one}
 
 
 # ---- pictures
 
-FACES = (Path(__file__).parents[2] / "docs" / "faces.md").read_text(encoding="utf-8")
-RENDERS = {  # face -> what the page says of it: modes, and what render() returns
-    face: (re.findall(r'"(\w+)"', modes), returns)
-    for faces, modes, returns in re.findall(r'^\| (`.+?) \| (`"rgb_array".*?) \| (.*) \|$', FACES, re.MULTILINE)
-    for face in re.findall(r"`([\w.]+)`", faces)
+PAGE = (Path(__file__).parents[2] / "docs" / "libraries.md").read_text(encoding="utf-8")
+RENDERS = {  # adapter -> what the page says of it: modes, and what render() returns
+    adapter: (re.findall(r'"(\w+)"', modes), returns)
+    for adapters, modes, returns in re.findall(r'^\| (`.+?) \| (`"rgb_array".*?) \| (.*) \|$', PAGE, re.MULTILINE)
+    for adapter in re.findall(r"`([\w.]+)`", adapters)
 }
-NEEDS = {"make_sb3": "stable_baselines3", "make_puffer": "pufferlib", "parallel_env": "pettingzoo"}
-NEEDS |= {"aec_env": "pettingzoo", "SurvivalMultiAgentEnv": "ray"}
 
 
-def rendering(face: str, mode: str) -> Any:
-    if face == "gymnasium.make":
-        return gymnasium.make("outlast/FreeForAll1-v1", render_mode=mode)
-    if face == "SurvivalMultiAgentEnv":
-        return outlast.SurvivalMultiAgentEnv({"scenario": "ffa_1", "render_mode": mode})
-    if face in ("parallel_env", "aec_env"):
-        return getattr(outlast, face)("ffa_1", render_mode=mode)
-    make = learners if face == "gymnasium.make_vec" else getattr(outlast, face)
-    return make("ffa_1", 3, render_mode=mode)
-
-
-@pytest.mark.parametrize("face", RENDERS)
+@pytest.mark.parametrize("adapter", RENDERS)
 @pytest.mark.parametrize("mode", ["rgb_array", "ansi", "human"])
-@pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that it knows to be missing
-def test_faces_render_what_the_page_says(face: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if find_spec(NEEDS.get(face, "numpy")) is None or (mode == "human" and find_spec("pygame") is None):
-        pytest.skip("a library is missing")
+@pytest.mark.filterwarnings("ignore")  # of Gymnasium, about a mode that is missing
+def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if mode == "human":
+        pytest.importorskip("pygame", reason="a window needs pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    modes, returns = RENDERS[face]
+    modes, returns = RENDERS[adapter]
     if mode not in modes:
         with pytest.raises(ValueError, match=mode):
-            rendering(face, mode)
+            make(adapter, render_mode=mode)
         return
-    env = rendering(face, mode)
+    env = make(adapter, render_mode=mode)
     env.reset()
     frames = env.render()
     if mode == "human":
@@ -156,7 +259,7 @@ def test_faces_render_what_the_page_says(face: str, mode: str, monkeypatch: pyte
     env.close()
 
 
-def test_the_page_tells_of_all_faces() -> None:
-    told = re.findall(r"^\| .* \| (`.+`) \| .* \|$", FACES.split("## Seeds")[0], re.MULTILINE)
-    faces = {name.removeprefix("outlast.") for cell in told for name in re.findall(r"`([\w.]+)`", cell)}
-    assert RENDERS.keys() == faces - {"PettingZooWrapper"}
+def test_the_page_describes_all_adapters() -> None:
+    described = re.findall(r"^\| .* \| (`.+`) \| .* \|$", PAGE.split("## Seeds")[0], re.MULTILINE)
+    adapters = {name.removeprefix("outlast.") for cell in described for name in re.findall(r"`([\w.]+)`", cell)}
+    assert RENDERS.keys() == adapters - {"PettingZooWrapper"}

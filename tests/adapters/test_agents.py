@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 import outlast
-from outlast import ScenarioError, make_vec
+from outlast import make_vec
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
@@ -38,7 +38,7 @@ def rows(values: Any) -> Any:
 
 
 def lives(observations: Any) -> Any:
-    """Who is not dead, as observations tell it: the place of the dead is 0."""
+    """Who is alive, from observations: the place of the dead is 0."""
     return (observations["self"][:, -6:-4] != 0).any(-1)
 
 
@@ -57,60 +57,60 @@ def same(one: Any, other: Any) -> bool:
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None:
-    env, core = make(name, autoreset=mode), make_vec(short(name), WORLDS, autoreset=mode)
-    agents = core.num_agents
+    env, batch = make(name, autoreset_mode=mode), make_vec(short(name), WORLDS, autoreset_mode=mode)
+    agents = batch.num_agents
     assert (env.num_envs, env.num_worlds, env.num_agents) == (WORLDS * agents, WORLDS, agents)
     seen, info = env.reset(seed=SEED)
-    expected, _ = core.reset(seed=SEED)
+    expected, _ = batch.reset(seed=SEED)
     assert equal(seen, {key: rows(values) for key, values in expected.items()})
     assert same(info, {"alive": np.ones(env.num_envs, bool), "_alive": np.ones(env.num_envs, bool)})
     ends = deaths = 0
     for tick in range(STEPS):
         actions = drawn(env, tick)
         seen, reward, terminated, truncated, info = env.step(actions)
-        expected, *outcome, told = core.step(actions.reshape(WORLDS, agents, 6))
+        expected, *outcome, batch_info = batch.step(actions.reshape(WORLDS, agents, 6))
         assert equal(seen, {key: rows(values) for key, values in expected.items()})
         assert same(reward, rows(outcome[0]))
         assert same(terminated, np.repeat(outcome[1], agents))
         assert same(truncated, np.repeat(outcome[2], agents))
         assert same(info["alive"], lives(seen))
         assert info["_alive"].all()
-        assert ("statistics" in info) == ("statistics" in told)
-        if told:
-            compare_ends(info, told, SIDES[name])
+        assert ("statistics" in info) == ("statistics" in batch_info)
+        if "statistics" in batch_info:
+            compare_ends(info, batch_info, SIDES[name])
         ends += int(terminated.sum())
         deaths += int((~info["alive"]).sum())
     assert ends >= env.num_envs
     assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, nobody is dead in a world that goes on
 
 
-def compare_ends(info: dict[str, Any], told: dict[str, Any], sides: list[int]) -> None:
-    """What both tell of ended worlds: final observations, and of the statistics each sub-environment's own."""
+def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[int]) -> None:
+    """Infos of ended worlds: final observations, and of the statistics each sub-environment's own."""
     agents = len(sides)
-    assert same(info["_statistics"], np.repeat(told["_statistics"], agents))
-    for key, values in told["statistics"].items():
+    assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents))
+    for key, values in batch_info["statistics"].items():
         mine = info["statistics"][key]
         if key == "return":
             assert same(mine, rows(values))
         else:
             assert same(mine, rows(values[:, sides]) if key == "kills" else np.repeat(values, agents))
-    assert ("final_obs" in info) == ("final_obs" in told)
-    if "final_obs" in told:
-        assert same(info["_final_obs"], np.repeat(told["_final_obs"], agents))
+    assert ("final_obs" in info) == ("final_obs" in batch_info)
+    if "final_obs" in batch_info:
+        assert same(info["_final_obs"], np.repeat(batch_info["_final_obs"], agents))
         assert same(info["_final_info"], info["_final_obs"])
         assert same(info["final_info"]["statistics"], info["statistics"])
         assert same(info["final_info"]["_alive"], info["_final_obs"])
         for k, final in enumerate(info["final_obs"]):
-            if not told["_final_obs"][k // agents]:
+            if not batch_info["_final_obs"][k // agents]:
                 assert final is None
                 continue
-            assert same(final, {key: v[k % agents] for key, v in told["final_obs"][k // agents].items()})
+            assert same(final, {key: v[k % agents] for key, v in batch_info["final_obs"][k // agents].items()})
             assert info["final_info"]["alive"][k] == lives({"self": final["self"][None]})[0]
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_spaces_are_a_batch_of_single_ones_and_hold_what_comes_out(name: str) -> None:
-    env = make(name, autoreset="SameStep")
+    env = make(name, autoreset_mode="SameStep")
     assert env.observation_space == batch_space(env.single_observation_space, env.num_envs)
     assert env.action_space == batch_space(env.single_action_space, env.num_envs)
     assert env.single_action_space == gymnasium.spaces.MultiDiscrete([3, 3, 3, 2, 2, 2])
@@ -136,39 +136,39 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
     env, other = make(seed=SEED), make(seed=SEED)
     env.reset()
     other.reset()
-    over, resets = np.zeros(env.num_envs, bool), 0
+    done, resets = np.zeros(env.num_envs, bool), 0
     for tick in range(STEPS):
         actions = drawn(env, tick)
         seen, reward, terminated, truncated, info = env.step(actions)
-        ignored = np.where(over[:, None], (actions + 1) % 2, actions)
+        ignored = np.where(done[:, None], (actions + 1) % 2, actions)
         assert equal(seen, other.step(ignored)[0])
-        assert not reward[over].any()
-        assert not (terminated | truncated)[over].any()
-        assert (seen["self"][over, 2] == 10).all()  # the health of a new episode
-        assert info["alive"][over].all()
-        resets += int(over.sum())
-        over = terminated | truncated
+        assert not reward[done].any()
+        assert not (terminated | truncated)[done].any()
+        assert (seen["self"][done, 2] == 10).all()  # the health of a new episode
+        assert info["alive"][done].all()
+        resets += int(done.sum())
+        done = terminated | truncated
     assert resets >= env.num_envs
 
 
 def test_disabled_waits_for_a_reset_of_what_ended() -> None:
-    env, other = make(seed=SEED, autoreset="Disabled"), make(seed=SEED)
+    env, other = make(seed=SEED, autoreset_mode="Disabled"), make(seed=SEED)
     env.reset()
     other.reset()
     for tick in range(STEPS):
         seen, _, terminated, truncated, _ = env.step(drawn(env, tick))
         other.step(drawn(env, tick))
-        if (over := terminated | truncated).any():
+        if (done := terminated | truncated).any():
             break
-    assert not over.all()
-    first = int(np.flatnonzero(over)[0])
+    assert not done.all()
+    first = int(np.flatnonzero(done)[0])
     with pytest.raises(NotResetError, match=rf"sub-environments \[{first}, .* have ended.*reset_mask"):
         env.step(drawn(env, 0))
-    fresh, info = env.reset(options={"reset_mask": over})
-    assert same(info, {"alive": over, "_alive": over})
-    assert all(np.array_equal(fresh[key][~over], seen[key][~over]) for key in seen)
+    fresh, info = env.reset(options={"reset_mask": done})
+    assert same(info, {"alive": done, "_alive": done})
+    assert all(np.array_equal(fresh[key][~done], seen[key][~done]) for key in seen)
     following = other.step(drawn(env, 0))[0]  # which resets the same worlds
-    assert all(np.array_equal(fresh[key][over], following[key][over]) for key in seen)
+    assert all(np.array_equal(fresh[key][done], following[key][done]) for key in seen)
     env.step(drawn(env, 0))
 
 
@@ -186,11 +186,11 @@ def test_the_time_limit_truncates_all_agents() -> None:
 
 def test_seeds_of_worlds_whichever_way_they_are_given() -> None:
     env = make(worlds=3)
-    core = make_vec(short("teams_3"), 3)
+    batch = make_vec(short("teams_3"), 3)
     given: list[tuple[Any, Any]] = [(SEED, SEED), (np.int64(SEED), SEED), ([5] * 4 + [6] * 4 + [7] * 4, [5, 6, 7])]
     for seed, same_seed in (*given, (np.repeat([5, 6, 7], 4).astype(np.uint8), [5, 6, 7])):
         observations, _ = env.reset(seed=seed)
-        assert equal(observations, {key: rows(values) for key, values in core.reset(seed=same_seed)[0].items()})
+        assert equal(observations, {key: rows(values) for key, values in batch.reset(seed=same_seed)[0].items()})
     assert equal(env.reset(seed=SEED)[0], make(worlds=3, seed=SEED).reset()[0])
     assert not equal(env.reset(seed=SEED)[0], env.reset()[0])
     env.reset(seed=8)
@@ -218,7 +218,7 @@ def test_copies_are_kept_and_views_are_read_only() -> None:
         assert not any(np.shares_memory(a, b) for i, a in enumerate(arrays) for b in arrays[:i])
         assert all(array.flags.writeable for array in arrays)
         views = [result[0][key] for result in results[1]]
-        assert all(np.shares_memory(view, fast.core.observe()[key]) for view in views)
+        assert all(np.shares_memory(view, fast.base_env.observe()[key]) for view in views)
         assert not any(view.flags.writeable for view in views)
         assert np.array_equal(views[0], arrays[-1])  # the first shows the last state
 
@@ -226,14 +226,14 @@ def test_copies_are_kept_and_views_are_read_only() -> None:
 @pytest.mark.parametrize("mode", MODES)
 def test_states_go_on_where_they_were(mode: str) -> None:
     """Also in the step in which worlds have ended."""
-    env, other = make(seed=SEED, autoreset=mode), make(autoreset=mode)
+    env, other = make(seed=SEED, autoreset_mode=mode), make(autoreset_mode=mode)
     env.reset()
-    saved, over, tick = [(env.get_state(), np.zeros(env.num_envs, bool))], np.zeros(env.num_envs, bool), 0
-    while not over.any():
+    saved, done, tick = [(env.get_state(), np.zeros(env.num_envs, bool))], np.zeros(env.num_envs, bool), 0
+    while not done.any():
         _, _, terminated, truncated, _ = env.step(drawn(env, tick))
-        over, tick = terminated | truncated, tick + 1
-        if over.any() or tick == 5:
-            saved.append((env.get_state(), over))
+        done, tick = terminated | truncated, tick + 1
+        if done.any() or tick == 5:
+            saved.append((env.get_state(), done))
     for (state, ended), first in zip(saved, (0, 5, tick), strict=True):
         for each in (env, other):
             each.set_state(state)
@@ -260,10 +260,9 @@ def test_close_twice_and_then_nothing_works() -> None:
 
 
 MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
-    "no such variant": ({"scenario": "ffa_9"}, ScenarioError, "ffa_9"),
     "no worlds": ({"num_worlds": 0}, ValueError, "num_worlds = 0: an integer >= 1"),
     "worlds in words": ({"num_worlds": "2"}, ValueError, "num_worlds = '2'"),
-    "no such mode": ({"autoreset": "never"}, ValueError, "autoreset = 'never'.*NEXT_STEP.*'SameStep'"),
+    "no such mode": ({"autoreset_mode": "never"}, ValueError, "autoreset_mode = 'never'.*NEXT_STEP.*'SameStep'"),
     "no such picture": ({"render_mode": "human"}, ValueError, "render_mode = 'human': allowed are None, 'rgb_array'"),
     "seed below zero": ({"seed": -1}, ValueError, "seed = -1"),
     "no threads": ({"threads": 0}, ValueError, "threads = 0"),
@@ -310,15 +309,15 @@ RESETS: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("name", [*ACTIONS, *RESETS])
 def test_calls_that_are_refused_change_nothing(name: str) -> None:
-    env, twin = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED)
-    for each in (env, twin):
+    env, reference = make(worlds=2, seed=SEED), make(worlds=2, seed=SEED)
+    for each in (env, reference):
         each.reset()
     bad: Any
     bad, message = ACTIONS.get(name) or RESETS[name]
     with pytest.raises(ValueError, match=message) as raised:
         env.step(bad) if name in ACTIONS else env.reset(**bad)
     assert (type(raised.value) is ActionError) == (name in ACTIONS)
-    assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), twin.step(drawn(env, 0)), strict=True))
+    assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), reference.step(drawn(env, 0)), strict=True))
 
 
 def test_nothing_goes_before_reset() -> None:

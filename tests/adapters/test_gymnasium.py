@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from outlast import VARIANTS, ScenarioError, make_vec
+from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
-from outlast.envs.adapters.gymnasium_registry import IDS
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
+from outlast.envs.adapters.registry import IDS
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
 from tests.helpers.execution_modes import equal, short
@@ -64,30 +64,30 @@ def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> N
         others.append((ids, np.random.default_rng(len(others)).integers(0, [3, 3, 3, 2, 2, 2], (1, 3, 6))))
         return others[-1][1]
 
-    env, core = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset="Disabled")
+    env, batch = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset_mode="Disabled")
     seen, info = env.reset(seed=SEED)
-    expected, _ = core.reset(seed=[SEED])
+    expected, _ = batch.reset(seed=[SEED])
     assert info["alive"] is True
-    total, over, length = 0.0, False, 0
-    while not over:
+    total, done, length = 0.0, False, 0
+    while not done:
         assert equal(seen, {key: values[0, learner] for key, values in expected.items()})
         seen, reward, terminated, truncated, info = env.step(drawn(length))
         joint = np.insert(others[-1][1], learner, drawn(length), axis=1)
-        expected, payment, ended, cut, told = core.step(joint)
+        expected, payment, ended, cut, batch_info = batch.step(joint)
         length += 1
         total += reward
         lives = bool(expected["self"][0, learner, 3:5].any())  # the place of the dead is 0
         assert reward == payment[0, learner]
         assert (terminated, truncated) == (ended[0] or (dead == "end" and not lives), cut[0])
         assert (info["alive"], info["length"], info["return"]) == (lives, length, total)
-        over = terminated or truncated
+        done = terminated or truncated
     assert all(ids.tolist() == [[i for i in range(4) if i != learner]] for ids, _ in others)
     assert length > 5
     if dead == "keep":
         assert {key: info[key] for key in ("kills", "deaths_zone", "first_death")} == {
-            "kills": told["statistics"]["kills"][0, learner // 2],
-            "deaths_zone": told["statistics"]["deaths_zone"][0],
-            "first_death": told["statistics"]["first_death"][0],
+            "kills": batch_info["statistics"]["kills"][0, learner // 2],
+            "deaths_zone": batch_info["statistics"]["deaths_zone"][0],
+            "first_death": batch_info["statistics"]["first_death"][0],
         }
     with pytest.raises(NotResetError, match="after the end of the episode; call reset"):
         env.step(IDLE)
@@ -102,12 +102,12 @@ def test_death_ends_the_episode_or_does_not() -> None:
         env, lengths[dead] = make(dead=dead), []
         for seed in range(scaled(20, least=6)):
             _, info = env.reset(seed=seed)
-            over = False
-            while not over:
+            done = False
+            while not done:
                 lived = info["alive"]
                 _, _, terminated, truncated, info = env.step(IDLE)
-                over = terminated or truncated
-                assert over or info["alive"] or dead == "keep"
+                done = terminated or truncated
+                assert done or info["alive"] or dead == "keep"
                 assert lived or not info["alive"]
             lengths[dead].append(info["length"])
     assert np.all(np.array(lengths["end"]) <= lengths["keep"])
@@ -117,12 +117,12 @@ def test_death_ends_the_episode_or_does_not() -> None:
 def test_types_are_pythons_own_and_infos_keep_their_keys() -> None:
     env = make()
     _, first = env.reset(seed=SEED)
-    over = False
-    while not over:
+    done = False
+    while not done:
         _, reward, terminated, truncated, info = env.step(IDLE)
         assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
         assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
-        over = terminated or truncated
+        done = terminated or truncated
     assert {type(value) for value in first.values()} == {bool, int, float}
     assert {"alive", "length", "return", "kills", "deaths_zone", "deaths_melee"} < first.keys()
 
@@ -181,8 +181,8 @@ def test_pictures_are_those_of_the_world() -> None:
         each.reset(seed=SEED)
     frame = env.render()
     assert (frame.dtype, frame.ndim, frame.shape[2]) == (np.uint8, 3, 3)
-    assert np.array_equal(frame, draw(env.batch.core.worlds, 0))
-    assert written.render() == text(written.batch.core.worlds, 0)
+    assert np.array_equal(frame, draw(env.base_env.worlds, 0))
+    assert written.render() == text(written.base_env.worlds, 0)
     env.step(IDLE)
     assert not np.array_equal(env.render(), frame)
     with pytest.warns(UserWarning, match="without a render_mode"):
@@ -229,7 +229,7 @@ def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_wrappers_for_single_environments() -> None:
-    env = gymnasium.make("outlast/FreeForAll-v1", variant=short("ffa_3"))
+    env = gymnasium.make("outlast/FreeForAll-v1", scenario=short("ffa_3"))
     env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.FlattenObservation(env))
     observation, _ = env.reset(seed=SEED)
     assert env.observation_space.contains(observation)
@@ -256,10 +256,10 @@ def test_states_go_on_where_they_were() -> None:
     env, other = make(), make()
     for seed in range(20):
         env.reset(seed=seed)
-        over = False
-        while not over:
+        done = False
+        while not done:
             seen, _, terminated, truncated, info = env.step(IDLE)
-            over = terminated or truncated
+            done = terminated or truncated
             if info["length"] == 5:
                 middle, expected = env.get_state(), seen
         if not env.get_state().arrays["over"][0]:
@@ -288,8 +288,8 @@ def test_ids_name_the_eight_variants() -> None:
     assert set(IDS.values()) == set(VARIANTS)
     assert (IDS["outlast/FreeForAll1-v1"], IDS["outlast/Teams4-v1"]) == ("ffa_1", "teams_4")
     assert set(IDS) < set(gymnasium.registry)
-    env = gymnasium.make("outlast/FreeForAll-v1", variant="1v1_heals_low")
-    assert env.unwrapped.batch.core.scenario.name == "ffa_1"
+    env = gymnasium.make("outlast/FreeForAll-v1", scenario="1v1_heals_low")
+    assert env.unwrapped.base_env.scenario.name == "ffa_1"
 
 
 PROGRAMS = {
@@ -303,7 +303,7 @@ assert gymnasium.make_vec("outlast:outlast/FreeForAll1-v1", num_envs=2).spec.id 
     "a second import is silent, and what stands behind the ids is loaded late": """
 import importlib, sys
 import gymnasium, outlast
-importlib.reload(outlast.envs.adapters.gymnasium_registry)
+importlib.reload(outlast.envs.adapters.registry)
 importlib.reload(outlast)
 assert sum(name.startswith("outlast/") for name in gymnasium.registry) == 10
 late = {f"outlast.envs.adapters.gymnasium_{name}" for name in ("single", "learners", "agents")} | {"cv2"}
@@ -323,7 +323,6 @@ def test_registration_in_a_fresh_process(name: str) -> None:
 # ---- bad input
 
 MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
-    "no such variant": ({"variant": "ffa_9"}, ScenarioError, "ffa_9"),
     "no such agent": ({"learner": 2}, ValueError, "learner = 2: an agent of ffa_3 .* 0 to 1"),
     "an agent below zero": ({"learner": -1}, ValueError, "learner = -1"),
     "an agent by name": ({"learner": "agent_0"}, ValueError, "learner = 'agent_0'.*integer"),
@@ -355,7 +354,7 @@ def test_environments_that_cannot_be(name: str) -> None:
 
 
 ACTIONS: dict[str, tuple[Any, str]] = {
-    "too few": ([0] * 5, r"shape \(5,\): \(6,\) is needed, 6 integers"),
+    "too few": ([0] * 5, r"shape \(5,\): \(actions,\) = \(6,\) is needed"),
     "one too deep": ([IDLE], r"shape \(1, 6\)"),
     "ragged": ([0, [1]], "is needed"),
     "one number": (3, r"shape \(\)"),
@@ -374,13 +373,13 @@ def test_actions_that_are_refused_change_nothing(name: str) -> None:
         asked.append(1)
         return np.full((1, 3, 6), len(asked) % 2)
 
-    env, twin = make(others=play), make(others=lambda observations: np.ones((1, 3, 6), int))
+    env, reference = make(others=play), make(others=lambda observations: np.ones((1, 3, 6), int))
     env.reset(seed=SEED)
-    twin.reset(seed=SEED)
+    reference.reset(seed=SEED)
     with pytest.raises(ActionError, match=ACTIONS[name][1]):
         env.step(ACTIONS[name][0])
     assert asked == []
-    assert equal(env.step(IDLE)[0], twin.step(np.array(IDLE, np.uint8))[0])
+    assert equal(env.step(IDLE)[0], reference.step(np.array(IDLE, np.uint8))[0])
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, 2**64, "1"])

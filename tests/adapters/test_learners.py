@@ -64,7 +64,7 @@ def alike(one: Any, other: Any) -> bool:
 def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: AutoresetMode) -> None:
     """Bit for bit over several episodes, sub-environment i seeded SEED + i in both; infos and final ones, too."""
     kind, options = CASES[name]
-    env = SurvivalLearnerVectorEnv(WORLDS, short(kind), autoreset=mode, **options)
+    env = SurvivalLearnerVectorEnv(WORLDS, short(kind), autoreset_mode=mode, **options)
     oracle: Any = SyncVectorEnv([single(kind, **options)] * WORLDS, autoreset_mode=mode)
     assert env.single_observation_space == oracle.single_observation_space
     assert (env.observation_space, env.action_space) == (oracle.observation_space, oracle.action_space)
@@ -75,12 +75,12 @@ def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: Autores
         results = [each.step(drawn(env, tick)) for each in (env, oracle)]
         for mine, its in zip(*results, strict=True):
             assert alike(mine, its), tick
-        over = results[0][2] | results[0][3]
-        ends, truncations = ends + int(over.sum()), truncations + int(results[0][3].sum())
-        if mode is AutoresetMode.DISABLED and over.any():
-            with pytest.raises(NotResetError, match=rf"sub-environments \[{np.flatnonzero(over)[0]}"):
+        done = results[0][2] | results[0][3]
+        ends, truncations = ends + int(done.sum()), truncations + int(results[0][3].sum())
+        if mode is AutoresetMode.DISABLED and done.any():
+            with pytest.raises(NotResetError, match=rf"sub-environments \[{np.flatnonzero(done)[0]}"):
                 env.step(drawn(env, tick))
-            results = [each.reset(options={"reset_mask": over.copy()}) for each in (env, oracle)]
+            results = [each.reset(options={"reset_mask": done.copy()}) for each in (env, oracle)]
             assert all(alike(*pair) for pair in zip(*results, strict=True))
     assert ends >= WORLDS
     assert (truncations > 0) == ("max_episode_steps" in options)
@@ -88,7 +88,7 @@ def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: Autores
 
 def test_both_modes_of_make_vec() -> None:
     """The entry point is what gymnasium.make_vec takes by itself; both pass max_episode_steps on."""
-    for options in ({}, {"max_episode_steps": 3}, {"variant": "ffa_1", "others": "noop"}):
+    for options in ({}, {"max_episode_steps": 3}, {"scenario": "ffa_1", "others": "noop"}):
         fast, slow = (
             gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=2, vectorization_mode=mode, **options)
             for mode in (None, "sync")
@@ -97,7 +97,7 @@ def test_both_modes_of_make_vec() -> None:
         assert isinstance(slow, SyncVectorEnv)
         assert fast.spec is not None
         assert fast.spec.id == "outlast/FreeForAll-v1"
-        assert fast.core.scenario.name == options.get("variant", "ffa_3")
+        assert fast.base_env.scenario.name == options.get("scenario", "ffa_3")
         assert equal(fast.reset(seed=SEED)[0], slow.reset(seed=SEED)[0])
         for tick in range(4):
             results = [each.step(drawn(fast, tick)) for each in (fast, slow)]
@@ -125,7 +125,7 @@ def test_views_and_copies_show_the_same() -> None:
     assert equal(before[1], after[1])  # overwritten
     assert not equal(before[0], after[0])
     for key in after[0]:
-        assert np.shares_memory(after[1][key], fast.core.observe()[key])
+        assert np.shares_memory(after[1][key], fast.base_env.observe()[key])
         assert not np.shares_memory(after[0][key], before[0][key])
         assert not after[1][key].flags.writeable
 
@@ -147,13 +147,13 @@ def test_worlds_keep_their_pictures_apart() -> None:
 @pytest.mark.skipif(not COMPILED, reason="statistics need draws by the thousand")
 def test_random_others_are_uniform_and_independent() -> None:
     """Of 216 joint actions each comes equally often, and two agents and two ticks agree by chance only."""
-    core = outlast.make_vec("teams_3", 256, seed=[*range(256)])
-    core.reset()
-    opponents = Opponents("random", core, 0)
+    batch = outlast.make_vec("teams_3", 256, seed=[*range(256)])
+    batch.reset()
+    opponents = Opponents("random", batch, 0)
     drawn = []
     for _ in range(30):
         drawn.append(opponents.actions().astype(int))
-        core.step(np.zeros((256, 4, 6), int))
+        batch.step(np.zeros((256, 4, 6), int))
     joint = np.ravel_multi_index(tuple(np.moveaxis(np.array(drawn), -1, 0)), (3, 3, 3, 2, 2, 2))
     counts = np.bincount(joint.ravel(), minlength=216)
     expected = joint.size / 216
@@ -164,25 +164,25 @@ def test_random_others_are_uniform_and_independent() -> None:
 
 
 def test_random_others_do_the_same_whoever_learns() -> None:
-    core = outlast.make_vec("teams_3", 3, seed=0)
-    core.reset()
-    by_learner = {learner: Opponents("random", core, learner).actions() for learner in range(4)}
+    batch = outlast.make_vec("teams_3", 3, seed=0)
+    batch.reset()
+    by_learner = {learner: Opponents("random", batch, learner).actions() for learner in range(4)}
     assert np.array_equal(by_learner[0][:, 1:], by_learner[1][:, 1:])
     assert np.array_equal(by_learner[3][:, 1], by_learner[2][:, 1])
     assert not np.array_equal(by_learner[0][0], by_learner[0][1])  # worlds differ
-    core.reset()
-    assert not np.array_equal(by_learner[0], Opponents("random", core, 0).actions())  # and episodes
+    batch.reset()
+    assert not np.array_equal(by_learner[0], Opponents("random", batch, 0).actions())  # and episodes
 
 
 def test_others_of_the_names_are_the_policies() -> None:
     from outlast.envs.rollout.policies import noop_policy, scripted_policy
 
-    core = outlast.make_vec("teams_3", 3, seed=0)
-    observations, _ = core.reset()
-    for name, policy in (("noop", noop_policy(core)), ("scripted", scripted_policy(core))):
+    batch = outlast.make_vec("teams_3", 3, seed=0)
+    observations, _ = batch.reset()
+    for name, policy in (("noop", noop_policy(batch)), ("scripted", scripted_policy(batch))):
         for learner in range(4):
             expected = np.delete(policy(observations), learner, axis=1)
-            assert np.array_equal(Opponents(name, core, learner).actions(), expected)
+            assert np.array_equal(Opponents(name, batch, learner).actions(), expected)
 
 
 def test_a_learner_alone() -> None:
@@ -194,7 +194,7 @@ def test_a_learner_alone() -> None:
 REFUSED: dict[str, tuple[Any, str]] = {
     "its own, too": (lambda seen: np.ones((2, 4, 6), int), r"others: .*\(2, 4, 6\).* = \(2, 3, 6\)"),
     "floats": (lambda seen: np.ones((2, 3, 6)), "others: .*float64"),
-    "nothing": (lambda seen: None, "others: .*object"),
+    "nothing": (lambda seen: None, r"others: .*shape \(\)"),
     "too high": (lambda seen: np.full((2, 3, 6), 2), "action 3 of agent 0 in world 0 is 2"),
 }
 
@@ -204,13 +204,15 @@ def test_what_others_must_not_do(name: str) -> None:
     policy, message = REFUSED[name]
     env = SurvivalLearnerVectorEnv(2, short("teams_3"), learner=1, others=policy)
     env.reset(seed=SEED)
-    before = digest(env.core.worlds)
+    before = digest(env.base_env.worlds)
     with pytest.raises(ActionError, match=message):
         env.step(drawn(env, 0))
-    assert digest(env.core.worlds) == before
+    assert digest(env.base_env.worlds) == before
 
 
-@pytest.mark.parametrize("options", [{"num_envs": 0}, {"max_episode_steps": 0}, {"threads": 0}, {"autoreset": "never"}])
+@pytest.mark.parametrize(
+    "options", [{"num_envs": 0}, {"max_episode_steps": 0}, {"threads": 0}, {"autoreset_mode": "never"}]
+)
 def test_batches_that_cannot_be(options: dict[str, Any]) -> None:
     (name,) = options
     with pytest.raises(ValueError, match=f"{name} = "):

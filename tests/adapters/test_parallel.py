@@ -1,4 +1,4 @@
-"""The PettingZoo face: PettingZoo's own suites, and the same world as in the batched environment."""
+"""PettingZoo: PettingZoo's own suites, and the same world as in the batched environment."""
 
 import copy
 import pickle
@@ -17,6 +17,7 @@ from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
 from tests.conftest import COMPILED, scaled
+from tests.ways import SHORT
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -31,12 +32,9 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
     )
     from pettingzoo.test.render_test import collect_render_results
 
-SHORT: dict[str, Any] = {  # some die on the way, and all episodes end within 60 ticks
-    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
-}  # fmt: skip
 CYCLES = scaled(1000, least=20)
 NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
-both = pytest.mark.parametrize("dead", ["remove", "keep"])
+both = pytest.mark.parametrize("dead", ["end", "keep"])
 everywhere = pytest.mark.parametrize("name", NAMES)
 Env = parallel.SurvivalParallelEnv
 
@@ -155,7 +153,7 @@ def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_registry_makes_them(kind: Any, name: str) -> None:
     env = pettingzoo.make(kind, f"outlast/{name}-v1", max_cycles=7, melee_damage=2)
     assert isinstance(env, pettingzoo.ParallelEnv if kind == "parallel" else pettingzoo.AECEnv)
-    scenario = env.unwrapped.batch.scenario
+    scenario = env.unwrapped.base_env.scenario
     assert (scenario.name, str(env)) == (name, name)
     assert scenario.numbers() == variant(name).replace(ending_limit=7, melee_damage=2).numbers()
 
@@ -175,7 +173,7 @@ def test_without_pettingzoo_only_this_face_is_missing() -> None:
 def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
     """Observations, rewards, ends and statistics of an episode with deaths; the batch also hears what the dead want."""
     env, seed = short(name, dead=dead), 5
-    batch = make_vec(env.batch.scenario, 3, seed=0)
+    batch = make_vec(env.base_env.scenario, 3, seed=0)
     observations, _ = env.reset(seed=seed)
     expected, _ = batch.reset(seed=[seed + 1, seed, seed + 2])
     alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
@@ -185,7 +183,7 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
         rows = [int(agent[6:]) for agent in before]
         actions = np.stack([list(act(env, tick).values())] * 3)
         expected, reward, ended, cut, info = batch.step(actions)
-        gone = alive == 0 if dead == "remove" else np.zeros(4, bool)
+        gone = alive == 0 if dead == "end" else np.zeros(4, bool)
         over = bool(ended[1] | cut[1])
         died |= not alive.all() and not over
         assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in rows})
@@ -240,6 +238,6 @@ def test_copies_are_made_the_same_way(copied: Any) -> None:
     env.step({})
     other = copied(env)
     assert (other.dead, other.render_mode, other.agents) == ("keep", "ansi", [])
-    assert other.batch.scenario == env.batch.scenario
+    assert other.base_env.scenario == env.base_env.scenario
     assert same(other.reset(), first)
     assert pickle.loads(pickle.dumps(outlast.aec_env("ffa_3"))).metadata["name"] == "ffa_3"

@@ -1,4 +1,4 @@
-"""The PettingZoo face: the global state tells of everything, and worlds can be saved and gone on from."""
+"""PettingZoo: the global state shows everything, and worlds can be saved and gone on from."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ import pytest
 import outlast
 from outlast.components import Bag, Box, Health
 from outlast.ecs import Worlds
-from outlast.envs.adapters.global_state import Overview
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.systems import AutoPickup, GiveLast, Heals, Inventory, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled
 
-BUSY: dict[str, Any] = {  # items change hands all the time, and everybody is told of everything
+BUSY: dict[str, Any] = {  # items change hands all the time, and everybody observes everything
     "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
     "boxes_toughness": 1, "boxes_owned": False, "max_cycles": 200,
 }  # fmt: skip
@@ -32,7 +32,7 @@ def test_the_state_tells_what_an_omniscient_observer_sees(name: str, features: i
     env = outlast.parallel_env(name, **BUSY)
     seen = env.reset(seed=1)[0]["agent_0"]
     carried = broken = 0
-    worlds = env.batch.worlds
+    worlds = env.base_env.worlds
     for tick in range(scaled(100, least=20)):
         state = env.state()
         assert state.dtype == np.float32
@@ -73,7 +73,7 @@ def test_the_dead_are_not_alive_in_the_state() -> None:
 def test_the_state_of_a_bare_scenario() -> None:
     """Without zone and items there are agents only."""
     bare = outlast.variant("ffa_1").without(SafeZone, Heals, AutoPickup, GiveLast, Inventory, "drop")
-    overview = Overview(Worlds(bare.modules, 1))
+    overview = GlobalState(Worlds(bare.modules, 1))
     assert overview.space.shape == (2 * 9,)
     assert overview.space.contains(overview())
 
@@ -98,7 +98,7 @@ def test_going_on_from_a_saved_state(dead: str) -> None:
     env.reset()
     assert env.set_state(over) == {}
     assert env.agents == []
-    batch = outlast.make_vec(env.batch.scenario, 3, seed=4)
+    batch = outlast.make_vec(env.base_env.scenario, 3, seed=4)
     batch.reset()
     other.set_state(batch.get_state(2))
     assert np.array_equal(other.state()[1:9], batch.observe()["self"][2, 0])

@@ -1,4 +1,4 @@
-"""The native face for PufferLib: beside PufferLib's own emulation, the batched environment, and under its backends."""
+"""PufferLib: beside PufferLib's own emulation, the batched environment, and under its backends."""
 
 import contextlib
 import subprocess
@@ -57,22 +57,22 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
     """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
     env = make(name, 1)
-    twin = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
-    assert env.single_action_space == twin.single_action_space
-    assert env.single_observation_space.shape == twin.single_observation_space.shape
-    assert env.num_agents == twin.num_agents
+    reference = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
+    assert env.single_action_space == reference.single_action_space
+    assert env.single_observation_space.shape == reference.single_observation_space.shape
+    assert env.num_agents == reference.num_agents
     env.reset(seed=SEED)
-    twin.reset(seed=SEED)
+    reference.reset(seed=SEED)
     ends = 0
     for tick in range(STEPS):
-        assert alike([env.observations], [twin.observations])
+        assert alike([env.observations], [reference.observations])
         actions = drawn(env, tick).astype(np.int32)
         env.step(actions)
-        twin.step(actions)
-        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, twin)]
+        reference.step(actions)
+        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, reference)]
         assert alike(*outcome)
-        if twin.done:
-            twin.reset()
+        if reference.done:
+            reference.reset()
             ends += 1
     assert ends > 0
 
@@ -81,36 +81,36 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, who lives, and the statistics of episodes."""
-    env, core = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset="SameStep")
+    env, batch = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset_mode="SameStep")
     assert env.reset()[1] == []
-    expected, _ = core.reset()
+    expected, _ = batch.reset()
     episodes = dead = 0
     for tick in range(STEPS):
         for i in (0, env.num_agents - 1):
             row = unflatten(env.agent_observation_space, env.observations[i])
-            assert equal(row, {key: values[divmod(i, core.num_agents)] for key, values in expected.items()})
-        assert alike([env.observations], [flat(core)])
-        assert env.masks.tolist() == (core.worlds[Entity].alive[:, core.worlds.span("agent")] == 1).ravel().tolist()
+            assert equal(row, {key: values[divmod(i, batch.num_agents)] for key, values in expected.items()})
+        assert alike([env.observations], [flat(batch)])
+        assert env.masks.tolist() == (batch.worlds[Entity].alive[:, batch.worlds.span("agent")] == 1).ravel().tolist()
         dead += int((~env.masks).sum())
         actions = drawn(env, tick)
         *arrays, infos = env.step(actions)
         assert [array is getattr(env, key) for array, key in zip(arrays, ARRAYS)] == [True] * 4
-        expected, reward, terminated, truncated, info = core.step(actions.reshape(WORLDS, core.num_agents, 6))
-        ends = [np.repeat(each, core.num_agents) for each in (terminated, truncated)]
+        expected, reward, terminated, truncated, info = batch.step(actions.reshape(WORLDS, batch.num_agents, 6))
+        ends = [np.repeat(each, batch.num_agents) for each in (terminated, truncated)]
         assert alike([env.rewards, env.terminals, env.truncations], [reward.ravel(), *ends])
         assert len(infos) == int("statistics" in info)
         if infos:
-            over = info["_statistics"]
-            assert infos[0] == {key: values[over].ravel().tolist() for key, values in info["statistics"].items()}
+            done = info["_statistics"]
+            assert infos[0] == {key: values[done].ravel().tolist() for key, values in info["statistics"].items()}
             episodes += len(infos[0]["length"])
     assert episodes >= WORLDS
     assert (dead > 0) == (name == "teams_3")  # of two, the last one's world ends with the other's death
 
 
-def flat(core: Any) -> np.ndarray[Any, Any]:
-    out = np.zeros((core.num_worlds, core.num_agents, core.flat_size), np.float32)
-    core.observe(out=out)
-    return out.reshape(-1, core.flat_size)
+def flat(batch: Any) -> np.ndarray[Any, Any]:
+    out = np.zeros((batch.num_worlds, batch.num_agents, batch.flat_size), np.float32)
+    batch.observe(out=out)
+    return out.reshape(-1, batch.flat_size)
 
 
 @needs_puffer

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import outlast
+from tests import ways
 from tests.conftest import scaled
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -17,7 +18,7 @@ from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
-SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+SHORT = {**ways.SHORT, "ending_limit": 25}
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def idle(env):
     return {agent: [1, 1, 1, 0, 0, 0] for agent in env.agents}
 
 
-@pytest.mark.parametrize("dead", ["remove", "keep"])
+@pytest.mark.parametrize("dead", ["end", "keep"])
 @pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
 def test_it_is_world_0_of_a_batch(variant, dead):
     """Observations, rewards and ends, with the same actions."""
@@ -57,7 +58,7 @@ def test_it_is_world_0_of_a_batch(variant, dead):
         assert all(cut[agent] == truncated[0] for agent in acting)
         ends = {agent for agent in acting if over[agent]}
         assert (
-            ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "remove" else set())
+            ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "end" else set())
             or over["__all__"]
         )
         lost |= ends
@@ -83,7 +84,7 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
 
 
 def test_rllib_finds_nothing_wrong():
-    for dead in ("remove", "keep"):
+    for dead in ("end", "keep"):
         check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": "ffa_3", "dead": dead}))
 
 
@@ -98,7 +99,7 @@ def test_copies_of_a_run_play_worlds_of_their_own():
         places = []
         for env in (*envs, again, other):
             env.reset(seed=seed)
-            places.append(env.parallel.state().tobytes())
+            places.append(env._parallel.state().tobytes())
         assert places[4] == places[0]
         assert len(set(places)) == 5
     alone = [SurvivalMultiAgentEnv(config).reset()[0]["agent_0"]["self"].tolist() for _ in range(2)]

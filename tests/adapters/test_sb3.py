@@ -1,4 +1,4 @@
-"""The face for Stable-Baselines3: its conventions, and the same bits as the batched environment."""
+"""Stable-Baselines3: its conventions, and the same bits as the batched environment."""
 
 from functools import partial
 from typing import Any
@@ -12,14 +12,13 @@ import outlast
 from outlast import make_vec, variant
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
+from tests.ways import short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
 
 WORLDS, AGENTS = 5, 4  # of SHORT
-SHORT = variant("teams_3").replace(  # ends both ways, early
-    agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10, ending_limit=22
-)
+SHORT = short("teams_3").replace(ending_limit=22)  # ends both ways, early
 LONE = variant("ffa_1").replace(n_agents=1, agents_health=10, zone_radii=(8.0,), zone_stand=1000, ending_limit=25)
 STEPS = scaled(150, least=60)
 
@@ -54,7 +53,7 @@ class Lone(gymnasium.Env[dict[str, Any], Any]):
     """
 
     def __init__(self, w: int) -> None:
-        self.w, self.world = w, make_vec(LONE, 1, autoreset="Disabled", copy=True, first_world=w)
+        self.w, self.world = w, make_vec(LONE, 1, autoreset_mode="Disabled", copy=True, first_world=w)
         boxes = {key: (box.low[0], box.high[0]) for key, box in self.world.single_observation_space.items()}
         self.observation_space = spaces.Dict({key: spaces.Box(*ends, dtype=np.float32) for key, ends in boxes.items()})
         self.action_space = spaces.MultiDiscrete(self.world.action_sizes)
@@ -96,10 +95,10 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
 
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
 def test_spaces_are_those_of_one_agent(name: str) -> None:
-    env, core = make_sb3(name, 3, seed=0), make_vec(name, 3)
-    assert env.num_envs == 3 * core.num_agents
+    env, batch = make_sb3(name, 3, seed=0), make_vec(name, 3)
+    assert env.num_envs == 3 * batch.num_agents
     assert env.action_space.nvec.tolist() == [3, 3, 3, 2, 2, 2]
-    for key, box in core.single_observation_space.items():
+    for key, box in batch.single_observation_space.items():
         mine = env.observation_space[key]
         assert (mine.shape, mine.dtype) == (box.shape[1:], np.float32)
         assert (mine.low == box.low).all()
@@ -111,13 +110,13 @@ def test_spaces_are_those_of_one_agent(name: str) -> None:
 
 def test_it_is_the_batched_environment() -> None:
     """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i."""
-    env, core = make_sb3(SHORT, WORLDS, seed=3), make_vec(SHORT, WORLDS, autoreset="SameStep")
-    assert same(env.reset(), {key: np.concatenate(rows) for key, rows in core.reset(seed=3)[0].items()})
+    env, batch = make_sb3(SHORT, WORLDS, seed=3), make_vec(SHORT, WORLDS, autoreset_mode="SameStep")
+    assert same(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
     rng, ended, cut = np.random.default_rng(0), 0, 0
     for _ in range(STEPS):
         actions = draw(env, rng)
         observations, rewards, dones, infos = env.step(actions)
-        expected, reward, terminated, truncated, info = core.step(actions.reshape(WORLDS, AGENTS, 6))
+        expected, reward, terminated, truncated, info = batch.step(actions.reshape(WORLDS, AGENTS, 6))
         assert same(observations, {key: np.concatenate(rows) for key, rows in expected.items()})
         assert rewards.tolist() == reward.ravel().tolist()
         assert dones.tolist() == np.repeat(terminated | truncated, AGENTS).tolist()
@@ -146,7 +145,7 @@ def test_nothing_that_is_handed_out_changes_later() -> None:
     for observations, rewards, dones, infos in walk(env):
         assert same(before, kept)
         assert len({id(info) for info in infos + last}) == 2 * env.num_envs - (0 if last else env.num_envs)
-        assert not any(np.shares_memory(values, env.core.observe()[key]) for key, values in observations.items())
+        assert not any(np.shares_memory(values, env.base_env.observe()[key]) for key, values in observations.items())
         if dones.sum() > 1:
             one, other = (infos[i]["terminal_observation"] for i in np.flatnonzero(dones)[:2])
             assert not any(np.shares_memory(one[key], other[key]) for key in one)
@@ -176,9 +175,9 @@ def test_worlds_are_keyed_by_seed_and_number_at_the_next_reset() -> None:
         assert all(np.array_equal(alone[key][0], built[key][2 * w : 2 * w + 2]) for key in built)
     second = env.reset()  # a seed is used once
     assert not same(second, built)
-    core = make_vec("ffa_1", 3)
-    core.reset(seed=8)
-    assert same(second, {key: np.concatenate(rows) for key, rows in core.reset()[0].items()})
+    batch = make_vec("ffa_1", 3)
+    batch.reset(seed=8)
+    assert same(second, {key: np.concatenate(rows) for key, rows in batch.reset()[0].items()})
 
 
 def test_no_seed_is_a_new_one() -> None:
@@ -239,7 +238,7 @@ def test_step_async_and_step_wait_take_turns() -> None:
         (np.zeros((2, 2, 6), int), r"shape \(2, 2, 6\): \(num_envs, actions\) = \(4, 6\)"),
         ([[0] * 6] * 3 + [[0]], r"\(num_envs, actions\) = \(4, 6\)"),
         (np.zeros((4, 6)), "float64: integers"),
-        (np.tile([0, 0, 0, 0, 0, 2], (4, 1)), "action 5 of agent 0 in world 0 is 2: 0 to 1"),
+        (np.tile([0, 0, 0, 0, 0, 2], (4, 1)), "action 5 of sub-environment 0 is 2: 0 to 1"),
     ],
 )
 def test_bad_actions_change_nothing(actions: Any, message: str) -> None:

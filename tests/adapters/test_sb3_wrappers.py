@@ -1,4 +1,4 @@
-"""The face for Stable-Baselines3 with what belongs to it: wrappers, attributes, pictures, and PPO, which learns."""
+"""Stable-Baselines3 with what belongs to it: wrappers, attributes, pictures, and PPO, which learns."""
 
 import csv
 import runpy
@@ -164,7 +164,7 @@ def test_pictures_are_those_of_the_worlds() -> None:
 
     env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array", render_worlds=2)
     env.reset()
-    worlds = [picture(env.core.worlds, w) for w in range(3)]
+    worlds = [picture(env.base_env.worlds, w) for w in range(3)]
     assert len({world.tobytes() for world in worlds}) == 3
     images = env.get_images()
     assert len(images) == 6
@@ -229,19 +229,19 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     """The rollout that it learns from: observations as they were when the actions were chosen, not a step later."""
     from stable_baselines3 import PPO
 
-    env, twin = pair()
+    env, reference = pair()
     steps, agents = scaled(40, least=24), env.num_envs
     model = PPO("MultiInputPolicy", env, n_steps=steps, batch_size=steps * agents, n_epochs=1, gamma=0, seed=4)
     model.learn(1)  # one rollout
     kept = model.rollout_buffer
     observed = {key: rows.reshape(agents, steps, *rows.shape[1:]) for key, rows in kept.observations.items()}
     acted = kept.actions.reshape(agents, steps, -1).astype(int)
-    twin.seed(4)  # as PPO did
-    seen, dones = twin.reset(), np.ones(agents, bool)
+    reference.seed(4)  # as PPO did
+    seen, dones = reference.reset(), np.ones(agents, bool)
     for t in range(steps):
         assert same(seen, {key: rows[:, t] for key, rows in observed.items()})
         assert dones.tolist() == kept.episode_starts[t].tolist()
-        seen, rewards, dones, _ = twin.step(acted[:, t])
+        seen, rewards, dones, _ = reference.step(acted[:, t])
         assert rewards.tolist() == kept.rewards[t].tolist()
     assert kept.episode_starts[1:].any()
 

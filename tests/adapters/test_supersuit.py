@@ -1,4 +1,4 @@
-"""SuperSuit: its vector environments and wrappers over the PettingZoo face, beside plain worlds stepped by hand."""
+"""SuperSuit: its vector environments and wrappers over PettingZoo environments, beside plain worlds stepped by hand."""
 
 import warnings
 from typing import Any

@@ -5,17 +5,19 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
 import outlast
-from tests.conftest import scaled
+from tests.conftest import COMPILED, scaled
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
     import torch
+    from torchrl.envs import GymWrapper
     from torchrl.envs.libs.pettingzoo import PettingZooWrapper
     from torchrl.envs.utils import check_env_specs
 
@@ -24,7 +26,7 @@ EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_rollout.py"
 SEED = 3
 SHORT: dict[str, Any] = {"agents_health": 10, "zone_radii": (6.0,), "zone_stand": 1000}  # who is outside soon dies
 LIMIT = scaled(60, least=15)
-both = pytest.mark.parametrize("dead", ["remove", "keep"])
+both = pytest.mark.parametrize("dead", ["end", "keep"])
 
 
 def world(name: str, dead: str) -> Any:
@@ -59,13 +61,13 @@ def test_a_rollout_through_deaths(name: str, dead: str) -> None:
     seen, _ = plain.reset()
     deaths = 0
     for tick in range(len(rollout)):
-        assert told(group["observation"][tick], seen)
+        assert shows(group["observation"][tick], seen)
         assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
         actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
         before = list(plain.agents)
         seen, rewards, terminated, truncated, infos = plain.step(actions)
         deaths += len(before) - len(plain.agents) if plain.agents else 0
-        assert told(following["observation"][tick], seen)
+        assert shows(following["observation"][tick], seen)
         for i, agent in enumerate(plain.possible_agents):
             assert following["reward"][tick, i].item() == rewards.get(agent, 0)
             assert following["terminated"][tick, i].item() is terminated.get(agent, True)
@@ -73,16 +75,37 @@ def test_a_rollout_through_deaths(name: str, dead: str) -> None:
             assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
         assert rollout["next", "done"][tick].item() is (not plain.agents)
     assert not plain.agents
-    assert (deaths > 0) == (dead == "remove")
+    assert (deaths > 0) == (dead == "end")
 
 
-def told(rows: Any, seen: dict[str, Any]) -> bool:
+def shows(rows: Any, seen: dict[str, Any]) -> bool:
     """Whether the rows of a group are what agents see; of those that are not there, zeros."""
     return all(
         np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
         for key, values in rows.items()
         for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
     )
+
+
+VECTORS = {
+    "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
+    "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
+        "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
+    ),
+}
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+@pytest.mark.parametrize("name", VECTORS)
+def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
+    """TorchRL's own check, and a rollout with ends; TorchRL takes no NEXT_STEP."""
+    env = GymWrapper(VECTORS[name](mode))
+    check_env_specs(env)
+    rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
+    assert rollout.batch_size[0] == env.batch_size[0] == (8 if name == "make_agents" else 2)
+    assert rollout["next", "done"].any() or not COMPILED
+    with pytest.raises(RuntimeError, match="NEXT_STEP"):
+        GymWrapper(VECTORS[name]("NextStep"))
 
 
 def test_the_example() -> None:

@@ -204,8 +204,8 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "first world below zero": ({"first_world": -1}, "first_world = -1", ">= 0"),
     "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
     "seed a float": ({"seed": 0.5}, "seed = 0.5", "integer"),
-    "unknown autoreset": ({"autoreset": "never"}, "autoreset", "'never'", "NextStep", "SameStep", "Disabled"),
-    "autoreset a number": ({"autoreset": 1}, "autoreset", "1", "NextStep", "SameStep", "Disabled"),
+    "unknown autoreset": ({"autoreset_mode": "never"}, "autoreset_mode", "'never'", "NextStep", "SameStep", "Disabled"),
+    "autoreset a number": ({"autoreset_mode": 1}, "autoreset_mode", "1", "NextStep", "SameStep", "Disabled"),
 }
 
 

@@ -35,7 +35,7 @@ BY_DAY = ("ffa_1", "teams_3", "far away", "zones alike", "crowd", "no walls")
 
 
 @pytest.mark.parametrize("name", few_by_day(CASES, BY_DAY))
-def test_everything_that_is_told_lies_within(name: str) -> None:
+def test_every_observation_lies_within(name: str) -> None:
     """Random and scripted play, over several episodes of many worlds."""
     env = make_vec(CASES[name], scaled(48, least=2), seed=3)
     single: Any = env.single_observation_space
@@ -145,7 +145,7 @@ def flat(*keys: str) -> Any:
 
 
 def play(env: Any) -> Any:
-    """What is told in the episode of a seed."""
+    """The observations in the episode of a seed."""
     rows, over = [env.reset(seed=0)[0]], False
     env.action_space.seed(0)
     while not over and len(rows) < scaled(200, least=20):
@@ -155,7 +155,7 @@ def play(env: Any) -> Any:
     return np.array(rows)
 
 
-def test_rescaling_keeps_what_is_told() -> None:
+def test_rescaling_keeps_distinct_values() -> None:
     raw, keys = flat("zone", "heals"), ("zone", "heals")
     low, high = raw.observation_space.low, raw.observation_space.high
     assert raw.observation_space.is_bounded()

@@ -76,7 +76,7 @@ def test_every_way_sees_episodes_end() -> None:
 def test_a_fault_forgets_no_end(autoreset: str) -> None:
     """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
     scenario = variant("ffa_1").replace(ending_limit=3)
-    harmed, twin = (ExecutionMode(scenario, range(2), autoreset=autoreset) for _ in range(2))
+    harmed, twin = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
     idle = np.ones((2, 2, 6), int)
     for tick in range(5):
         twin.step(idle)
@@ -94,7 +94,7 @@ def test_a_fault_forgets_no_end(autoreset: str) -> None:
 
 
 @functools.cache
-def told(name: str, ticks: int) -> dict[str, str]:
+def digests_of(name: str, ticks: int) -> dict[str, str]:
     return behaviour_digests(name, ticks)
 
 
@@ -105,15 +105,15 @@ def in_another_process(names: Sequence[str], ticks: int, **environment: str) -> 
     return json.loads(subprocess.check_output(command, cwd=ROOT, env=variables, text=True))
 
 
-def test_another_process_is_told_the_same() -> None:
+def test_another_process_observes_the_same() -> None:
     ticks = scaled(200, least=1)
-    assert in_another_process(QUICK, ticks) == {name: told(name, ticks) for name in QUICK}
+    assert in_another_process(QUICK, ticks) == {name: digests_of(name, ticks) for name in QUICK}
 
 
 @pytest.mark.nightly
-def test_another_process_is_told_the_same_for_two_thousand_ticks() -> None:
+def test_another_process_observes_the_same_for_two_thousand_ticks() -> None:
     ticks = scaled(2000, least=10)
-    assert in_another_process(VARIANTS, ticks) == {name: told(name, ticks) for name in VARIANTS}
+    assert in_another_process(VARIANTS, ticks) == {name: digests_of(name, ticks) for name in VARIANTS}
 
 
 PLAIN = """
@@ -133,7 +133,7 @@ np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
 
 
 def watched(name: str, ticks: int) -> dict[str, np.ndarray[Any, Any]]:
-    """All that two short-lived worlds tell and pay, a row a tick."""
+    """Observations and rewards of two short worlds, a row a tick."""
     mode = ExecutionMode(short(name), range(2))
     rows: dict[str, list[Any]] = {}
     for tick in range(ticks):

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from outlast import VARIANTS
-from outlast.envs.adapters import gymnasium_registry
+from outlast.envs.adapters import registry
 from tests import digests
 from tests.conftest import COMPILED, slow_compiled
 from tests.digests import FILE, MARKS, WORLDS, behaviour_digests, environment, golden, platform_name
@@ -69,7 +69,7 @@ def test_all_names_of_a_variant_are_of_one_version() -> None:
         assert known == {f"outlast/{environment(name)}"}
 
 
-def test_the_file_tells_of_versions_that_were() -> None:
+def test_the_file_has_earlier_versions() -> None:
     """Those of today and older ones; each with the ticks of MARKS."""
     for entries in golden().values():
         for key, found in entries.items():
@@ -116,7 +116,7 @@ def test_another_behaviour_is_refused_until_the_version_is_raised(file: Path, mo
     (reason,) = digests.write(other)
     assert f"{environment('teams_4')} differs between tick 0 and tick 1; behaviour changed: raise the version" in reason
     assert file.read_bytes() == before
-    raised = {key.replace("Teams4-v1", "Teams4-v2"): name for key, name in gymnasium_registry.IDS.items()}
+    raised = {key.replace("Teams4-v1", "Teams4-v2"): name for key, name in registry.IDS.items()}
     monkeypatch.setattr(digests, "IDS", raised)
     assert digests.write(other) == []
     assert golden()["abacus"]["teams_4-v1"] == FOUND["teams_4"]

@@ -15,7 +15,7 @@ WORLDS, STEPS = 8, 40 if COMPILED else 4
 
 def make(**options: Any) -> SurvivalVectorEnv:
     scenario = outlast.variant("ffa_3").replace(ending_limit=15 if COMPILED else 2)
-    env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1} | options)
+    env = outlast.make_vec(scenario, **{"num_worlds": WORLDS, "seed": 1, "copy": False} | options)
     env.reset()
     return env
 
@@ -98,10 +98,10 @@ def test_observations_into_arrays_of_the_caller() -> None:
     flat = np.full((STEPS, WORLDS, env.num_agents, env.flat_size), 7, np.float32)
     for step in range(STEPS):
         env.observe({key: array[step] for key, array in storage.items()})
-        told = env.observe(flat[step])
-        rows = [array.reshape(WORLDS, env.num_agents, -1) for array in told.values()]
+        observed = env.observe(flat[step])
+        rows = [array.reshape(WORLDS, env.num_agents, -1) for array in observed.values()]
         np.testing.assert_array_equal(flat[step], np.concatenate(rows, axis=-1))
-        for key, array in told.items():
+        for key, array in observed.items():
             np.testing.assert_array_equal(storage[key][step], array)
         env.step(draw_actions(env, rng))
 
@@ -133,7 +133,7 @@ def test_observations_handed_out_cannot_be_written_to() -> None:
         array += 1
 
 
-def test_spaces_hold_what_is_told() -> None:
+def test_spaces_hold_what_is_observed() -> None:
     env, rng = make(), np.random.default_rng(0)
     for _ in range(STEPS):
         observations, *_ = env.step(draw_actions(env, rng))

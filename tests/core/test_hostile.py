@@ -132,10 +132,10 @@ def test_states_that_cannot_be_are_refused(env: SurvivalVectorEnv, what: str) ->
 
 def test_arrays_of_other_lengths_and_truths_that_are_none_are_refused(env: SurvivalVectorEnv) -> None:
     for name in ("over", "outlast.components.score.End.truncated"):
-        told = refusal(env, lambda state, name=name: state.arrays[name].view(np.uint8).fill(85))
-        assert told == f"the state's array '{name}' holds bytes that are neither 0 nor 1"
-    told = refusal(env, lambda state: state.arrays.update({"over": np.zeros(2, bool)}))
-    assert "array 'over' is of 2 worlds, and the state of 3" in told
+        message = refusal(env, lambda state, name=name: state.arrays[name].view(np.uint8).fill(85))
+        assert message == f"the state's array '{name}' holds bytes that are neither 0 nor 1"
+    message = refusal(env, lambda state: state.arrays.update({"over": np.zeros(2, bool)}))
+    assert "array 'over' is of 2 worlds, and the state of 3" in message
     assert "bool () a world" in refusal(env, lambda state: state.arrays.update({"over": np.zeros((), bool)}))
 
 
@@ -165,7 +165,7 @@ class Nests(Module):
 def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Or adds to RANGES what depends on the scenario. What it does neither for is not checked."""
     layout = Layout([Nests()])
-    block = np.stack([layout.template] * 2)
+    block = np.stack([layout.initial_image] * 2)
     nests = layout.columns(block, Nest)
     nests.free[:] = 10**9
     validation.check(layout, {"world": block})

@@ -27,8 +27,8 @@ from outlast.ecs import (
     number,
 )
 from outlast.envs.core.spaces import action_space, observation_space
-from outlast.envs.scenarios.fingerprint import difference, identity
-from outlast.envs.scenarios.scenario import ScenarioError
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.variants import resolve
 from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled
@@ -203,7 +203,7 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
     ("sides",): (set(), ALL),
     ("spawn",): (set(), ALL),
     ("zone",): ({"zone"}, ALL),
-    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items is dormant
+    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # systems of items are inactive
     ("inventory", "give", "pickup", "drop"): (set(), [3, 3, 3, 2]),
     ("room", "spawn", "zone"): ({"zone"}, ALL),
     ("inventory", "give", "pickup", "drop", "heals", "boxes", "melee", "zone", "cameras"): (
@@ -296,13 +296,13 @@ def test_two_mechanics_of_one_file_are_two() -> None:
     assert (scenario[Swamp], scenario["lava_lake"]) == (Swamp(5, 0.2), LavaLake(1))
     assert LavaLake in scenario.without(Swamp)
     assert Swamp not in scenario.without("swamp")
-    assert difference(identity(scenario), identity(scenario.replace(lava_lake_radius=3))) != ""
+    assert difference(fingerprint(scenario), fingerprint(scenario.replace(lava_lake_radius=3))) != ""
     with pytest.raises(NumberError, match="did you mean"):
         scenario.replace(lava_radius=1)
 
 
 def test_two_mechanics_of_one_name_are_refused() -> None:
-    """Nothing could tell them apart, nor numbers of one full name."""
+    """They could not be distinguished, nor could numbers of one full name."""
     twin = type("Melee", (Module,), {})
     with pytest.raises(ScenarioError, match=r"'melee' is a name of both outlast\.systems\.melee\.Melee and .*Melee"):
         variant("ffa_1").with_(twin())
@@ -366,8 +366,8 @@ class Swing(Action, order=9):
     ("component", "words"),
     [
         (Plain, "Plain.depth: the observation 'depth' has the dimensions .*first one is \"agents\""),
-        (Zones, "two things that info tells are called 'deaths_zone'"),
-        (Living, "two things that info tells are called 'alive'"),
+        (Zones, "two entries of info are called 'deaths_zone'"),
+        (Living, "two entries of info are called 'alive'"),
         (MyZone, "MyZone.zone and outlast.components.zone.ZoneView.zone|ZoneView.zone and .*MyZone.zone"),
         (Swing, "are both the action 'attack'"),
     ],
@@ -378,7 +378,7 @@ def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, wor
         make_vec(variant("ffa_1").with_(brings()), 1)
 
 
-# ---- kinds are told by their components
+# ---- kinds are recognised by their components
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,24 +33,24 @@ def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
     digests = []
     for step in range(first, last):
         observations, reward, terminated, truncated, _ = env.step(draw_actions(env, np.random.default_rng(step)))
-        told = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
-        digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in told)).hexdigest())
+        observed = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
+        digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in observed)).hexdigest())
     return digests
 
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_going_on_is_never_having_stopped(autoreset: str) -> None:
-    env = make(autoreset=autoreset)
+    env = make(autoreset_mode=autoreset)
     play(env, 0, STEPS // 2)
     state = env.get_state()
     expected = play(env, STEPS // 2, STEPS)
     env.set_state(state)
     assert play(env, STEPS // 2, STEPS) == expected  # in the same environment
-    other = make(seed=2, autoreset=autoreset, threads=2)
+    other = make(seed=2, autoreset_mode=autoreset, threads=2)
     play(other, 0, 7 if COMPILED else 2)
     other.set_state(state)
     assert play(other, STEPS // 2, STEPS) == expected  # in one with a past of its own
-    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset=autoreset)
+    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset_mode=autoreset)
     fresh.set_state(state)
     assert play(fresh, STEPS // 2, STEPS) == expected  # in one that was never reset
 
@@ -58,10 +58,10 @@ def test_going_on_is_never_having_stopped(autoreset: str) -> None:
 def test_set_state_returns_the_observations_of_the_state() -> None:
     env = make()
     play(env, 0, STEPS // 2)
-    state, told = env.get_state(), {key: array.copy() for key, array in env.observe().items()}
+    state, observed = env.get_state(), {key: array.copy() for key, array in env.observe().items()}
     play(env, 0, 3)
     for key, array in env.set_state(state).items():
-        np.testing.assert_array_equal(array, told[key])
+        np.testing.assert_array_equal(array, observed[key])
 
 
 CHILD = """

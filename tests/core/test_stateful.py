@@ -39,7 +39,7 @@ options = st.fixed_dictionaries(
         "worlds": st.sampled_from([1, 2, 3, 5, 20] if COMPILED else [1, 2]),
         "seed": seed,
         "threads": st.sampled_from([1, 1, 2, 3]),
-        "autoreset": st.sampled_from(["NextStep", "SameStep", "Disabled"]),
+        "autoreset_mode": st.sampled_from(["NextStep", "SameStep", "Disabled"]),
         "copy": st.booleans(),
         "first_world": st.sampled_from([0, 0, 2]),
     }

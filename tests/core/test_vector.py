@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 from outlast import VARIANTS, make_vec, variant
 from outlast.components import Body, Episode, Reward
-from outlast.ecs import Clock
+from outlast.ecs import Clock, NumberError, Worlds
 from outlast.envs.core.agents import agent_statistics, alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError
@@ -39,7 +40,9 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
     assert {key: space[key].shape for key in space} == {key: (agents, *shape) for key, shape in shapes.items()}
     assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * agents
     observations, info = env.reset()
-    assert info == {}
+    assert info.keys() == {"alive"}
+    assert (info["alive"].dtype, info["alive"].shape) == (bool, (2, agents))
+    assert info["alive"].all()
     assert list(observations) == sorted(shapes)
     for key, values in observations.items():
         assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
@@ -142,9 +145,9 @@ def test_reset_mask_leaves_the_others_untouched() -> None:
 # ---- buffers
 
 
-def test_buffers_are_reused_unless_copies_are_asked_for() -> None:
-    for copy in (False, True):
-        env = make_vec("teams_3", 2, seed=0, copy=copy)
+def test_observations_are_copies_unless_views_are_asked_for() -> None:
+    for options in ({"copy": False}, {"copy": True}, {}):
+        env, copy = make_vec("teams_3", 2, seed=0, **options), options != {"copy": False}
         first, _ = env.reset()
         kept = {key: values.copy() for key, values in first.items()}
         second, reward, *_ = env.step(np.full((2, 4, 6), 2) * [1, 1, 1, 0, 0, 0])
@@ -178,7 +181,7 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
 
 
 def test_who_lives_on_which_side_and_with_which_share() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     assert alive(env.worlds).all()
     assert side(env.worlds).tolist() == [[0, 0, 1, 1]] * WORLDS
@@ -190,13 +193,13 @@ def test_who_lives_on_which_side_and_with_which_share() -> None:
     health = env.observe()["self"][..., 2]
     assert np.array_equal(alive(env.worlds), health > 0)
     assert np.array_equal(alive(env.worlds, over), health[over] > 0)
-    told = info["statistics"]
-    own = agent_statistics(env.worlds, told)
-    assert np.array_equal(own["return"], told["return"])
-    assert np.array_equal(own["kills"], told["kills"][:, [0, 0, 1, 1]])
-    assert np.array_equal(own["length"], np.repeat(told["length"][:, None], 4, 1))
+    reported = info["statistics"]
+    own = agent_statistics(env.worlds, reported)
+    assert np.array_equal(own["return"], reported["return"])
+    assert np.array_equal(own["kills"], reported["kills"][:, [0, 0, 1, 1]])
+    assert np.array_equal(own["length"], np.repeat(reported["length"][:, None], 4, 1))
     assert {values.shape for values in own.values()} == {(WORLDS, 4)}
-    some = agent_statistics(env.worlds, told, over)
+    some = agent_statistics(env.worlds, reported, over)
     assert all(np.array_equal(values[over], some[key]) for key, values in own.items())
 
 
@@ -211,3 +214,48 @@ def test_the_noop_moves_nobody() -> None:
     agents = env.worlds.span("agent")
     for was, now in zip(before, (body.x, body.y, body.angle), strict=True):
         assert np.array_equal(was[:, agents], now[:, agents])
+
+
+# ---- options
+
+
+def test_numbers_are_keywords() -> None:
+    env = make_vec("ffa_1", 1, seed=0, n_agents=3, melee_damage=20)
+    assert env.scenario == variant("ffa_1").replace(n_agents=3, melee_damage=20)
+    with pytest.raises(NumberError, match="ffa_1 has no number 'thread'; did you mean threads"):
+        make_vec("ffa_1", 1, thread=2)
+    with pytest.raises(NumberError, match="did you mean melee_damage"):
+        make_vec(variant("ffa_1"), 1, melee_damge=2)
+
+
+def test_autoreset_mode_is_called_as_in_gymnasium() -> None:
+    env = make_vec("ffa_1", 1, autoreset_mode="SameStep")
+    assert env.autoreset_mode is env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    with pytest.deprecated_call(match="autoreset_mode") as warned:
+        env = make_vec("ffa_1", 1, autoreset="Disabled")
+    assert warned[0].filename == __file__
+    assert env.autoreset_mode is AutoresetMode.DISABLED
+
+
+def test_compilation_is_logged_and_not_printed(
+    caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Worlds, "compiled", False)
+    with caplog.at_level("INFO", "outlast"):
+        make_vec("ffa_1", 1)
+    assert [record.getMessage().split()[0] for record in caplog.records] == ["compiling", "compiled"]
+    assert capsys.readouterr() == ("", "")
+
+
+# ---- pictures
+
+
+def test_frames_stay_readable_after_a_step() -> None:
+    env = make_vec("ffa_1", 2, seed=0, render_mode="ansi")
+    env.reset()
+    frames = env.render()
+    assert isinstance(frames, tuple)
+    kept = list(frames)
+    for tick in range(30):
+        env.step(numbered_actions(env, tick))
+    assert list(frames) == kept != list(env.render() or ())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.ecs import Clock
+from outlast.ecs import Clock, Entity
 from outlast.envs.errors import NotResetError
 from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
@@ -36,7 +36,9 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
 
 def test_same_step_shows_both_episodes_at_once() -> None:
     """Beside NEXT_STEP: final_obs is the observation of its last step, and the observation that of its reset step."""
-    same, following = (make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode) for mode in ("SameStep", "NextStep"))
+    same, following = (
+        make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode) for mode in ("SameStep", "NextStep")
+    )
     same.reset()
     following.reset()
     over = np.zeros(1, bool)
@@ -64,7 +66,7 @@ def test_same_step_shows_both_episodes_at_once() -> None:
 
 
 def test_disabled_waits_for_a_reset_of_what_ended() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset="Disabled")
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     for tick in range(80):
         _, _, terminated, truncated, _ = env.step(actions := numbered_actions(env, tick))
@@ -81,9 +83,9 @@ def test_disabled_waits_for_a_reset_of_what_ended() -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
+def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
     """Lengths and returns as counted here; rows of worlds that go on are zero."""
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset=mode)
+    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode=mode)
     env.reset()
     length, returns, count = np.zeros(WORLDS, int), np.zeros((WORLDS, 4)), 0
     fresh = np.zeros(WORLDS, bool)
@@ -92,8 +94,9 @@ def test_statistics_tell_the_episodes_that_ended(mode: str) -> None:
         length += ~fresh
         returns += reward
         over = terminated | truncated
-        assert bool(info) == over.any()
-        if info:
+        assert np.array_equal(info["alive"], env.worlds[Entity].alive[:, env.worlds.span("agent")] == 1)
+        assert ("statistics" in info) == over.any()
+        if "statistics" in info:
             found = info["statistics"]
             assert info["_statistics"].tolist() == over.tolist()
             assert np.array_equal(found["length"], np.where(over, length, 0))
@@ -133,17 +136,17 @@ def test_the_time_limit_truncates() -> None:
 def test_episodes_that_are_stopped_early_end_as_others_do(mode: str) -> None:
     """Bit for bit those of a scenario that has the same limit."""
     scenario = variant("teams_3")
-    limited = make_vec(scenario.replace(ending_limit=7), 3, seed=0, autoreset=mode)
-    env = make_vec(scenario, 3, seed=0, autoreset=mode)
+    limited = make_vec(scenario.replace(ending_limit=7), 3, seed=0, autoreset_mode=mode)
+    env = make_vec(scenario, 3, seed=0, autoreset_mode=mode)
     env.stop_when(lambda: (np.zeros(3, bool), env.worlds[Clock].tick[:, 0] >= 7))
     for each in (env, limited):
         each.reset()
     for tick in range(20):
         actions = numbered_actions(env, tick)
-        (_, *mine, info), (_, *theirs, told) = env.step(actions), limited.step(actions)
+        (_, *mine, info), (_, *theirs, expected) = env.step(actions), limited.step(actions)
         assert all(np.array_equal(a, b) for a, b in zip(mine, theirs, strict=True))
-        assert info.keys() == told.keys()
-        assert not info or equal(info["statistics"], told["statistics"])
+        assert info.keys() == expected.keys()
+        assert "statistics" not in info or equal(info["statistics"], expected["statistics"])
         assert equal(env.observe(), limited.observe())
         if mode == "Disabled" and (over := mine[1] | mine[2]).any():
             with pytest.raises(NotResetError, match=r"worlds \[0, 1, 2\] have ended"):

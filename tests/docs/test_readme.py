@@ -25,7 +25,7 @@ def test_python_blocks_run(block, tmp_path):
 def test_the_tick_table_names_every_phase_and_its_text():
     for phase in Phase:
         assert re.search(rf"\b{phase.name}\b", README), phase.name
-        assert phase.says in README, phase.says
+        assert phase.postcondition in README, phase.postcondition
 
 
 def test_the_order_of_an_example_without_after_is_refused_as_shown():

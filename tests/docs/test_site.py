@@ -21,7 +21,7 @@ from outlast import systems
 from outlast.ecs import ScheduleError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.training.results import grouped, load
+from outlast.training.paper.results import group_runs, load_runs
 from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -203,8 +203,8 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
 def test_figures_of_training_show_the_kept_results() -> None:
     """To update them: outlast plot docs/results --out docs/training"""
     image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
-    figures = pytest.importorskip("outlast.training.figures", reason="needs matplotlib: outlast[plot]")
-    groups = grouped(load([DOCS / "results"]))
+    figures = pytest.importorskip("outlast.training.paper.figures", reason="needs matplotlib: outlast[plot]")
+    groups = group_runs(load_runs([DOCS / "results"]))
     assert groups
     for group in groups:
         with image.open(DOCS / "training" / f"{group.name}.png") as figure:

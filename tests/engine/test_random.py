@@ -1,4 +1,4 @@
-"""Random numbers against numpy's Philox, the published vectors, and what chance should look like."""
+"""Random numbers against numpy's Philox, the published vectors, and statistics of independent draws."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from outlast.ecs import kernel
-from outlast.ecs import random as dice
-from outlast.ecs.jit import entry
+from outlast.ecs import random as philox
+from outlast.ecs.jit import entry_point
 
 COUNT = 4_000 if numba.config.DISABLE_JIT else 400_000
-KEY = tuple(np.uint64(number) for number in (7, 3, 1, 200, dice.stream_number("test")))
+KEY = tuple(np.uint64(number) for number in (7, 3, 1, 200, philox.stream_number("test")))
 ONES = 2**64 - 1
 
 
@@ -24,39 +24,39 @@ def _wrapping() -> Iterator[None]:
 
 
 @kernel
-def _many_uniform(key: dice.Key, out: np.ndarray) -> None:
+def _many_uniform(key: philox.Key, out: np.ndarray) -> None:
     for i in range(len(out)):
-        out[i] = dice.uniform(key, i)
+        out[i] = philox.uniform(key, i)
 
 
 @kernel
-def _many_integer(key: dice.Key, bound: int, out: np.ndarray) -> None:
+def _many_integer(key: philox.Key, bound: int, out: np.ndarray) -> None:
     for i in range(len(out)):
-        out[i] = dice.integer(key, i, bound)
+        out[i] = philox.integer(key, i, bound)
 
 
 @kernel
-def _many_normal(key: dice.Key, out: np.ndarray) -> None:
+def _many_normal(key: philox.Key, out: np.ndarray) -> None:
     for i in range(len(out)):
-        out[i] = dice.normal(key, i)
+        out[i] = philox.normal(key, i)
 
 
 @kernel
-def _vary_field(key: dice.Key, field: int, out: np.ndarray) -> None:
+def _vary_field(key: philox.Key, field: int, out: np.ndarray) -> None:
     """Draw 0 under keys that differ in one field only."""
     seed, world, episode, tick, stream = key
     for i in range(len(out)):
         n = np.uint64(i)
         if field == 0:
-            out[i] = dice.uniform((n, world, episode, tick, stream), 0)
+            out[i] = philox.uniform((n, world, episode, tick, stream), 0)
         elif field == 1:
-            out[i] = dice.uniform((seed, n, episode, tick, stream), 0)
+            out[i] = philox.uniform((seed, n, episode, tick, stream), 0)
         elif field == 2:
-            out[i] = dice.uniform((seed, world, n, tick, stream), 0)
+            out[i] = philox.uniform((seed, world, n, tick, stream), 0)
         elif field == 3:
-            out[i] = dice.uniform((seed, world, episode, n, stream), 0)
+            out[i] = philox.uniform((seed, world, episode, n, stream), 0)
         else:
-            out[i] = dice.uniform((seed, world, episode, tick, n), 0)
+            out[i] = philox.uniform((seed, world, episode, tick, n), 0)
 
 
 def _draw(fill: Callable[..., None], *arguments: object, dtype: type = np.float32) -> np.ndarray:
@@ -68,7 +68,7 @@ def _draw(fill: Callable[..., None], *arguments: object, dtype: type = np.float3
 def _words(numbers: list[int]) -> list[int]:
     """Philox of (seed, world, episode, tick, stream, index) given as Python integers."""
     key = tuple(np.uint64(number) for number in numbers[:5])
-    return [int(word) for word in dice.words(key, np.uint64(numbers[5]))]
+    return [int(word) for word in philox.words(key, np.uint64(numbers[5]))]
 
 
 def _hex(numbers: list[int]) -> str:
@@ -109,28 +109,30 @@ def test_words_equal_published_vectors() -> None:
 def test_draws_follow_their_words() -> None:
     """Every draw from plain Python integers: also what makes compiled and uncompiled agree."""
     for index in range(200):
-        first, second, _, _ = (int(word) for word in dice.words(KEY, index))
-        assert float(dice.uniform(KEY, index)) == (first >> 40) / 2**24
-        assert dice.uniform2(KEY, index) == ((first >> 40) / 2**24, (second >> 40) / 2**24)
+        first, second, _, _ = (int(word) for word in philox.words(KEY, index))
+        assert float(philox.uniform(KEY, index)) == (first >> 40) / 2**24
+        assert philox.uniform2(KEY, index) == ((first >> 40) / 2**24, (second >> 40) / 2**24)
         for bound in (1, 2, 3, 1000, 2**32 + 1, 2**63 - 1):
-            assert int(dice.integer(KEY, index, bound)) == first * bound >> 64
+            assert int(philox.integer(KEY, index, bound)) == first * bound >> 64
         distance, turn = ((first >> 11) + 1) / 2**53, (second >> 11) / 2**53
         expected = math.sqrt(-2 * math.log(distance)) * math.cos(2 * math.pi * turn)
-        assert float(dice.normal(KEY, index)) == pytest.approx(expected, rel=1e-6)
+        assert float(philox.normal(KEY, index)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_draws_are_float32() -> None:
     if numba.config.DISABLE_JIT:
-        assert type(dice.uniform(KEY, 0)) is type(dice.normal(KEY, 0)) is np.float32
-        assert type(dice.integer(KEY, 0, 5)) is np.int64
+        assert type(philox.uniform(KEY, 0)) is type(philox.normal(KEY, 0)) is np.float32
+        assert type(philox.integer(KEY, 0, 5)) is np.int64
         return
     for draw, arguments, expected in (
-        (dice.uniform, (KEY, 0), numba.float32),
-        (dice.normal, (KEY, 0), numba.float32),
-        (dice.integer, (KEY, 0, 5), numba.int64),
+        (philox.uniform, (KEY, 0), numba.float32),
+        (philox.normal, (KEY, 0), numba.float32),
+        (philox.integer, (KEY, 0, 5), numba.int64),
     ):
         draw(*arguments)
-        assert {overload.signature.return_type for overload in entry(draw.py_func).overloads.values()} == {expected}
+        assert {overload.signature.return_type for overload in entry_point(draw.py_func).overloads.values()} == {
+            expected
+        }
 
 
 def test_uniform() -> None:
@@ -143,8 +145,8 @@ def test_uniform() -> None:
 
 
 def test_uniform_reaches_its_ends_and_never_one() -> None:
-    assert float(dice._unit(np.uint64(0))) == 0
-    assert float(dice._unit(np.uint64(ONES))) == 1 - 2**-24
+    assert float(philox._unit(np.uint64(0))) == 0
+    assert float(philox._unit(np.uint64(ONES))) == 1 - 2**-24
 
 
 @pytest.mark.parametrize("bound", [1, 2, 3, 7, 10, 25, 128, 1000])
@@ -177,7 +179,7 @@ def test_normal() -> None:
 
 @pytest.mark.parametrize("field", range(5))
 def test_neighbouring_keys_are_independent(field: int) -> None:
-    """Draws under key field 0, 1, 2, ...: uniform, and no memory of the draws one, two and seven keys ago."""
+    """Draws under key field 0, 1, 2, ...: uniform, and not correlated to the draws one, two and seven keys ago."""
     draws = _draw(_vary_field, KEY, field)
     assert _chi_square(np.floor(draws * 64).astype(int), 64) < _chi_square_limit(64)
     for lag in (1, 2, 7):
@@ -195,27 +197,27 @@ def test_streams_worlds_and_indices_are_independent() -> None:
         assert abs(_correlation(base, other)) < 5 / math.sqrt(COUNT)
 
 
-def test_one_bit_of_input_turns_half_of_the_output() -> None:
+def test_one_bit_of_input_flips_half_of_the_output() -> None:
     row = [12, 34, 56, 78, 90, 11]
     before = _words(row)
     for field in range(6):
-        turned = [value ^ (1 << 17) * (place == field) for place, value in enumerate(row)]
-        flips = sum((a ^ b).bit_count() for a, b in zip(before, _words(turned), strict=True))
+        flipped = [value ^ (1 << 17) * (place == field) for place, value in enumerate(row)]
+        flips = sum((a ^ b).bit_count() for a, b in zip(before, _words(flipped), strict=True))
         assert 128 - 48 < flips < 128 + 48  # six standard deviations of a fair binomial(256)
 
 
 def test_pairs_are_independent() -> None:
-    pairs = np.array([dice.uniform2(KEY, index) for index in range(min(COUNT, 20_000))])
+    pairs = np.array([philox.uniform2(KEY, index) for index in range(min(COUNT, 20_000))])
     assert abs(_correlation(pairs[:, 0], pairs[:, 1])) < 5 / math.sqrt(len(pairs))
 
 
 def test_stream_numbers_never_change() -> None:
-    assert dice.stream_number("placement") == 0x48352199E39040D5
-    assert dice.stream_number("zone") == 0xC1602B38309904E8
+    assert philox.stream_number("placement") == 0x48352199E39040D5
+    assert philox.stream_number("zone") == 0xC1602B38309904E8
 
 
 def test_stream_numbers_differ_and_fit_a_word() -> None:
-    numbers = {dice.stream_number(f"stream {n}") for n in range(1000)} | {dice.stream_number("")}
+    numbers = {philox.stream_number(f"stream {n}") for n in range(1000)} | {philox.stream_number("")}
     assert len(numbers) == 1001
     assert all(0 <= number < 2**64 for number in numbers)
 

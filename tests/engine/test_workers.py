@@ -1,4 +1,4 @@
-"""Worker threads: results, errors, cancelling; and Ctrl-C after every call that they make."""
+"""Worker threads: results, errors and cancellation; and Ctrl-C after every call of theirs."""
 
 import subprocess
 import sys
@@ -54,7 +54,7 @@ def test_interrupted_anywhere_it_can_be_submitted_again() -> None:
     assert int(done.stdout) > 10  # calls in `submit` and `result`
 
 
-def test_results_and_errors_reach_who_asks() -> None:
+def test_results_and_errors_reach_the_caller() -> None:
     workers, jobs = Workers(2), [Job(divmod, 7, k) for k in (2, 0, 3)]
     workers.submit(jobs)
     assert jobs[0].result() == (3, 1)

@@ -15,17 +15,21 @@ import torch
 from stable_baselines3.common.logger import Logger
 
 import outlast
-from outlast.envs.errors import FaultError, StateError, TrainingError
-from outlast.training import checkpoint, endtable, figures, results
+from outlast.envs.errors import FaultError, StateError
+from outlast.training import checkpoint
+from outlast.training.errors import TrainingError
+from outlast.training.paper import end_values, figures, results
 from outlast.training.player import Player
 from outlast.training.ppo import SharedPPO
 from outlast.training.presets import preset
-from outlast.training.train import Plan, Run
+from outlast.training.run import TrainingConfig, TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
 from tests.fuzz.worlds import folder_of
 
 SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
-PLAN = Plan(SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings={"batch_size": 16, "n_epochs": 1})
+CONFIG = TrainingConfig(
+    SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings={"batch_size": 16, "n_epochs": 1}
+)
 
 
 def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
@@ -97,12 +101,12 @@ class Checkpoints:
     def __init__(self) -> None:
         torch.set_num_threads(1)
         self.folder = folder_of(self)
-        self.model = SharedPPO(SMALL, preset("paper"), worlds=PLAN.worlds, steps=PLAN.rollout, **PLAN.settings)
+        self.model = SharedPPO(SMALL, preset("paper"), worlds=CONFIG.worlds, steps=CONFIG.rollout, **CONFIG.settings)
         self.model.set_logger(Logger(None, []))
         self.model.start()
-        first = checkpoint.capture(self.model, PLAN.about())
+        first = checkpoint.capture(self.model, CONFIG.header())
         self._go_on()
-        self.files = [_zip_bytes(files) for files in (first, checkpoint.capture(self.model, PLAN.about()))]
+        self.files = [_zip_bytes(files) for files in (first, checkpoint.capture(self.model, CONFIG.header()))]
         self.valid = self.files[1]
 
     def mutate(self, rng: Random) -> bytes:
@@ -112,14 +116,14 @@ class Checkpoints:
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
-            checkpoint.restore(self.model, checkpoint.read(path))
+            checkpoint.restore(self.model, checkpoint.read_checkpoint(path))
             self._go_on()
             return
         run = self.folder / "run"
         shutil.rmtree(run, ignore_errors=True)
         run.mkdir()
         shutil.copy(path, run / checkpoint.NAME.format(1))
-        Run(dataclasses.replace(PLAN, steps=1), run, resume=True).model.logger.close()
+        TrainingRun(dataclasses.replace(CONFIG, steps=1), run, resume=True).model.logger.close()
 
     def _go_on(self) -> None:
         try:
@@ -140,7 +144,7 @@ class Policies:
         for name in ("original", "scaled"):
             model = SharedPPO(SMALL, preset(name), worlds=2, steps=16, batch_size=16)
             model.start()
-            self.files.append(_zip_bytes(checkpoint.capture(model, PLAN.about())))
+            self.files.append(_zip_bytes(checkpoint.capture(model, CONFIG.header())))
         self.valid = self.files[0]
 
     def mutate(self, rng: Random) -> bytes:
@@ -153,7 +157,7 @@ class Policies:
         observations = {key: rng.random((2, 3, *shape)).astype(np.float32) for key, shape in player.shapes.items()}
         observations |= {key: np.rint(values) for key, values in observations.items() if key.endswith("_mask")}
         actions = player(observations)
-        sizes = np.array(player.about["actions"])
+        sizes = np.array(player.header["actions"])
         assert actions.shape == (2, 3, len(sizes))
         assert ((actions >= 0) & (actions < sizes)).all()
         str(player.scenario(SMALL))
@@ -168,11 +172,14 @@ class Results:
         self.folder = folder_of(self)
         rows = [f"{tag},{step},{step * k / 7}\n" for step in range(9, 400, 9) for k, tag in enumerate(TAGS)]
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
-        header = {"version": 1, "scenario": checkpoint.identity(preset("paper").scenario(outlast.variant("teams_3")))}
-        self.header = json.dumps(header | PLAN.about()).encode()
+        header = {
+            "version": 1,
+            "scenario": checkpoint.fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
+        }
+        self.header = json.dumps(header | CONFIG.header()).encode()
         (self.folder / "log.csv").write_bytes(self.log)
         (self.folder / "run.json").write_bytes(self.header)
-        (found,) = results.load([self.folder])
+        (found,) = results.load_runs([self.folder])
         self.valid = found.text().encode()
 
     def mutate(self, rng: Random) -> bytes:
@@ -196,10 +203,10 @@ class Results:
             source = self.folder
             (source / "log.csv").write_bytes(path.read_bytes() if first == b"t" else self.log)
             (source / "run.json").write_bytes(path.read_bytes() if first == b"{" else self.header)
-        (group,) = results.grouped(results.load([source]))
+        (group,) = results.group_runs(results.load_runs([source]))
         for name in (group.name, group.runs[0].name):
             assert Path(name).name == name, f"{name} would be written elsewhere"
-        assert len(group.runs[0].text()) > len(endtable.markdown(group) + endtable.table([group])) / 9
+        assert len(group.runs[0].text()) > len(end_values.markdown(group) + end_values.csv_table([group])) / 9
         if path.stat().st_size % 64 == 0:
             figures.picture(group, "svg")
 
@@ -223,5 +230,5 @@ CELLS = (
 
 def _zip_bytes(files: dict[str, bytes]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        checkpoint.write(Path(folder, "a.zip"), files)
+        checkpoint.write_checkpoint(Path(folder, "a.zip"), files)
         return Path(folder, "a.zip").read_bytes()

@@ -153,7 +153,7 @@ class Recordings:
 
     def _recorded(self, scenario: outlast.Scenario, k: int) -> bytes:
         env, path = SurvivalVectorEnv(scenario.replace(ending_limit=9), 2, seed=k), self.folder / f"{k}.rec"
-        with env.record(path):
+        with outlast.record(env, path):
             env.reset()
             for step in range(14):
                 env.step(draw_actions(env, np.random.default_rng(step)))

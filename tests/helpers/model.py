@@ -80,7 +80,8 @@ class ModelledEnv:
 
     def reset(self, seed: Any = None, mask: Array | None = None) -> None:
         observations, info = self.env.reset(seed=seed, options=None if mask is None else {"reset_mask": mask})
-        assert info == {}
+        assert info.keys() == {"alive"}
+        assert info["alive"][slice(None) if mask is None else mask].all()
         count = self.env.num_worlds
         if np.ndim(seed):
             keys = [History(int(one), 0, 0) for one in seed]
@@ -93,7 +94,7 @@ class ModelledEnv:
 
     def step(self, act: int, sent: bool = False) -> None:
         """One step, or one by send and recv. Worlds that cannot be stepped must be refused."""
-        before, actions, mode = self.done, self.actions(act), self.env.autoreset
+        before, actions, mode = self.done, self.actions(act), self.env.autoreset_mode
         if not self.started or (mode is AutoresetMode.DISABLED and before.any()):
             self.refused(lambda: self.env.step(actions), NotResetError)
             return
@@ -154,7 +155,7 @@ class ModelledEnv:
             assert info["_statistics"].tolist() == done.tolist()
             values = [np.asarray(info["statistics"][key][w]).tobytes() for key in sorted(info["statistics"])]
             self.memory.note(self.all[w], "statistics", values)
-            if self.env.autoreset is AutoresetMode.SAME_STEP:
+            if self.env.autoreset_mode is AutoresetMode.SAME_STEP:
                 self.memory.note(self.all[w], "observations", _bytes(info["final_obs"][w]))
                 self._begin(w)
 
@@ -188,7 +189,7 @@ def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
 
 def replay_alone(memory: Outcomes, scenario: outlast.Scenario, history: History) -> None:
     """Play a history again in an environment of one world."""
-    player = ModelledEnv(memory, scenario, 1, history.seed, first_world=history.world, autoreset="Disabled")
+    player = ModelledEnv(memory, scenario, 1, history.seed, first_world=history.world, autoreset_mode="Disabled")
     for _ in range(history.episode):
         player.reset()
     for act in history.acts:

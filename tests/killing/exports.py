@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from outlast import make_vec
-from outlast.envs.storage.atomic_write import is_draft
+from outlast import make_vec, record
+from outlast.envs.storage.atomic_write import is_temporary
 from tests.killing.writer import AtomicOutput, Writer, same_bytes
 
 
@@ -19,7 +19,7 @@ class Export(AtomicOutput):
         return "--data" in self.arguments
 
     def prepare(self, folder: Path) -> None:
-        with contextlib.closing(make_vec("teams_3", 32, seed=5)) as env, env.record(folder / "a.rec"):
+        with contextlib.closing(make_vec("teams_3", 32, seed=5)) as env, record(env, folder / "a.rec"):
             rng = np.random.default_rng(0)
             env.reset()
             for _ in range(150):
@@ -38,7 +38,7 @@ def same_parquet(path: Path, expected: Path) -> None:
 
 
 def same_shards(path: Path, expected: Path) -> None:
-    assert [file.name for file in path.iterdir() if is_draft(file)] == []
+    assert [file.name for file in path.iterdir() if is_temporary(file)] == []
     assert sorted(file.name for file in path.iterdir()) == sorted(file.name for file in expected.iterdir())
     assert (path / "manifest.json").read_text() == (expected / "manifest.json").read_text()
     for file in path.glob("*.npz"):

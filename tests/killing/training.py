@@ -27,7 +27,8 @@ class Train(Writer):
         return [*command, "--resume"] if begun else command
 
     def check(self, folder: Path, reference: Path) -> str:
-        from outlast.training import checkpoint, curves
+        from outlast.training import checkpoint
+        from outlast.training.log_file import read_log
 
         run = folder / "run"
         if not run.is_dir() or not visible(run):
@@ -35,23 +36,27 @@ class Train(Writer):
         about = json.loads((run / "run.json").read_text())
         assert about == json.loads((reference / "run" / "run.json").read_text())
         saved = sorted(run.glob("steps_*.zip"))
-        steps = [checkpoint.about(checkpoint.read(path))["steps"] for path in saved]
+        steps = [checkpoint.header_of(checkpoint.read_checkpoint(path))["steps"] for path in saved]
         text = (run / "log.csv").read_text() if (run / "log.csv").exists() else ""
         if text:
-            points, expected = (untimed(curves.read(each / "log.csv")) for each in (run, reference / "run"))
+            points, expected = (untimed(read_log(each / "log.csv")) for each in (run, reference / "run"))
             assert all(rows == expected[tag][: len(rows)] for tag, rows in points.items())
             logged = max((rows[-1][0] for rows in points.values()), default=0)
             assert logged >= max(steps, default=0), "a checkpoint is ahead of the log"
         return f"{len(saved)} checkpoints" if len(saved) != 1 else "1 checkpoint"
 
     def check_resumed(self, folder: Path, reference: Path) -> None:
-        from outlast.training import checkpoint, curves
+        from outlast.training import checkpoint
+        from outlast.training.log_file import read_log
 
-        one, other = (untimed(curves.read(directory / "run" / "log.csv")) for directory in (folder, reference))
+        one, other = (untimed(read_log(directory / "run" / "log.csv")) for directory in (folder, reference))
         assert one == other, "the logs differ"
         assert scalars(folder / "run") == one, "TensorBoard shows something else than log.csv"
         assert not temporary_files(folder)
-        last = [checkpoint.read(checkpoint.newest(directory / "run"))["policy.pt"] for directory in (folder, reference)]
+        last = [
+            checkpoint.read_checkpoint(checkpoint.newest(directory / "run"))["policy.pt"]
+            for directory in (folder, reference)
+        ]
         assert last[0] == last[1], "the policies differ"
 
 
@@ -64,11 +69,11 @@ def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """What TensorBoard shows of a run, with float64 values of log.csv in the place of its float32."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from outlast.training import curves
+    from outlast.training.log_file import read_log
 
     logging.getLogger("tensorboard").setLevel(logging.ERROR)  # it warns of each restart
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()
-    exact = curves.read(folder / "log.csv")
+    exact = read_log(folder / "log.csv")
     shown = {tag: [(event.step, event.value) for event in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
     rounded = {tag: [(step, float(np.float32(value))) for step, value in rows] for tag, rows in exact.items()}
     return untimed({tag: exact[tag] if rows == rounded[tag] else rows for tag, rows in shown.items()})

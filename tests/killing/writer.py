@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from outlast.envs.storage.atomic_write import is_draft
+from outlast.envs.storage.atomic_write import is_temporary
 
 NOTHING, COMPLETE = "nothing", "complete"  # what may be left
 
@@ -42,12 +42,12 @@ class Writer:
 
 def temporary_files(folder: Path) -> list[Path]:
     """The temporary files in a folder, at any depth."""
-    return [path for path in folder.rglob("*") if is_draft(path)]
+    return [path for path in folder.rglob("*") if is_temporary(path)]
 
 
 def visible(folder: Path) -> list[Path]:
     """Everything in a folder but temporary files, sorted by name."""
-    return sorted(path for path in folder.iterdir() if not is_draft(path))
+    return sorted(path for path in folder.iterdir() if not is_temporary(path))
 
 
 class AtomicOutput(Writer):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import FIXES, ScenarioError, make_vec, variant
+from outlast import ABLATIONS, ScenarioError, make_vec, variant
 from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.cli.main import main
@@ -27,8 +27,8 @@ def test_the_variants_have_the_flaws(name: str) -> None:
 
 
 def test_every_flaw_of_the_paper_can_be_mended() -> None:
-    assert {fix.flaw for fix in FIXES.values()} == {1, 2, 3, 4}
-    for name in FIXES:
+    assert {fix.flaw for fix in ABLATIONS.values()} == {1, 2, 3, 4}
+    for name in ABLATIONS:
         mended = variant(f"teams_4+{name}")
         assert mended.name == f"teams_4+{name}"
         assert mended.numbers() != variant("teams_4").numbers()
@@ -43,9 +43,9 @@ def test_names_are_put_together_in_any_order() -> None:
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("ffa_2+armour", r"there is no fix 'armour'; known: health_cap, team_share"),
-        ("ffa_2+", "there is no fix ''"),
-        ("ffa_2+bounty+bounty", "name each fix once"),
+        ("ffa_2+armour", r"there is no ablation 'armour'; known: health_cap, team_share"),
+        ("ffa_2+", "there is no ablation ''"),
+        ("ffa_2+bounty+bounty", "name each ablation once"),
         ("ffa_2+bounty+rivalry", "contradict each other"),
         ("ffa_2+team_share", "ffa_2 has no Teams, so team_share would change nothing"),
         ("fa_2+bounty", "there is no variant 'fa_2'; did you mean ffa_2"),
@@ -59,7 +59,7 @@ def test_names_that_mean_nothing_are_refused(name: str, reason: str) -> None:
 def test_the_command_line_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["variants"]) == 0
     told = capsys.readouterr().out
-    assert all(f"+{name} " in told for name in FIXES)
+    assert all(f"+{name} " in told for name in ABLATIONS)
 
 
 def health(name: str) -> list[float]:

@@ -14,7 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.jit import entry
+from outlast.ecs.jit import entry_point
 from outlast.systems.inner import geometry
 from tests.helpers import naive_geometry as naive
 
@@ -258,7 +258,7 @@ def test_results_are_float32() -> None:
         if numba.config.DISABLE_JIT:
             assert type(result) is (F4 if expected is numba.float32 else np.bool_)
         else:
-            returned = {overload.signature.return_type for overload in entry(function.py_func).overloads.values()}
+            returned = {overload.signature.return_type for overload in entry_point(function.py_func).overloads.values()}
             assert returned == {expected}
 
 

@@ -60,7 +60,7 @@ class Push(NamedTuple):
 
 @kernel
 def _sweep(extent: Any, groups: Any, body: Any, shape: Any, entities: Any, members: Any, ray: Any, found: Any) -> int:
-    """found: int32 (3, groups): who may be crossed by `ray`, who may be within its last number, who is populated."""
+    """found: int32 (3, blocks): who may be crossed by `ray`, who may be within its last number, who is populated."""
     crowd, count = sweep.enclose(extent, body, shape), sweep.populated(groups, entities, members)
     for k in range(count):
         g = groups[sweep.GROUP, k]
@@ -166,7 +166,7 @@ rays = st.tuples(
 def test_a_sweep_rules_out_nobody_who_is_hit_or_near(seed: int, grid: bool, ray: tuple[float, ...]) -> None:
     body, shape, entities = crowd(seed, grid)
     members = [e for e in range(ROWS) if e % 7]
-    extent, groups = sweep.make_extent({"groups": GROUPS}), sweep.make_groups({"groups": GROUPS})
+    extent, groups = sweep.make_extent({"blocks": GROUPS}), sweep.make_groups({"blocks": GROUPS})
     found = np.zeros((3, GROUPS), np.int32)
     given_ray = np.array(ray, F4)
     count = _sweep(extent, groups, body, shape, entities, to_bits(members), given_ray, found)
@@ -193,7 +193,7 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.near
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
-    extent = sweep.make_extent({"groups": GROUPS})
+    extent = sweep.make_extent({"blocks": GROUPS})
     _gaps(extent, body, shape, solid._replace(near=near[:ROWS]), entities, to_bits([*range(ROWS)]), most, out)
     for e in range(0, ROWS, 5):
         centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]

@@ -302,7 +302,7 @@ import sys
 
 import numpy as np
 
-from outlast.ecs.jit import entry
+from outlast.ecs.jit import entry_point
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d.scene import Settings
 
@@ -313,7 +313,7 @@ def twice(arena, settings, scene, count):
 
 
 def main(file):
-    outer, scene = entry(twice), np.load(file)
+    outer, scene = entry_point(twice), np.load(file)
     outer.enable_caching()
     assert outer(box2d_native.make_arena(), Settings(), scene, len(scene)) == 0
     print(sum(outer.stats.cache_hits.values()), scene.tobytes().hex())

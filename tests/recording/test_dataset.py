@@ -26,12 +26,12 @@ Step = dict[str, Any]
 
 def make(variant: str, autoreset: str) -> SurvivalVectorEnv:
     scenario = outlast.variant(variant).replace(**SHORT)
-    return outlast.make_vec(scenario, WORLDS, seed=1, autoreset=autoreset, copy=True, first_world=10)
+    return outlast.make_vec(scenario, WORLDS, seed=1, autoreset_mode=autoreset, copy=True, first_world=10)
 
 
 def play(env: SurvivalVectorEnv) -> list[Step]:
     """Play, and write down each step of each world as any learner would: from what the calls return."""
-    rng, rows, mode = np.random.default_rng(0), list[Step](), env.autoreset
+    rng, rows, mode = np.random.default_rng(0), list[Step](), env.autoreset_mode
     observations, _ = env.reset()
     episode, tick, done = np.ones(WORLDS, int), np.zeros(WORLDS, int), np.zeros(WORLDS, bool)
     for _ in range(STEPS):

@@ -44,6 +44,7 @@ def recorded(path: Path, steps: int, **options: Any) -> Path:
 CHILD = """
 import sys
 sys.path.insert(0, {tests!r})
+import outlast
 from tests.recording.test_recording import make, play
 from outlast.envs.recording import record, recorder
 recorder.MAX_PENDING_BYTES = 2000

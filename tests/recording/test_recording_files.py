@@ -60,6 +60,7 @@ FULL = """
 import resource, sys
 sys.path.insert(0, {tests!r})
 from tests.recording.test_recording import make, play
+import outlast
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import record, recorder
 recorder.MAX_PENDING_BYTES = 2000

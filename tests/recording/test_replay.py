@@ -59,7 +59,7 @@ def replayed(path: Path, **options: Any) -> list[int]:
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("variant", ["ffa_1", "ffa_3", "teams_3"])
 def test_every_tick_is_the_same(tmp_path: Path, variant: str, autoreset: str) -> None:
-    env = make(variant, autoreset=autoreset)
+    env = make(variant, autoreset_mode=autoreset)
     env.reset()
     env.step(draw_actions(env, np.random.default_rng(9)))  # it has a past
     watched, rng = Watched(env), np.random.default_rng(0)
@@ -73,7 +73,7 @@ def test_every_tick_is_the_same(tmp_path: Path, variant: str, autoreset: str) ->
 
 def test_partial_resets_and_new_seeds_are_in_it(tmp_path: Path) -> None:
     """Of any worlds, at any time, ended or not; also seeds by world, and resets of all."""
-    env = make(autoreset="Disabled")
+    env = make(autoreset_mode="Disabled")
     watched, rng = Watched(env), np.random.default_rng(0)
     with outlast.record(env, tmp_path / "a.rec"):
         env.reset(seed=5)
@@ -156,7 +156,7 @@ def test_recordings_of_the_first_version_replay(name: str) -> None:
 
 def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
     """The first and the last that are asked for, and of those between the ones in which a world takes part."""
-    env, third = make(worlds=3, autoreset="Disabled"), np.array([False, False, True])
+    env, third = make(worlds=3, autoreset_mode="Disabled"), np.array([False, False, True])
     with outlast.record(env, tmp_path / "a.rec"):
         for mask in (None, third, ~third, third, ~third, None):
             env.reset(options=None if mask is None else {"reset_mask": mask})

@@ -11,7 +11,7 @@ import pytest
 
 from outlast.ecs.cache import cache_folder
 from tests.conftest import COMPILED
-from tests.engine.test_ecs_compile import ROOT, SCRIPT, in_process
+from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="there is no machine code")
 DIGEST = 3  # the index of the digest in the output of a process

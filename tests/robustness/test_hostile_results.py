@@ -7,21 +7,21 @@ from typing import Any
 import pytest
 
 from outlast import variant
-from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity
-from outlast.training import results
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training.errors import TrainingError
+from outlast.training.paper import results
 from outlast.training.presets import preset
 
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
 
 
-def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.Result]:
+def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.RunResult]:
     """The results read from a run of that name and log."""
     given = {"preset": "paper", "seed": 0} | plan
-    scenario = identity(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
+    scenario = fingerprint(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
     (folder / "log.csv").write_text(text)
     (folder / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
-    return results.load([folder])
+    return results.load_runs([folder])
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_kept_results_are_of_the_papers_quantities(tmp_path: Path) -> None:
     (found,) = run(tmp_path)
     path = tmp_path / "kept.csv"
     path.write_text(found.text())
-    assert results.load([path])[0].about == found.about
+    assert results.load_runs([path])[0].about == found.about
     for old, new in (
         ("rollout/steps", "train/loss"),
         ("rollout/reward0", "rollout/reward\u0663"),
@@ -59,4 +59,4 @@ def test_kept_results_are_of_the_papers_quantities(tmp_path: Path) -> None:
         assert old in found.text()
         path.write_text(found.text().replace(old, new, 1).replace(", }", "}"))
         with pytest.raises(TrainingError, match=r"kept.csv does not hold the curves of a run"):
-            results.load([path])
+            results.load_runs([path])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from outlast import variant
-from outlast.envs.errors import StateError, TrainingError
+from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
@@ -20,10 +20,12 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from stable_baselines3.common.logger import Logger  # noqa: E402
 
-from outlast.training import checkpoint, tensors  # noqa: E402
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
+from outlast.training.safe_torch import BROKEN, load_tensors  # noqa: E402
 from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -60,7 +62,7 @@ def test_tensors_are_those_that_torch_reads() -> None:
     for kind in ("float32", "float64", "int64", "int32", "uint8"):
         base = torch.from_numpy(rng.integers(0, 99, (6, 5)).astype(kind))
         content = {"a": base, "b": (base.T, base[2:4, 1:]), 7: [base[0, 0], base[:0], None, True, 2**40, -1.5, "x"]}
-        ours, theirs = (read(saved(content)) for read in (tensors.load, lambda data: torch.load(io.BytesIO(data))))
+        ours, theirs = (read(saved(content)) for read in (load_tensors, lambda data: torch.load(io.BytesIO(data))))
         for one, other in zip(flat(ours), flat(theirs), strict=True):
             assert type(one) is type(other)
             assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other
@@ -108,8 +110,8 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
     """A hundred numbers in 400 bytes, which a pickle describes wrongly."""
     plain = saved(torch.zeros(100))
     for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
-        with memory_limit(2**20), pytest.raises(tensors.BROKEN, match=reason):
-            tensors.load(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
+        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
+            load_tensors(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
     assert not (tmp_path / "made").exists()
     size = b"Kd\x85"  # a tuple of 100
     changes: tuple[tuple[Callable[[bytes], bytes], str], ...] = (
@@ -126,11 +128,11 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
         (lambda _: pickle.dumps([1] * 9, 4), "the instruction"),
     )
     for change, reason in changes:
-        with memory_limit(2**20), pytest.raises(tensors.BROKEN, match=reason):
-            tensors.load(with_pickle(plain, change))
+        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
+            load_tensors(with_pickle(plain, change))
     for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
-        with pytest.raises(tensors.BROKEN):
-            tensors.load(content)
+        with pytest.raises(BROKEN):
+            load_tensors(content)
 
 
 # ---- the state of a run
@@ -175,7 +177,7 @@ def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files
     assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
     assert torch.equal(before[1], model.generator.get_state())
     checkpoint.restore(model, files)
-    assert model.num_timesteps == checkpoint.about(files)["steps"]
+    assert model.num_timesteps == checkpoint.header_of(files)["steps"]
 
 
 def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -> None:
@@ -200,11 +202,11 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "no shape": ({"observations": {"self": 7}}, "its observations cannot be"),
     "negative": ({"observations": {"self": [-7]}}, "its observations cannot be"),
     "huge": ({"observations": {"self": [10**9]}}, "its observations cannot be"),
-    "large": ({"observations": {"self": [60_000]}}, "policy.pt is too small for what it was told"),
+    "large": ({"observations": {"self": [60_000]}}, "policy.pt is too small for the observations and actions"),
     "small": ({"observations": {"self": [3]}}, "observations that no scenario has"),
     "masks": ({"observations": {"self": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
-    "many actions": ({"actions": [60_000]}, "policy.pt is too small for what it was told"),
+    "many actions": ({"actions": [60_000]}, "policy.pt is too small for the observations and actions"),
     "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
     "numbers": ({"scenario": {"name": "x", "numbers": {"room_size": 0}}}, "numbers that no scenario has"),
     "plan": ({"plan": [1]}, "its plan cannot be"),
@@ -216,7 +218,7 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
 def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what: str) -> None:
     changes, reason = HEADERS[what]
     header = json.loads(files["run.json"]) | changes
-    checkpoint.write(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
+    checkpoint.write_checkpoint(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
     with memory_limit(2**22), pytest.raises(TrainingError, match=reason) as caught:
         Player(tmp_path / "a.zip")
     assert str(tmp_path / "a.zip") in str(caught.value)
@@ -224,6 +226,6 @@ def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what
 
 def test_a_packed_checkpoint_is_refused(tmp_path: Path, files: Files) -> None:
     (tmp_path / "steps_1.zip").write_bytes(zipped(files, zipfile.ZIP_DEFLATED))
-    for load in (checkpoint.read, Player):
+    for load in (checkpoint.read_checkpoint, Player):
         with pytest.raises(TrainingError, match=r"steps_1.zip is not a checkpoint: '.*' is compressed"):
             load(tmp_path / "steps_1.zip")

@@ -34,7 +34,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by the backg
 times, worlds, threads, autoreset = {times}, {worlds}, {threads}, {autoreset!r}
 rng = np.random.default_rng(1)
 scenario = outlast.variant("ffa_3").replace(agents_health=20, ending_limit=5)
-env = outlast.make_vec(scenario, worlds, seed=0, threads=threads, autoreset=autoreset)
+env = outlast.make_vec(scenario, worlds, seed=0, threads=threads, autoreset_mode=autoreset)
 actions = [rng.integers(0, env.action_sizes, (worlds, 2, 6)) for _ in range(12)]
 
 
@@ -66,7 +66,7 @@ while sum(seen.values()) < times:
     except KeyboardInterrupt:
         pass
     timer.join()
-    if env._background.busy:
+    if env._guard.busy:
         env.recv()
     found = digest_of_episode(env.worlds)
     if env.get_state().arrays["started"].all():
@@ -103,7 +103,7 @@ def test_many_interrupted_calls(threads: int, autoreset: str) -> None:
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_a_fault_in_one_world_keeps_no_other_from_ending(autoreset: str) -> None:
-    envs = [make_vec(variant("ffa_1").replace(ending_limit=2), 3, seed=0, autoreset=autoreset) for _ in range(2)]
+    envs = [make_vec(variant("ffa_1").replace(ending_limit=2), 3, seed=0, autoreset_mode=autoreset) for _ in range(2)]
     idle = np.ones((3, 2, 6), int)
     for env in envs:
         env.reset()

@@ -1,14 +1,16 @@
 """The command line does what the README says, and says what is wrong in one line."""
 
 import contextlib
+import logging
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
 
 import pytest
 
-from outlast import FIXES, variant
-from outlast.ecs import NumberError
+import outlast
+from outlast import ABLATIONS, variant
+from outlast.ecs import NumberError, Worlds
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.options import scenario
 from outlast.envs.rollout.policies import POLICIES
@@ -27,7 +29,7 @@ def test_variants_lists_all_eight_with_their_original_names(capsys):
     assert status == 0
     variants, fixes = out.split("\n\n")
     assert len(variants.splitlines()) == 8
-    assert len(fixes.splitlines()) == 1 + len(FIXES)
+    assert len(fixes.splitlines()) == 1 + len(ABLATIONS)
     assert "teams_4   2v2_all_high" in out
 
 
@@ -170,3 +172,19 @@ def test_deaths_are_logged_on_request(capsys, caplog):
     with caplog.at_level("INFO", "outlast.deaths"):
         run(capsys, "rollout", "ffa_1", "--worlds", "4", "--steps", "103", "--policy", "noop", "--set", "zone_harm=100")
     assert "died of zone" in caplog.text
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(("--version",))
+    assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"
+
+
+def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
+    monkeypatch.setattr(Worlds, "compiled", False)
+    arguments = ("rollout", "ffa_1", "--worlds", "1", "--steps", "3", "--quiet")
+    status, _, err = run(capsys, *arguments)
+    assert status == 0
+    assert err.startswith("outlast: compiling the tick of ffa_1 for this machine, once (about 20 s); machine code")
+    assert "outlast: compiled in 0 s\n" in err
+    assert logging.getLogger("outlast").handlers == []

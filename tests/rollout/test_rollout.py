@@ -127,7 +127,7 @@ def first_episodes(task: Task, count: int) -> dict[str, np.ndarray]:
     """Statistics of the first episode of each world, (worlds, ...): every world is stepped alone, until it ends."""
     found: dict[str, list[np.ndarray]] = {}
     for w in range(count):
-        env = outlast.make_vec(task.scenario, 1, seed=task.seed, first_world=w, autoreset="Disabled")
+        env = outlast.make_vec(task.scenario, 1, seed=task.seed, first_world=w, autoreset_mode="Disabled")
         policy, done = task.policy(env, task.seed), False
         observations, _ = env.reset()
         while not done:

@@ -16,7 +16,7 @@ from outlast import load_policy, make_vec, variant
 from outlast.components import Body
 from outlast.envs.cli import main as cli
 from outlast.envs.cli import options
-from outlast.envs.errors import FilmError, TrainingError
+from outlast.envs.errors import FilmError
 from outlast.envs.rendering import video as film
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
@@ -26,7 +26,8 @@ from tests.conftest import interrupted_after
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
-from outlast.training import evaluate_command  # noqa: E402
+from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
 from tests.training.test_training_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -51,9 +52,9 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     assert "48/48" in printed.err  # the progress bar
     assert "6 pairings of 8 episodes, 2 in each of 4 worlds" in printed.out
     assert "wins of, against" in printed.out
-    told = json.loads((out / "evaluation.json").read_text())
-    assert (told["complete"], told["episodes"], told["scenario"]["name"]) == (True, 8, "teams_3")
-    assert [entry["label"] for entry in told["policies"]] == ["a", "noop", "scripted"]
+    found = json.loads((out / "evaluation.json").read_text())
+    assert (found["complete"], found["episodes"], found["scenario"]["name"]) == (True, 8, "teams_3")
+    assert [entry["label"] for entry in found["policies"]] == ["a", "noop", "scripted"]
     with (out / "ratings.csv").open() as file:
         ratings = list(csv.DictReader(file))
     assert np.mean([float(row["elo"]) for row in ratings]) == pytest.approx(1000)
@@ -109,27 +110,27 @@ def test_tables_of_what_is_complete_are_always_there(monkeypatch, tmp_path: Path
     monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
     assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
-    told = json.loads((tmp_path / "evaluation.json").read_text())
-    assert (told["complete"], len(told["pairings"])) == (False, 3)
+    found = json.loads((tmp_path / "evaluation.json").read_text())
+    assert (found["complete"], len(found["pairings"])) == (False, 3)
 
 
-def test_a_disk_that_takes_no_tables_is_told(monkeypatch, capsys, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(monkeypatch, capsys, tmp_path: Path) -> None:
     (tmp_path / "figures.csv").mkdir()
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
-    with pytest.raises(TrainingError, match=f"{tmp_path} cannot be written: Is a directory"):
+    with pytest.raises(TrainingError, match=f"{tmp_path}/figures.csv cannot be written: Is a directory"):
         evaluate("ffa_1", "noop", "scripted", *small)
     assert "1 pairings of 2 episodes" in capsys.readouterr().out
 
 
-def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, monkeypatch, tmp_path: Path) -> None:
+def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path / "out")
     assert evaluate("ffa_1", "noop", "scripted", "random", *small) == 130
     printed = capsys.readouterr()
-    assert printed.err == "stopped; complete are 3 of 6 pairings\n"
+    assert (caplog.messages, printed.err) == (["stopped; complete are 3 of 6 pairings"], "")
     assert "3 pairings of 2 episodes" in printed.out
-    told = json.loads((tmp_path / "out" / "evaluation.json").read_text())
-    assert (told["complete"], len(told["pairings"]), told["ratings"]) == (False, 3, [])
+    found = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert (found["complete"], len(found["pairings"]), found["ratings"]) == (False, 3, [])
     assert evaluate("ffa_1", "random", *small[:-2]) == 130
     assert "no pairing is complete" in capsys.readouterr().out
 
@@ -148,7 +149,7 @@ def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
         evaluate("ffa_1", *arguments)
 
 
-def test_a_saved_policy_rolls_out_with_what_it_was_trained_to_be_told(capsys, tmp_path: Path) -> None:
+def test_a_saved_policy_rolls_out_with_the_observations_it_was_trained_with(capsys, tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
     scenario = variant("teams_3").replace(zone_harm=50, cameras_mode="revealed")
     env = make_vec(scenario, 3, seed=2)
@@ -173,7 +174,7 @@ def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
     assert moved.all()
 
 
-def test_saved_policies_that_cannot_play_are_told_in_one_line(capsys, tmp_path: Path) -> None:
+def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
     policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
     for arguments, words in (
@@ -192,7 +193,7 @@ def test_saved_policies_that_cannot_play_are_told_in_one_line(capsys, tmp_path: 
     assert "best: random, noop, scripted or a saved policy, FILE.zip, is needed" in capsys.readouterr().err
 
 
-def test_without_torch_the_cure_is_told() -> None:
+def test_without_torch_the_message_names_the_cure() -> None:
     code = "import sys; sys.modules['torch'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from outlast import VARIANTS, variant
-from outlast.envs.errors import TrainingError
-from outlast.envs.scenarios.fingerprint import identity
-from outlast.training import curves, paper, results
-from outlast.training.curves import BOXES, Curves
-from outlast.training.endings import average, ending, smooth
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training import log_file
+from outlast.training.errors import TrainingError
+from outlast.training.paper import curves, results
+from outlast.training.paper.curves import BOXES, Curves
+from outlast.training.paper.end_values import average, end_value, smooth
 from outlast.training.presets import preset
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
@@ -36,8 +37,8 @@ LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/r
 def test_the_papers_curves_are_those_published(
     name: str, tag: str, mean: float, deviation: float, peak: float, place: float
 ) -> None:
-    published = paper.curves(name)
-    found = ending(published.values[tag])
+    published = curves.published_curves(name)
+    found = end_value(published.values[tag])
     steps, height = average([published], tag).peak
     assert [found.mean, found.deviation, height] == pytest.approx([mean, deviation, peak], abs=6e-4)
     assert steps / 1e6 == pytest.approx(place, abs=6e-3)
@@ -45,7 +46,7 @@ def test_the_papers_curves_are_those_published(
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_has_the_papers_curves(name: str) -> None:
-    published = paper.curves(name)
+    published = curves.published_curves(name)
     agents = 4 if name.startswith("teams") else 2
     assert published.steps.tolist() == [16384 * agents * k for k in range(1, 612 // agents + 1)]
     assert bool(published.tags(BOXES)) == ("boxes" in variant(name))
@@ -63,7 +64,7 @@ def log(folder: Path, text: str) -> Path:
 
 def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) -> None:
     path = log(tmp_path, LINES + "rollout/heals_used,20,0.25\nrollout/reward0,30,9\ntrain/loss,30,nan\nrollout/steps,3")
-    read = curves.of_log(path)
+    read = curves.curves_of_log(path)
     assert read.steps.tolist() == [10, 20, 30]
     assert set(read.values) == {"rollout/reward0", "rollout/steps", "rollout/heals_used"}
     np.testing.assert_array_equal(read.values["rollout/reward0"], [1.5, 3, 9])
@@ -90,16 +91,16 @@ def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) ->
 def test_what_is_no_log_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = log(tmp_path, text)
     with pytest.raises(TrainingError, match=message) as caught:
-        curves.of_log(path)
+        curves.curves_of_log(path)
     assert str(path) in str(caught.value)
 
 
 def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="No such file"):
-        curves.read(tmp_path / "log.csv")
+        log_file.read_log(tmp_path / "log.csv")
     (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(TrainingError, match="it is no text"):
-        curves.read(tmp_path / "log.csv")
+        log_file.read_log(tmp_path / "log.csv")
 
 
 # ---- kept files
@@ -110,8 +111,8 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
     values = (rng.normal(size=50) * 10.0 ** rng.integers(-12, 12, 50)).astype(np.float32)
     values[[0, 7]] = np.nan
     whole = Curves(np.arange(1, 51) * 7, {"rollout/steps": values, "rollout/kills0": np.zeros(50, np.float32)})
-    (tmp_path / "a.csv").write_text(curves.kept({"variant": "ffa_1", "n": [1]}, whole))
-    about, again = curves.read_kept(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text(curves.format_curves({"variant": "ffa_1", "n": [1]}, whole))
+    about, again = curves.read_curves(tmp_path / "a.csv")
     assert about == {"variant": "ffa_1", "n": [1]}
     assert again.steps.tolist() == whole.steps.tolist()
     assert {tag: array.tobytes() for tag, array in again.values.items()} == {
@@ -122,7 +123,7 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LINES, "its first line does not say what it holds"),
+        (LINES, "its first line does not describe the curves"),
         ("# no json\nstep,a\n1,2\n", "Expecting value"),
         ("# {}\nstep,a\n1,2,3\n", "its columns are not step and tags"),
         ("# {}\nstep,a\n1,2\n2\n", "shorter"),
@@ -139,7 +140,7 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
 def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(TrainingError, match=message):
-        results.load([tmp_path])
+        results.load_runs([tmp_path])
 
 
 # ---- averages
@@ -167,17 +168,17 @@ def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> P
     place.mkdir()
     given = {"preset": "original", "seed": 0, "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}} | plan
     scenario = preset(given["preset"]).scenario(variant("ffa_2").replace(**changes or {}))
-    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": identity(scenario)}))
+    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": fingerprint(scenario)}))
     log(place, LINES)
     return place
 
 
 def test_a_run_is_what_it_says(tmp_path: Path) -> None:
     changed = folder(tmp_path / "x", {"zone_harm": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5})
-    (run,) = results.load([changed])
+    (run,) = results.load_runs([changed])
     assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
     assert run.unlike == {"worlds": 64, "gamma": 0.9, "zone_harm": 2}
-    (plain,) = results.load([folder(tmp_path / "y", worlds=1)])
+    (plain,) = results.load_runs([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}
 
 
@@ -185,7 +186,7 @@ def test_folders_of_folders_are_searched_and_seeds_sorted(tmp_path: Path) -> Non
     for seed in (10, 2):
         folder(tmp_path / f"run{seed}", seed=seed, threads=seed)
     folder(tmp_path / "other", preset="paper")
-    groups = results.grouped(results.load([tmp_path]))
+    groups = results.group_runs(results.load_runs([tmp_path]))
     assert [(group.name, [run.seed for run in group.runs]) for group in groups] == [
         ("ffa_2-original", [2, 10]),
         ("ffa_2-paper", [0]),
@@ -194,7 +195,7 @@ def test_folders_of_folders_are_searched_and_seeds_sorted(tmp_path: Path) -> Non
 
 def refused(places: Sequence[Path], message: str) -> None:
     with pytest.raises(TrainingError, match=message):
-        results.grouped(results.load(places))
+        results.group_runs(results.load_runs(places))
 
 
 def test_runs_that_differ_in_more_than_seeds_are_not_mixed(tmp_path: Path) -> None:
@@ -210,7 +211,7 @@ def test_folders_without_runs_are_refused(tmp_path: Path) -> None:
     refused([tmp_path], "there are no runs in")
     refused([tmp_path / "none"], "there is no .*none")
     log(tmp_path, LINES)
-    refused([tmp_path], r"has no run.json, which would say what is trained in it")
+    refused([tmp_path], r"has no run.json, which describes what is trained in it")
     for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
         (tmp_path / "run.json").write_bytes(content)
-        refused([tmp_path], r"run.json does not say what the run is")
+        refused([tmp_path], r"run.json does not describe a run")

@@ -1,5 +1,6 @@
 """Cross-play, counted again in plain Python."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,16 +8,16 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.envs.errors import TrainingError
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
-from outlast.training.contenders import contenders  # noqa: E402
-from outlast.training.evaluate import Evaluation  # noqa: E402
-from outlast.training.matches import Match  # noqa: E402
+from outlast.training.evaluation.evaluation import Evaluation, contenders, labels, ratio  # noqa: E402
+from outlast.training.evaluation.matches import Match  # noqa: E402
+from outlast.training.evaluation.ratings import elo  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
 from tests.training.test_training_player import saved  # noqa: E402
@@ -39,7 +40,7 @@ def evaluated(name: str, *texts: object, **options: Any) -> Evaluation:
 
 def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, seed: int) -> dict[str, Any]:
     """Figures of a match of named policies, (worlds, each, roles), by one agent of one world after the other."""
-    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    env = make_vec(scenario, worlds, seed=seed, autoreset_mode="Disabled")
     policies = [POLICIES[name](env, seed) for name in names]
     observations, _ = env.reset(seed=seed)
     agents, size = range(env.num_agents), max(1, env.num_agents // 2)  # of a team; or each on its own
@@ -48,16 +49,16 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
     done, ticks = [0] * worlds, [0] * worlds
     last = np.zeros((worlds, 2), int)
     while min(done) < each:
-        told = {key: value.copy() for key, value in observations.items()}
+        seen = {key: value.copy() for key, value in observations.items()}
         choices = [policy(observations) for policy in policies]
         actions = np.zeros_like(choices[0])
         for w in range(worlds):
             for i in agents:
                 role = (i // size + w + done[w]) % 2
                 actions[w, i] = choices[role][w, i]
-                me = told["self"][w, i, -7:]
+                me = seen["self"][w, i, -7:]
                 if done[w] < each and me.any():
-                    enemies = [told["self"][w, j, -7:] for j in agents if j // size != i // size]
+                    enemies = [seen["self"][w, j, -7:] for j in agents if j // size != i // size]
                     near = any(row.any() and np.hypot(*(row[1:3] - me[1:3])) <= 2.5 for row in enemies)
                     chances[w, done[w], role] += near
                     attacks[w, done[w], role] += near and actions[w, i, 3]
@@ -94,7 +95,7 @@ def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
     names, worlds, each, seed = ("scripted", "random"), 3, 2, 5
     scenario = quick(name).replace(zone_stand=100, zone_shrink=100, motors_ahead=1.0)  # in which agents meet
     expected = counted(scenario, names, worlds, each, seed)
-    env = make_vec(scenario, worlds, seed=seed, autoreset="Disabled")
+    env = make_vec(scenario, worlds, seed=seed, autoreset_mode="Disabled")
     acts = [contender.act(env, seed) for contender in contenders(names)]
     match = Match(env, acts, each, seed)
     ended: list[int] = []
@@ -108,7 +109,7 @@ def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
     assert figures["attack_near"][..., 1] == pytest.approx(expected["chances"])
     assert expected["chances"].sum() > 0
     assert set(expected["wins"].ravel()) >= {0, 1}
-    first, last = match.games.spans[0, 0]
+    first, last = match.results.spans[0, 0]
     assert (first, last >= values["length"][0, 0, 0]) == (0, True)
 
 
@@ -144,7 +145,7 @@ def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> No
     saved(tmp_path / "b.zip", "paper")
     texts = (tmp_path / "a.zip", tmp_path / "b.zip", "random")
     runs = [evaluated("teams_3", *texts, episodes=6, worlds=4, seed=s, threads=t) for s, t in ((1, 1), (1, 2), (2, 1))]
-    tables = [[meeting.figures(0) | meeting.figures(1) for meeting in run.meetings] for run in runs]
+    tables = [[pairing.estimates(0) | pairing.estimates(1) for pairing in run.pairings] for run in runs]
     np.testing.assert_equal(tables[0], tables[1])
     assert tables[0] != tables[2]
     np.testing.assert_equal(runs[0].ratings(), runs[1].ratings())
@@ -152,20 +153,20 @@ def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> No
     assert runs[0].pairs == [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
     assert runs[0].episodes == 8  # as many in every world
     alone = evaluated("teams_3", *texts[:2], episodes=6, worlds=4, seed=1)  # whoever else comes
-    np.testing.assert_equal([alone.meetings[1].figures(0)], [runs[0].meetings[1].figures(0)])
+    np.testing.assert_equal([alone.pairings[1].estimates(0)], [runs[0].pairings[1].estimates(0)])
 
 
 def test_who_meets_itself_wins_half() -> None:
     evaluation = evaluated("ffa_1", "scripted", episodes=400, worlds=100)
-    mean, error = evaluation.meetings[0].figures(0)["wins"]
+    mean, error = evaluation.pairings[0].estimates(0)["wins"]
     assert 0.015 < error < 0.026
     assert abs(mean - 0.5) < 4 * error
     assert evaluation.ratings() is None
-    won, drawn, lost = evaluation.meetings[0].results()
+    won, drawn, lost = evaluation.pairings[0].won_drawn_lost()
     assert (won + drawn + lost, (won + drawn / 2) / 400) == (400, mean)
 
 
-def test_seats_are_even_also_where_worlds_are_odd() -> None:
+def test_sides_are_even_also_where_worlds_are_odd() -> None:
     evaluation = Evaluation(quick("ffa_1"), contenders(["noop", "random"]), episodes=3, worlds=3)
     assert (evaluation.each, evaluation.episodes) == (2, 6)
     evaluation.close()
@@ -179,8 +180,86 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="cameras_mode is omniscient"):
         Evaluation(variant("teams_3").replace(cameras_mode="omniscient"), chosen, worlds=2)
     assert chosen[0].player is not None
-    chosen[0].player.about["actions"] = [3, 3]
+    chosen[0].player.header["actions"] = [3, 3]
     with pytest.raises(TrainingError, match=r"chooses among \[3, 3\] actions; here are \[3, 3, 3, 2, 2, 2\]"):
         Evaluation(variant("teams_3"), chosen, worlds=2)
     with pytest.raises(TrainingError, match="one side"):
         Evaluation(variant("teams_3").replace(sides_count=1), chosen[1:], worlds=2)
+
+
+# ---- Elo ratings and standard errors, against closed forms and against random games
+
+
+@pytest.mark.parametrize(("won", "drawn", "lost"), [(300, 0, 100), (10, 80, 30), (50, 0, 0), (0, 5, 0)])
+def test_two_players_have_the_ratings_of_the_closed_form(won: int, drawn: int, lost: int) -> None:
+    wins, draws = np.array([[0, won], [lost, 0]]), np.array([[0, drawn], [drawn, 0]])
+    ratings, errors = elo(wins, draws)
+    count = won + drawn + lost + 1  # and half a game for each
+    share = (won + 0.5 + drawn / 2) / count
+    variance = (won + 0.5 + drawn / 4) / count - share**2
+    assert ratings.mean() == pytest.approx(1000)
+    assert ratings[0] - ratings[1] == pytest.approx(400 * math.log10(share / (1 - share)))
+    error = 400 / math.log(10) * math.sqrt(variance / count) / (share * (1 - share))  # of the difference
+    assert errors == pytest.approx([error / 2, error / 2])
+
+
+def test_expected_scores_give_back_the_ratings() -> None:
+    true, count = np.array([1500.0, 1100, 1000, 400]), 10_000_000
+    expected = count / (1 + 10 ** ((true[None] - true[:, None]) / 400))
+    ratings, _ = elo(expected, np.zeros((4, 4)))
+    assert ratings == pytest.approx(true, abs=0.01)
+    chain = np.abs(np.subtract.outer(range(4), range(4))) == 1  # not everybody met everybody
+    assert elo(expected * chain, np.zeros((4, 4)))[0] == pytest.approx(true, abs=0.1)
+
+
+def test_errors_are_the_scatter_of_ratings() -> None:
+    rng, count, tables = np.random.default_rng(0), 200, 400
+    found, estimated = [], []
+    chances = {(0, 1): (0.5, 0.2), (0, 2): (0.6, 0.3), (1, 2): (0.45, 0.2)}  # of a win, of a draw
+    for _ in range(tables):
+        wins, draws = np.zeros((2, 3, 3))
+        for (i, j), (win, draw) in chances.items():
+            wins[i, j], draws[i, j], wins[j, i] = rng.multinomial(count, (win, draw, 1 - win - draw))
+            draws[j, i] = draws[i, j]
+        ratings, errors = elo(wins, draws)
+        found.append(ratings)
+        estimated.append(errors)
+    assert np.mean(estimated, 0) == pytest.approx(np.std(found, 0), rel=4 / math.sqrt(2 * tables))
+
+
+def test_a_player_that_always_wins_has_a_rating_and_a_wide_error() -> None:
+    wins = np.array([[0, 100, 100], [0, 0, 50], [0, 50, 0]])
+    ratings, errors = elo(wins, np.zeros((3, 3)))
+    assert 1500 < ratings[0] < 2500
+    assert ratings[1] == pytest.approx(ratings[2])
+    assert 100 < errors[0] < 200
+
+
+def test_players_that_no_games_join_have_none() -> None:
+    wins = np.zeros((4, 4))
+    wins[0, 1] = wins[2, 3] = 10
+    with pytest.raises(ValueError, match="no chain of games joins all players"):
+        elo(wins, np.zeros((4, 4)))
+
+
+def test_a_ratio_is_a_mean_with_its_error() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(3, 2, 50)
+    mean, error = ratio(np.stack([values, np.ones(50)], 1))
+    assert (mean, error) == pytest.approx((values.mean(), values.std(ddof=1) / math.sqrt(50)))
+    assert all(math.isnan(value) for value in ratio(np.zeros((5, 2))))
+    found = []
+    for _ in range(1000):  # of numbers that go together
+        counts = rng.integers(0, 10, 100)
+        found.append(ratio(np.stack([rng.binomial(counts, 0.3), counts], 1)))
+    means, errors = np.array(found).T
+    assert means.mean() == pytest.approx(0.3, abs=4 * means.std() / math.sqrt(1000))
+    assert errors.mean() == pytest.approx(means.std(), rel=0.1)
+
+
+def test_labels_are_as_short_as_can_be() -> None:
+    assert labels(["random", "runs/a/steps_1.zip", "scripted"]) == ["random", "steps_1", "scripted"]
+    assert labels(["runs/a b/steps_1.zip", "runs/c/steps_1.zip"]) == ["a-b-steps_1", "c-steps_1"]
+    assert labels(["random", "runs/random.zip"]) == ["random", "runs-random"]
+    with pytest.raises(TrainingError, match="named twice"):
+        labels(["runs/a.zip", "runs/../runs/a.zip"])

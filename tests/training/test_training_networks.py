@@ -10,8 +10,8 @@ from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.layout import Layout, layout_of, scales  # noqa: E402
-from outlast.training.policy import Choices, Policy  # noqa: E402
+from outlast.training.observation_layout import ObservationLayout, layout_of, scales  # noqa: E402
+from outlast.training.policy import ActorCritic, MultiCategorical  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -20,7 +20,7 @@ SIZES = (3, 3, 3, 2, 2, 2)
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
-def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Layout, Arrays, Any, Any]:
+def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[ObservationLayout, Arrays, Any, Any]:
     """Of a scenario after random steps: layout, observations (batch, ...), the same packed, scales."""
     scenario = PRESETS[chosen].scenario(variant(name).replace(agents_health=12))  # the zone kills some
     env = make_vec(scenario, worlds, seed=3)
@@ -35,20 +35,20 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Lay
     return layout, flat, torch.from_numpy(packed.reshape(-1, layout.size)), scales(layout, scenario.numbers())
 
 
-def make(chosen: str, layout: Layout, own: Any) -> Any:
+def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
     """A policy with all parameters random, so that none is without effect."""
     torch.manual_seed(1)
-    policy = Policy(SIZES, lambda _: 1e-3, layout=layout, preset=preset(chosen), scales=own)
+    policy = ActorCritic(SIZES, lambda _: 1e-3, layout=layout, preset=preset(chosen), scales=own)
     with torch.no_grad():
         for parameter in policy.parameters():
             parameter.normal_(0, 0.1)
     return policy
 
 
-# ---- twins
+# ---- naive forms
 
 
-def embedded(extractor: Any, layout: Layout, observations: Arrays, active: Any) -> tuple[Any, Any]:
+def embedded(extractor: Any, layout: ObservationLayout, observations: Arrays, active: Any) -> tuple[Any, Any]:
     """All rows (batch, rows, width) through a layer for each kind, and their masks."""
     rows, masks, start = [], [], 0
     for k, kind in enumerate(layout.kinds):
@@ -63,7 +63,7 @@ def own_part(extractor: Any, observations: Arrays, active: Any) -> Any:
     return active(extractor.own(torch.cat([torch.tensor(observations[key]) for key in ("self", "zone")], 1)))
 
 
-def original_extractor(extractor: Any, layout: Layout, observations: Arrays) -> Any:
+def original_extractor(extractor: Any, layout: ObservationLayout, observations: Arrays) -> Any:
     """Hidden = 1; a padding row of zeros that is visible; float mask added to the logits; mean over all rows."""
     rows, visible = embedded(extractor, layout, observations, torch.tanh)
     batch = len(rows)
@@ -74,7 +74,7 @@ def original_extractor(extractor: Any, layout: Layout, observations: Arrays) -> 
     return torch.cat([own_part(extractor, observations, torch.tanh), attended.mean(1)], 1)
 
 
-def paper_extractor(extractor: Any, layout: Layout, observations: Arrays) -> Any:
+def paper_extractor(extractor: Any, layout: ObservationLayout, observations: Arrays) -> Any:
     """Sample by sample: only visible rows exist, and are averaged."""
     rows, visible = embedded(extractor, layout, observations, torch.relu)
     means = []
@@ -94,7 +94,7 @@ def towers(policy: Any, known: list[Any], active: Any) -> tuple[list[Any], Any]:
     return [torch.distributions.Categorical(logits=each) for each in logits], run(policy.critic, known[-1]).flatten()
 
 
-def twin(policy: Any, layout: Layout, observations: Arrays) -> tuple[list[Any], Any]:
+def naive_outputs(policy: Any, layout: ObservationLayout, observations: Arrays) -> tuple[list[Any], Any]:
     original = policy.preset.name == "original"
     extract = original_extractor if original else paper_extractor
     known = [extract(extractor, layout, observations) for extractor in policy.extractors]
@@ -112,12 +112,12 @@ def measured(policy: Any, outputs: Any) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize("chosen", ["original", "paper"])
 @pytest.mark.parametrize("name", ["ffa_2", "teams_3"])
-def test_outputs_and_gradients_are_those_of_the_twin(name: str, chosen: str) -> None:
+def test_outputs_and_gradients_are_those_of_the_naive_form(name: str, chosen: str) -> None:
     layout, observations, packed, own = seen(name, chosen)
     policy = make(chosen, layout, own)
     actions = torch.stack([torch.randint(0, size, (len(packed),)) for size in SIZES], 1)
     *mine, gradients = measured(policy, policy.evaluate_actions(packed, actions))
-    distributions, values = twin(policy, layout, observations)
+    distributions, values = naive_outputs(policy, layout, observations)
     logs = sum(each.log_prob(action) for each, action in zip(distributions, actions.T, strict=True))
     *its, expected = measured(policy, (values, logs, sum(each.entropy() for each in distributions)))
     for one, other in zip(mine, its, strict=True):
@@ -170,7 +170,7 @@ def test_scaled_is_paper_on_scaled_inputs() -> None:
 
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
-    layout = Layout({"self": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
+    layout = ObservationLayout({"self": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
     policy = make(chosen, layout, scales(layout, {"agents_health": 100}))
     assert bool(policy.predict_values(torch.randn(5, layout.size)).isfinite().all())
 
@@ -186,7 +186,7 @@ def test_the_original_has_as_many_parameters_as_the_checkpoints(name: str, count
 
 def test_initial_weights_are_orthogonal_and_the_first_policy_is_nearly_uniform() -> None:
     layout, _, packed, own = seen("ffa_3", "original")
-    policy = Policy(SIZES, lambda _: 1e-3, layout=layout, preset=preset("original"), scales=own)
+    policy = ActorCritic(SIZES, lambda _: 1e-3, layout=layout, preset=preset("original"), scales=own)
     start = 0
     for kind in layout.kinds:
         weight = policy.extractors[0].weight[start : start + kind.features]
@@ -197,7 +197,7 @@ def test_initial_weights_are_orthogonal_and_the_first_policy_is_nearly_uniform()
 
 
 def test_choices_are_drawn_as_often_as_they_are_likely() -> None:
-    choices, head = Choices(SIZES), torch.nn.Linear(4, sum(SIZES))
+    choices, head = MultiCategorical(SIZES), torch.nn.Linear(4, sum(SIZES))
     logs = choices.log_probabilities(torch.randn(1, 4), head)
     drawn = choices.draw(logs.expand(20_000, -1, -1), torch.Generator().manual_seed(0))
     for k, size in enumerate(SIZES):

@@ -1,5 +1,6 @@
 """Trained policies as functions, and as opponents."""
 
+import contextlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,12 @@ import numpy as np
 import pytest
 
 from outlast import load_policy, make_vec, variant
-from outlast.envs.errors import TrainingError
+from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
+from outlast.training import checkpoint, observation_layout  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
@@ -27,7 +28,7 @@ def saved(path: Path, chosen: str = "original") -> SharedPPO:
     model = SharedPPO(variant("teams_3"), preset(chosen), worlds=4, steps=256)
     torch.nn.init.normal_(model.policy.actor.last.weight, std=0.02)
     model.start()
-    checkpoint.write(path, checkpoint.capture(model, {}))
+    checkpoint.write_checkpoint(path, checkpoint.capture(model, {}))
     return model
 
 
@@ -55,12 +56,12 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
     env = make_vec(scenario, 3, seed=0)
     observations, _ = env.reset()
     assert player(observations).shape == (3, 4, 6)
-    lone: Any = gymnasium.make("outlast/Teams-v1", variant=scenario, others=player)
+    lone: Any = gymnasium.make("outlast/Teams-v1", scenario=scenario, others=player)
     lone.reset(seed=0)
     for _ in range(3):
         _, reward, *_ = lone.step(lone.action_space.sample())
     assert reward == 1
-    many = gymnasium.make_vec("outlast/Teams-v1", 3, variant=scenario, others=load_policy(tmp_path / "a.zip"))
+    many = gymnasium.make_vec("outlast/Teams-v1", 3, scenario=scenario, others=load_policy(tmp_path / "a.zip"))
     many.reset(seed=0)
     played = [many.action_space.sample() for _ in range(3)]
     assert len({actions.tobytes() for actions in played}) == 3
@@ -91,6 +92,43 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     with pytest.raises(KeyboardInterrupt):
         players[0](observations)
     assert torch.get_num_threads() == 3
+
+
+KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
+
+
+@pytest.mark.parametrize("path", sorted(KEPT.rglob("*.zip")), ids=lambda path: str(path.relative_to(KEPT)))
+def test_every_kept_policy_plays(path: Path) -> None:
+    player = load_policy(path, seed=None)
+    with contextlib.closing(make_vec(player.scenario(variant(path.stem.partition("-")[0])), 4, seed=0)) as env:
+        player.check(env)
+        actions = player(env.reset()[0])
+    assert actions.shape == (4, env.num_agents, len(env.action_sizes))
+    assert len(np.unique(actions[..., :3])) > 1
+
+
+@pytest.mark.parametrize(
+    "renamed",
+    [{"self": "ego"}, {"self": "zz", "zone": "a", "boxes": "zboxes", "others": "aothers"}],  # sorted in another order
+)
+@pytest.mark.parametrize("chosen", ["original", "scaled"])
+def test_policies_of_before_a_key_was_renamed_do_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chosen: str, renamed: dict[str, str]
+) -> None:
+    model = saved(tmp_path / "a.zip", chosen)
+    model.collect()
+    packed = model.rollout_buffer.observations[-1].reshape(4, 4, -1)
+    views = model.policy.layout.views(packed)
+    before = Player(tmp_path / "a.zip", seed=None)
+    expected = before(views)
+    monkeypatch.setattr(observation_layout, "RENAMED_KEYS", renamed)
+    player = Player(tmp_path / "a.zip", seed=None)
+    assert player.header["observations"].keys() == {observation_layout.current_key(key) for key in views}
+    assert np.array_equal(player({observation_layout.current_key(key): view for key, view in views.items()}), expected)
+    order = [[*each.layout.alone, *(kind.key for kind in each.layout.kinds)] for each in (before, player)]
+    assert order[1] == [renamed.get(key, key) for key in order[0]]
+    with pytest.raises(TrainingError, match="here are"):
+        player(views)
 
 
 def test_other_observations_are_refused(tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
 """outlast plot: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
 
 import argparse
+import contextlib
 import csv
+import importlib
 import io
 import subprocess
 import sys
@@ -13,39 +15,39 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from outlast import variant
-from outlast.envs.errors import TrainingError
-from outlast.training import paper, plot
-from outlast.training.claims import claims
-from outlast.training.curves import Curves, kept
-from outlast.training.endings import average, smooth
-from outlast.training.results import Group, grouped, load
+from outlast import load_policy, make_vec, variant
+from outlast.training.cli import plot
+from outlast.training.errors import TrainingError
+from outlast.training.paper.claims import claims
+from outlast.training.paper.curves import Curves, format_curves, published_curves
+from outlast.training.paper.end_values import average, smooth
+from outlast.training.paper.results import RunGroup, group_runs, load_runs
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
 from PIL import Image  # noqa: E402
 
-from outlast.training import figures  # noqa: E402
+from outlast.training.paper import figures  # noqa: E402
 
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
 
 
 def keep(folder: Path, name: str, seed: int = 0, factor: float = 1.0, points: int = 1000, **plan: Any) -> Path:
     """The paper's own curves, times a factor, as a result of ours."""
-    theirs = paper.curves(name)
+    theirs = published_curves(name)
     values = {tag: (factor * value[:points]).astype(np.float32) for tag, value in theirs.values.items()}
     about = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
     path = folder / f"{name}-{about['plan']['preset']}-{seed}.csv"  # type: ignore[index]
-    path.write_text(kept(about, Curves(theirs.steps[:points], values)))
+    path.write_text(format_curves(about, Curves(theirs.steps[:points], values)))
     return path
 
 
-def group(*paths: Path) -> Group:
-    (found,) = grouped(load(paths))
+def group(*paths: Path) -> RunGroup:
+    (found,) = group_runs(load_runs(paths))
     return found
 
 
-def drawn(of: Group) -> Any:
+def drawn(of: RunGroup) -> Any:
     with matplotlib.rc_context(figures.STYLE):
         return figures.draw(of)
 
@@ -67,12 +69,8 @@ def files(folder: Path) -> list[str]:
 def test_a_figure_shows_the_averages_and_the_papers_points(tmp_path: Path) -> None:
     shown = group(keep(tmp_path, "ffa_3", 0, 0.8), keep(tmp_path, "ffa_3", 1, 1.2), keep(tmp_path, "ffa_3", 2, 0.7))
     panels = drawn(shown).axes
-    assert [axes.get_title("left").split(",")[0] for axes in panels] == [
-        "return",
-        "heals used",
-        "kills",
-        "boxes placed",
-    ]
+    titles = [axes.get_title("left").split(",")[0] for axes in panels]
+    assert titles == ["return", "heals used", "kills", "boxes placed"]
     theirs = shown.paper.values["rollout/boxes_placed"]
     lines = {line.get_linewidth(): [] for line in panels[3].lines}  # type: ignore[var-annotated]
     for line in panels[3].lines:
@@ -96,10 +94,10 @@ def test_without_boxes_the_length_is_shown(tmp_path: Path) -> None:
 
 def test_a_figure_says_what_is_unlike_the_paper(tmp_path: Path) -> None:
     shown = group(keep(tmp_path, "ffa_2", 3, points=60, dead="drop"), keep(tmp_path, "ffa_2", 5, dead="drop"))
-    told = "\n".join(text.get_text() for text in drawn(shown).texts)
-    assert "Unfinished: seed 3 (2.0 million agent-steps); not counted in end values" in told
-    assert "Unlike the paper: worlds = 64, dead = drop" in told
-    assert "averages over 5 % of the points (of ours 15)" in told
+    notes = "\n".join(text.get_text() for text in drawn(shown).texts)
+    assert "Unfinished: seed 3 (2.0 million agent-steps); not counted in end values" in notes
+    assert "Unlike the paper: worlds = 64, dead = drop" in notes
+    assert "averages over 5 % of the points (of ours 15)" in notes
 
 
 def test_pictures_are_the_same_each_time_and_name_what_they_show(tmp_path: Path) -> None:
@@ -168,7 +166,7 @@ def test_claims_hold_for_the_paper_and_fail_for_others(
     (run,) = group(keep(tmp_path, name)).runs
     flat = {tag: np.full(len(run.curves.steps), value, np.float32) for tag, value in spoil.items()}
     spoilt = replace(run, curves=Curves(run.curves.steps, run.curves.values | flat))
-    assert [claim.holds for claim in claims(Group((spoilt,)))] == holds
+    assert [claim.holds for claim in claims(RunGroup((spoilt,)))] == holds
 
 
 # ---- the command
@@ -204,23 +202,28 @@ def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
 
 def test_the_command_needs_no_torch() -> None:
     text = (
-        "import sys; from outlast.training import plot; assert 'matplotlib' not in sys.modules\n"
-        "from outlast.training import figures; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+        "import sys; from outlast.training.cli import plot; assert 'matplotlib' not in sys.modules\n"
+        "from outlast.training.paper import figures; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", text], check=True)
 
 
-@pytest.mark.usefixtures("one_torch_thread")
-def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
+def trainer() -> Any:
     for library in ("torch", "stable_baselines3", "tensorboard"):
         pytest.importorskip(library, reason=f"needs {library}: outlast[train]")
-    from outlast.training.train import Plan, Run
+    return importlib.import_module("outlast.training.run")
 
+
+@pytest.mark.usefixtures("one_torch_thread")
+def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
+    run = trainer()
     scenario = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
     settings = {"batch_size": 64, "n_epochs": 1}
     for seed in (1, 2):
-        plan = Plan(scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings)
-        Run(plan, tmp_path / "runs" / str(seed)).go()
+        config = run.TrainingConfig(
+            scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings
+        )
+        run.TrainingRun(config, tmp_path / "runs" / str(seed)).train()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
     assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
     unlike = "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
@@ -228,3 +231,28 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
     shown = group(tmp_path / "kept")
     assert figures.digest(group(tmp_path / "runs")) == figures.digest(shown)
     assert [run.steps for run in shown.runs] == [2304, 2304]
+
+
+@pytest.mark.usefixtures("one_torch_thread")
+def test_policies_are_kept_and_play(tmp_path: Path) -> None:
+    """What is kept of a checkpoint plays as that does, and cannot be resumed."""
+    run = trainer()
+    from outlast.training import checkpoint
+
+    folder, kept = tmp_path / "run", tmp_path / "kept"
+    scenario = variant("ffa_1").replace(zone_harm=50, zone_stand=5)
+    config = run.TrainingConfig(scenario, steps=4096, worlds=8, rollout=512, threads=1, settings={"n_epochs": 1})
+    run.TrainingRun(config, folder).train()
+    for _ in range(2):  # the second time from what was kept
+        assert outlast_plot(folder, "--out", tmp_path / "out", "--keep", kept) == 0
+        folder = kept
+    (policy,) = kept.glob("*.zip")
+    whole = checkpoint.newest(tmp_path / "run")
+    assert policy.stat().st_size < whole.stat().st_size / 3
+    players = [load_policy(path) for path in (policy, whole)]
+    with contextlib.closing(make_vec(players[0].scenario(variant("ffa_1")), 8, seed=1)) as env:
+        observations = env.reset()[0]
+        one, other = (player(observations) for player in players)
+    assert (one == other).all()
+    with pytest.raises(TrainingError, match=r"it has no rest\.pt"):
+        checkpoint.read_checkpoint(policy)

@@ -14,7 +14,7 @@ pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlas
 
 from stable_baselines3.common.logger import Logger  # noqa: E402
 
-from outlast.training import settings  # noqa: E402
+from outlast.training import hyperparameters  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
 
@@ -40,9 +40,9 @@ class Plain:
         self.model, self.layout = model, model.rollout_buffer.layout
         self.worlds = []
         model.start()
-        state = model.core.get_state()
+        state = model.base_env.get_state()
         for w in range(WORLDS):
-            env = make_vec(model.core.scenario, 1, autoreset="Disabled")
+            env = make_vec(model.base_env.scenario, 1, autoreset_mode="Disabled")
             env.set_state(state[w])
             self.worlds.append(env)
 
@@ -169,14 +169,14 @@ def updated(**settings: Any) -> Any:
     return torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
 
 
-@pytest.mark.parametrize("name", settings.PAPER)
+@pytest.mark.parametrize("name", hyperparameters.PAPER)
 def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
-    assert not torch.equal(updated(), updated(**settings.changed([f"{name}={OTHERS[name]}"])))
+    assert not torch.equal(updated(), updated(**hyperparameters.parse_hyperparameters([f"{name}={OTHERS[name]}"])))
 
 
 def test_a_number_that_stays_as_it_is_changes_nothing() -> None:
     """So that what the test above sees is the number's doing."""
-    assert torch.equal(updated(), updated(**settings.changed(["ent_coef=0"])))
+    assert torch.equal(updated(), updated(**hyperparameters.parse_hyperparameters(["ent_coef=0"])))
 
 
 def plainly(policy: Any) -> Any:
@@ -194,10 +194,10 @@ def plainly(policy: Any) -> Any:
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.01, 1.0])
-@pytest.mark.parametrize("fix", ["", "+steering"])
-def test_an_update_is_that_of_stable_baselines(coefficient: float, fix: str, monkeypatch: Any) -> None:
+@pytest.mark.parametrize("ablation", ["", "+steering"])
+def test_an_update_is_that_of_stable_baselines(coefficient: float, ablation: str, monkeypatch: Any) -> None:
     """With entropies and their gradients by PyTorch's own distributions, also of actions of different sizes."""
-    scenario, after = variant(f"teams_3{fix}").replace(**QUICK), []
+    scenario, after = variant(f"teams_3{ablation}").replace(**QUICK), []
     monkeypatch.setattr("tests.training.test_training_ppo.SHORT", scenario)
     for plain in (False, True):
         model = make(batch_size=480, n_epochs=1, ent_coef=coefficient, target_kl=None, learning_rate=1e-3)
@@ -269,9 +269,9 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
 )
 def test_numbers_of_ppo_that_cannot_be_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        settings.changed([text])
+        hyperparameters.parse_hyperparameters([text])
 
 
 def test_every_number_has_a_range_in_which_the_papers_is() -> None:
-    assert settings.RANGES.keys() == settings.PAPER.keys() == OTHERS.keys()
-    settings.check(settings.PAPER)
+    assert hyperparameters.RANGES.keys() == hyperparameters.PAPER.keys() == OTHERS.keys()
+    hyperparameters.check_ranges(hyperparameters.PAPER)

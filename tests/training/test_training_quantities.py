@@ -13,21 +13,15 @@ from tests.conftest import draw_actions
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
+from outlast.training.metrics import AgentMetrics  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
-from outlast.training.watch import Watch  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
 SHORT = {"agents_health": 60, "heals_amount": 10, "zone_radii": (4.0,), "zone_stand": 30, "zone_shrink": 20}
-CLOSE = {
-    "room_size": 8.0,
-    "give_reach": 4.0,
-    "give_nearest": "suitable",
-    "pickup_reach": 1.5,
-    "n_boxes": 1,
-    "rewards_death": -3.0,
-}
+GIVING = {"give_reach": 4.0, "give_nearest": "suitable"}
+CLOSE = {"room_size": 8.0, "pickup_reach": 1.5, "n_boxes": 1, "rewards_death": -3.0, **GIVING}
 CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
 
 
@@ -38,9 +32,9 @@ def make() -> SharedPPO:
 def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
     rows, episodes = [], []
-    env = make_vec(model.core.scenario, WORLDS, autoreset="Disabled")
+    env = make_vec(model.base_env.scenario, WORLDS, autoreset_mode="Disabled")
     model.start()
-    observations = env.set_state(model.core.get_state())
+    observations = env.set_state(model.base_env.get_state())
     model.collect()
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
     for actions in model.rollout_buffer.actions.reshape(STEPS, WORLDS, 4, -1):
@@ -115,25 +109,25 @@ def test_episodes_are_those_that_ended() -> None:
 
 
 def test_an_evaluation_counts_gifts_by_giver() -> None:
-    env = make_vec(CROWD, WORLDS, seed=4, autoreset="Disabled")
+    env = make_vec(CROWD, WORLDS, seed=4, autoreset_mode="Disabled")
     env.reset()
-    watch, rng = Watch(env), np.random.default_rng(4)
+    metrics, rng = AgentMetrics(env), np.random.default_rng(4)
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
     expected = np.zeros((WORLDS, 4))
     for _ in range(STEPS):
         before = env.worlds[Item].holder[:, heals].copy()
         actions = draw_actions(env, rng)
-        watch.before(actions)
+        metrics.before_step(actions)
         _, _, terminated, _, _ = env.step(actions)
-        watch.after()
+        metrics.after_step()
         after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
         for w in range(WORLDS):
             for was, now in zip(before[w].tolist(), after[w].tolist(), strict=True):
                 expected[w, was - agents.start] += 0 <= was != now >= 0 and lives[w, was]
         if terminated.any():
             env.reset(options={"reset_mask": terminated})
-            watch.forget(terminated)
+            metrics.reset(terminated)
             expected[terminated] = 0
     env.close()
-    assert (watch.totals["heals_given"] == expected).all()
+    assert (metrics.totals["heals_given"] == expected).all()
     assert (expected > 0).any(1).sum() > 1

@@ -3,6 +3,7 @@
 import argparse
 import csv
 import io
+import json
 import subprocess
 import sys
 import zipfile
@@ -13,29 +14,32 @@ import numpy as np
 import pytest
 
 from outlast import variant
-from outlast.envs.errors import StateError, TrainingError
+from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training import checkpoint, command, curves  # noqa: E402
-from outlast.training.train import Plan, Run  # noqa: E402
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.cli import train as command  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.log_file import read_log  # noqa: E402
+from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
 EACH = 8 * 24 * 2  # agent-steps of a rollout
 
 
-def plan(steps: int, **changes: Any) -> Plan:
+def config(steps: int, **changes: Any) -> TrainingConfig:
     settings = {"batch_size": 64, "n_epochs": 3, "target_kl": None}
     given = {"scenario": SHORT, "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1, "every": 2 * EACH}
-    return Plan(**(given | {"settings": settings, "seed": 3} | changes))
+    return TrainingConfig(**(given | {"settings": settings, "seed": 3} | changes))
 
 
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
-    """What a log says, but for times."""
-    return {tag: values for tag, values in curves.read(folder / "log.csv").items() if not tag.startswith("time/")}
+    """The points of a log, but for times."""
+    return {tag: values for tag, values in read_log(folder / "log.csv").items() if not tag.startswith("time/")}
 
 
 def names(folder: Path) -> list[str]:
@@ -43,10 +47,10 @@ def names(folder: Path) -> list[str]:
 
 
 def test_a_resumed_run_logs_the_same_numbers(tmp_path: Path) -> None:
-    Run(plan(6 * EACH), tmp_path / "whole").go()
-    Run(plan(2 * EACH), tmp_path / "parts").go()
+    TrainingRun(config(6 * EACH), tmp_path / "whole").train()
+    TrainingRun(config(2 * EACH), tmp_path / "parts").train()
     for steps in (3 * EACH, 6 * EACH):
-        Run(plan(steps), tmp_path / "parts", resume=True).go()
+        TrainingRun(config(steps), tmp_path / "parts", resume=True).train()
     whole, parts = points(tmp_path / "whole"), points(tmp_path / "parts")
     assert whole == parts
     assert len(whole["train/value_loss"]) == 6
@@ -57,20 +61,20 @@ def test_a_resumed_run_logs_the_same_numbers(tmp_path: Path) -> None:
 
 
 def _member(path: Path, name: str) -> io.BytesIO:
-    return io.BytesIO(checkpoint.read(path)[name])
+    return io.BytesIO(checkpoint.read_checkpoint(path)[name])
 
 
 def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> None:
-    Run(plan(4 * EACH), tmp_path).go()
+    TrainingRun(config(4 * EACH), tmp_path).train()
     expected, lines = points(tmp_path), (tmp_path / "log.csv").read_text()
     assert names(tmp_path) == [checkpoint.NAME.format(steps * EACH) for steps in (2, 4)]
     (tmp_path / checkpoint.NAME.format(4 * EACH)).unlink()  # as if it had crashed before
     (tmp_path / "log.csv").write_text(lines + "rollout/steps,999999")
-    Run(plan(4 * EACH), tmp_path, resume=True).go()
+    TrainingRun(config(4 * EACH), tmp_path, resume=True).train()
     assert points(tmp_path) == expected
 
 
-def interrupted(run: Run) -> None:
+def interrupted(run: TrainingRun) -> None:
     """Ctrl-C in the middle of the next update."""
 
     def stop(*_: Any) -> None:
@@ -81,20 +85,20 @@ def interrupted(run: Run) -> None:
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
 def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) -> None:
-    run = Run(plan(6 * EACH), tmp_path / "parts")
+    run = TrainingRun(config(6 * EACH), tmp_path / "parts")
     if not updates:
         interrupted(run)
     with pytest.raises(KeyboardInterrupt):
-        run.go(lambda run: interrupted(run) if (run.done, run.shown["now"]) == (updates * EACH, now) else None)
+        run.train(lambda run: interrupted(run) if (run.done, run.shown["now"]) == (updates * EACH, now) else None)
     assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
-    Run(plan(6 * EACH), tmp_path / "parts", resume=True).go()
-    Run(plan(6 * EACH), tmp_path / "whole").go()
+    TrainingRun(config(6 * EACH), tmp_path / "parts", resume=True).train()
+    TrainingRun(config(6 * EACH), tmp_path / "whole").train()
     assert points(tmp_path / "parts") == points(tmp_path / "whole")
     assert not list(tmp_path.glob("*/*.tmp"))
 
 
 def test_the_log_has_the_papers_quantities_and_more(tmp_path: Path) -> None:
-    Run(plan(2 * EACH, scenario=SHORT.replace(agents_health=4)), tmp_path).go()
+    TrainingRun(config(2 * EACH, scenario=SHORT.replace(agents_health=4)), tmp_path).train()
     found = points(tmp_path)
     paper = {f"rollout/{name}" for name in ("reward0", "reward1", "kills0", "kills1", "steps", "heals_used")}
     more = {"rollout/deaths_zone", "rollout/deaths_melee", "behaviour/attack_far", "behaviour/zone_distance"}
@@ -108,9 +112,9 @@ def test_the_log_has_the_papers_quantities_and_more(tmp_path: Path) -> None:
 def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    Run(plan(4 * EACH), tmp_path).go()
+    TrainingRun(config(4 * EACH), tmp_path).train()
     (tmp_path / checkpoint.NAME.format(4 * EACH)).unlink()  # as if it had crashed before
-    Run(plan(5 * EACH), tmp_path, resume=True).go()
+    TrainingRun(config(5 * EACH), tmp_path, resume=True).train()
     events = EventAccumulator(str(tmp_path)).Reload()
     for tag, values in points(tmp_path).items():
         read = [(event.step, event.value) for event in events.Scalars(tag)]
@@ -118,34 +122,75 @@ def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
         np.testing.assert_allclose([value for _, value in read], [value for _, value in values], rtol=1e-6)
 
 
+# ---- killed early: see also tests.killing
+
+
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path: Path) -> None:
+    TrainingRun(config(2 * EACH), tmp_path / "whole").train()
+    begun = TrainingRun(config(2 * EACH), tmp_path / "parts")  # and killed
+    begun.model.logger.close()
+    (tmp_path / "parts/.log.csv-0123abcd.tmp").write_text("half")
+    with (tmp_path / "parts/log.csv").open("a") as log:
+        log.write("train/loss,384,0.5\ntrain/lo")
+    assert json.loads((tmp_path / "parts/run.json").read_text())["plan"]["seed"] == 3
+    with pytest.raises(TrainingError, match="is not empty: go on with --resume"):
+        TrainingRun(config(2 * EACH), tmp_path / "parts")
+    with pytest.raises(TrainingError, match="was begun with seed = 3, not 4"):
+        TrainingRun(config(2 * EACH, seed=4), tmp_path / "parts", resume=True)
+    with pytest.raises(TrainingError, match=r"another scenario .*: agents_health is 10 there and 11 here"):
+        TrainingRun(config(2 * EACH, scenario=SHORT.replace(agents_health=11)), tmp_path / "parts", resume=True)
+    TrainingRun(config(2 * EACH), tmp_path / "parts", resume=True).train()
+    assert points(tmp_path / "parts") == points(tmp_path / "whole")
+    assert not list(tmp_path.glob("*/*.tmp"))
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_with_nothing_but_a_temporary_file_is_empty(tmp_path: Path, resume: bool) -> None:
+    (tmp_path / ".run.json-0123abcd.tmp").write_text("half")
+    TrainingRun(config(EACH), tmp_path, resume=resume).train()
+    assert names(tmp_path) == [checkpoint.NAME.format(EACH)]
+    assert not list(tmp_path.glob("*.tmp"))
+
+
+def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
+    TrainingRun(config(EACH), tmp_path).train()
+    header = json.loads((tmp_path / "run.json").read_text())
+    saved = checkpoint.header_of(checkpoint.read_checkpoint(checkpoint.newest(tmp_path)))
+    assert header == {key: saved[key] for key in ("plan", "scenario")}
+    (tmp_path / "run.json").write_text("{")
+    (tmp_path / checkpoint.NAME.format(EACH)).unlink()
+    with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
+        TrainingRun(config(EACH), tmp_path, resume=True)
+
+
 # ---- refusals
 
 
 def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
     """The files of tensors are those that torch reads with weights_only, its default."""
-    Run(plan(EACH), tmp_path).go()
-    files = checkpoint.read(checkpoint.newest(tmp_path))
+    TrainingRun(config(EACH), tmp_path).train()
+    files = checkpoint.read_checkpoint(checkpoint.newest(tmp_path))
     assert set(files) == {"run.json", "policy.pt", "rest.pt", "worlds.npz"}
     for name in ("policy.pt", "rest.pt"):
         assert torch.load(io.BytesIO(files[name]), weights_only=True)
-    assert checkpoint.about(files)["preset"] == "original"
+    assert checkpoint.header_of(files)["preset"] == "original"
 
 
 def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with pytest.raises(TrainingError, match="nothing to resume in"):
-        Run(plan(EACH), folder, resume=True)
+        TrainingRun(config(EACH), folder, resume=True)
     assert not folder.exists()
-    Run(plan(EACH), folder).go()
+    TrainingRun(config(EACH), folder).train()
     before = {path: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(TrainingError, match="is not empty: go on with --resume"):
-        Run(plan(EACH), folder)
+        TrainingRun(config(EACH), folder)
     with pytest.raises(TrainingError, match="was begun with worlds = 8, not 4"):
-        Run(plan(EACH, worlds=4), folder, resume=True)
+        TrainingRun(config(EACH, worlds=4), folder, resume=True)
     with pytest.raises(TrainingError, match="preset = original, not paper"):
-        Run(plan(EACH, preset="paper"), folder, resume=True)
+        TrainingRun(config(EACH, preset="paper"), folder, resume=True)
     with pytest.raises(StateError, match=r"another scenario .*: agents_health is 10 there and 11 here"):
-        Run(plan(EACH, scenario=SHORT.replace(agents_health=11)), folder, resume=True)
+        TrainingRun(config(EACH, scenario=SHORT.replace(agents_health=11)), folder, resume=True)
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -154,7 +199,7 @@ def test_a_broken_checkpoint_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / checkpoint.NAME.format(1)
     path.write_bytes(content)
     with pytest.raises(TrainingError, match="is not a checkpoint"):
-        checkpoint.read(path)
+        checkpoint.read_checkpoint(path)
 
 
 def test_a_checkpoint_of_another_version_is_refused(tmp_path: Path) -> None:
@@ -164,14 +209,14 @@ def test_a_checkpoint_of_another_version_is_refused(tmp_path: Path) -> None:
             archive.writestr(name, b"")
         archive.writestr("run.json", '{"version": 99}')
     with pytest.raises(TrainingError, match="has version 99: 1 is needed"):
-        checkpoint.read(path)
+        checkpoint.read_checkpoint(path)
 
 
 # ---- the command
 
 
 def test_the_command_is_there_without_torch() -> None:
-    text = "import sys, outlast.training.command; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
+    text = "import sys, outlast.training.cli.train; assert not {'torch', 'stable_baselines3'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", text], check=True)
 
 
@@ -216,18 +261,20 @@ def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
     zone = {"zone_radii": (4.0,), "zone_centres": "middle", "zone_stand": 1000, "zone_harm": 2}
     world = variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **zone)
     settings = {"n_epochs": 8, "gamma": 0.98, "learning_rate": 1e-3}
-    Run(Plan(world, "scaled", steps=250_000, rollout=4096, threads=1, settings=settings), tmp_path).go()
+    TrainingRun(
+        TrainingConfig(world, "scaled", steps=250_000, rollout=4096, threads=1, settings=settings), tmp_path
+    ).train()
     found = points(tmp_path)
     length, distance = ([value for _, value in found[tag]] for tag in ("rollout/reward0", "behaviour/zone_distance"))
     assert np.mean(length[-5:]) > 1.5 * np.mean(length[:5])
     assert np.mean(distance[-5:]) < 0.7 * np.mean(distance[:5])
 
 
-def test_progress_is_told_of_each_epoch(tmp_path: Path) -> None:
+def test_progress_is_reported_at_each_epoch(tmp_path: Path) -> None:
     """An update counts when it is over; the first ones take minutes."""
-    told: list[tuple[int, str]] = []
-    Run(plan(2 * EACH), tmp_path).go(lambda run: told.append((run.done, run.shown["now"])))
+    seen: list[tuple[int, str]] = []
+    TrainingRun(config(2 * EACH), tmp_path).train(lambda run: seen.append((run.done, run.shown["now"])))
     expected = [(0, "epoch 1"), (EACH, "collecting"), (EACH, "epoch 1"), (2 * EACH, "collecting")]
-    assert [pair for pair in told if pair[1] in ("epoch 1", "collecting")] == expected
+    assert [pair for pair in seen if pair[1] in ("epoch 1", "collecting")] == expected
     epochs = [value for _, value in points(tmp_path)["train/epochs"]]
-    assert [now for _, now in told].count("epoch 2") == sum(value > 1 for value in epochs)
+    assert [now for _, now in seen].count("epoch 2") == sum(value > 1 for value in epochs)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from outlast.envs.errors import TrainingError
+from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
@@ -23,36 +23,27 @@ TINY = ("--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
 @pytest.mark.nightly
 def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What comes out is what single runs give."""
-    assert (
-        outlast_train("ffa_1", "1v1_heals_mid", "--seed", "0", "3", "--steps", "1024", *TINY, "--out", str(tmp_path))
-        == 0
-    )
-    told = capsys.readouterr().out
+    options = ("--steps", "1024", *TINY, "--out")
+    assert outlast_train("ffa_1", "1v1_heals_mid", "--seed", "0", "3", *options, str(tmp_path)) == 0
+    output = capsys.readouterr().out
     for name in ("ffa_1-original-0", "ffa_1-original-3", "ffa_2-original-0", "ffa_2-original-3"):
-        assert f"{name}: 1,024 agent-steps of them in" in told
+        assert f"{name}: 1,024 agent-steps of them in" in output
         assert names(tmp_path / name) == [checkpoint.NAME.format(1024)]
-    assert (
-        outlast_train(
-            "ffa_2", "--seed", "3", "--steps", "1024", *TINY, "--threads", "1", "--out", str(tmp_path / "one")
-        )
-        == 0
-    )
+    assert outlast_train("ffa_2", "--seed", "3", "--threads", "1", *options, str(tmp_path / "one")) == 0
     assert points(tmp_path / "one") == points(tmp_path / "ffa_2-original-3")
     assert points(tmp_path / "one") != points(tmp_path / "ffa_2-original-0")
 
 
 @pytest.mark.nightly
-def test_several_go_on_and_a_failure_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--seed", "0", "1", *TINY, "--out", str(tmp_path))
-    assert (
-        outlast_train("ffa_1", "--seed", "0", "--steps", "1024", *TINY, "--out", str(tmp_path / "ffa_1-original-0"))
-        == 0
-    )
+    alone = ("--seed", "0", "--steps", "1024", *TINY, "--out", str(tmp_path / "ffa_1-original-0"))
+    assert outlast_train("ffa_1", *alone) == 0
     assert outlast_train("ffa_1", "--steps", "2048", *small) == 2
-    told = capsys.readouterr().out
-    assert "ffa_1-original-0: outlast: " in told
-    assert "is not empty: go on with --resume" in told
-    assert "ffa_1-original-1: 2,048 agent-steps of them" in told
+    output = capsys.readouterr().out
+    assert "ffa_1-original-0: outlast: " in output
+    assert "is not empty: go on with --resume" in output
+    assert "ffa_1-original-1: 2,048 agent-steps of them" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
     assert names(tmp_path / "ffa_1-original-0") == [checkpoint.NAME.format(n) for n in (1024, 2048)]
 
@@ -75,6 +66,6 @@ def test_stopped_all_of_them_save(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=100)
     assert process.returncode == 130
-    assert err.strip() == "stopped: go on with --resume"
+    assert err.strip() == "outlast: stopped: go on with --resume"
     assert out.count("agent-steps of them in") == 2
     assert all(names(log.parent) for log in logs)

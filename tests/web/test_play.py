@@ -9,11 +9,11 @@ import outlast
 from outlast.components import Health, Side
 from outlast.ecs import Clock
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
-from outlast.envs.errors import PlayError
+from outlast.envs.errors import MessageError, PlayError
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game, GamePhase
-from outlast.envs.web.play.messages import Command, MessageError, Speed, Steer, parse
+from outlast.envs.web.play.messages import Command, Speed, Steer, parse
 from tests.conftest import digest
 from tests.web.clients import MALFORMED
 
@@ -41,7 +41,7 @@ def game():
 @pytest.mark.parametrize(("variant", "agent", "others"), [("ffa_3", 0, "scripted"), ("teams_3", 2, "noop")])
 def test_keys_are_the_actions_of_the_batched_environment_bit_for_bit(variant, agent, others):
     game = Game(outlast.variant(variant), agent=agent, others=others, seed=7)
-    env = outlast.make_vec(variant, 1, seed=7, autoreset="Disabled")
+    env = outlast.make_vec(variant, 1, seed=7, autoreset_mode="Disabled")
     policy = POLICIES[others](env)
     observations, _ = env.reset()
     assert digest(game.worlds) == digest(env.worlds)
@@ -64,7 +64,7 @@ def test_random_others_play_as_they_do_against_a_learner():
     for _ in range(50):
         play(game, 1)
         env.step([1, 1, 2, 0, 0, 0])
-    assert digest(game.worlds) == digest(env.batch.core.worlds)
+    assert digest(game.worlds) == digest(env.base_env.worlds)
     game.close()
     env.close()
 
@@ -119,7 +119,7 @@ def test_restart_is_the_next_episode_of_the_seed(game):
 def test_the_verdict_is_who_lived_longest(seed):
     """Nobody moves: the zone decides. The environment's observations say who is dead: their own row is zero."""
     game = Game(outlast.variant("ffa_1"), others="noop", seed=seed)
-    env = outlast.make_vec("ffa_1", 1, seed=seed, autoreset="Disabled")
+    env = outlast.make_vec("ffa_1", 1, seed=seed, autoreset_mode="Disabled")
     idle = POLICIES["noop"](env)
     observations, _ = env.reset()
     lived = np.zeros(2)

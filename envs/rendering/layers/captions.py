@@ -68,7 +68,7 @@ class KillFeedLayer(Layer):
 def _cause_of_death(scene: Scene, e: int) -> str:
     source = scene[Death].source[e]
     if source < 0:
-        return f"died of {scene.worlds.layout.causes[scene[Death].cause[e]]}"
+        return f"died of {scene.worlds.layout.damage_types[scene[Death].cause[e]]}"
     return f"killed by {'side ' if scene[Sides].teams[0] else ''}{source}"
 
 

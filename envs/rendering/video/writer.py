@@ -110,12 +110,12 @@ class _FrameStream:
 @contextlib.contextmanager
 def _temporary_folder(target: Path) -> Iterator[Path]:
     """A folder on the target's own disk, removed at the end with all that is left in it."""
-    folder = atomic_write.name(target / target.name if target.is_dir() else target)
+    folder = atomic_write.temporary_path(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
         yield folder
     finally:
-        atomic_write.discard(folder)
+        atomic_write.remove(folder)
 
 
 def _verify(temporary: Path, codec: Codec, stream: _FrameStream) -> None:

@@ -53,7 +53,7 @@ class Game:
         seed: int = 0,
         record: str | os.PathLike[str] | None = None,
     ) -> None:
-        self.env = make_vec(scenario, 1, seed=seed, autoreset="Disabled")
+        self.env = make_vec(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
         try:
             self._choose(agent)
             if record is not None:
@@ -105,7 +105,7 @@ class Game:
         if self.phase is not GamePhase.RUNNING:
             return False
         actions = np.zeros((1, self.env.num_agents, len(self.ranges)), np.int64)
-        actions[:, self._opponents.seats] = self._opponents.actions()
+        actions[:, self._opponents.agent_indices] = self._opponents.actions()
         actions[0, self.agent] = self.action()
         self._tapped.clear()
         _, _, terminated, truncated, _ = self.env.step(actions)

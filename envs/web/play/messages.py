@@ -5,15 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ...errors import MessageError
+
 LONGEST = 512  # bytes of a message: more than the longest valid one
 COMMANDS = ("pause", "resume", "restart")
 SPEEDS = (0.25, 0.5, 1, 2, 4)
 
 Choices = Mapping[str, int]
-
-
-class MessageError(ValueError):
-    """An invalid message; the text, at most 123 bytes, is the reason of the closed connection."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ import json
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from ...errors import MessageError
 from .game import Game
-from .messages import Command, Message, MessageError, Speed, Steer, parse
+from .messages import Command, Message, Speed, Steer, parse
 
 MAX_PAGES = 8
 POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry

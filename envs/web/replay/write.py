@@ -11,7 +11,7 @@ from outlast.ecs import Clock, Worlds
 from ...errors import PageError
 from ...inspect.events import events
 from ...inspect.trace import describe, snapshot
-from ...storage.atomic_write import draft
+from ...storage.atomic_write import atomic_write
 from ..assets import SHARED, assemble
 from .pack import PACKING, EpisodeTrack, pack
 
@@ -39,7 +39,7 @@ def write_page(
     if not any(recorded.values()):
         raise PageError("there is nothing to show: not one tick")
     try:
-        with draft(target) as place:
+        with atomic_write(target) as place:
             place.write_text(page_html(recorded, title), encoding="utf-8", newline="\n")
     except OSError as error:
         raise PageError(f"{target} cannot be written: {error.strerror}") from error

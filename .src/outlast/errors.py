@@ -1,0 +1,57 @@
+"""Every error of outlast, by name. `OutlastError` is the base of all of them.
+
+Each one is also an error that callers of Gymnasium or of Python catch already:
+
+>>> try:
+...     env.step(actions)
+... except gymnasium.error.ResetNeeded:  # outlast.errors.NotResetError is one
+...     env.reset()
+"""
+
+from .ecs.errors import DeclarationError, EngineError, NumberError, OutlastError, ScheduleError
+from .envs.errors import (
+    ActionError,
+    ClosedError,
+    ClusterError,
+    EndlessError,
+    FaultError,
+    FilmError,
+    MessageError,
+    NotResetError,
+    PageError,
+    PendingError,
+    PlayError,
+    RecordingError,
+    ReplayError,
+    ScenarioError,
+    StateError,
+    UsageError,
+)
+from .systems.box2d.scene import IncompatibleBox2D
+from .training.errors import TrainingError
+
+__all__ = [
+    "ActionError",
+    "ClosedError",
+    "ClusterError",
+    "DeclarationError",
+    "EndlessError",
+    "EngineError",
+    "FaultError",
+    "FilmError",
+    "IncompatibleBox2D",
+    "MessageError",
+    "NotResetError",
+    "NumberError",
+    "OutlastError",
+    "PageError",
+    "PendingError",
+    "PlayError",
+    "RecordingError",
+    "ReplayError",
+    "ScenarioError",
+    "ScheduleError",
+    "StateError",
+    "TrainingError",
+    "UsageError",
+]

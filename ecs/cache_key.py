@@ -1,0 +1,158 @@
+"""The compile cache's key: a hash of everything that the machine code of a tick depends on.
+
+Numba's own key has the generated file of the tick only: not the files of the kernels it calls, the bodies of functions
+without a file (of notebooks, of closures), the globals that are frozen into machine code, or numba's flags. Here the
+references of every compiled system are followed, and a reference that cannot be followed is an error.
+"""
+
+import functools
+import hashlib
+import re
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core.extending import _Intrinsic
+
+from .errors import DeclarationError
+from .jit import compiled
+from .references import codes, references, refuse_random
+from .system import System
+
+# Packages and modules that their version identifies, which is part of the key
+FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
+PLAIN = (bool, int, float, complex, str, bytes, range, slice, np.generic, np.dtype, numba.types.Type, type(None))
+IGNORED_FLAGS = ("NUM_THREADS", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "CACHE_DIR")  # change no machine code
+
+
+class CacheKey:
+    """The functions that some systems compile to machine code, and what they refer to, as hashes.
+
+    Args:
+        systems: Systems of a schedule. Those that stay Python are left out.
+
+    Raises:
+        DeclarationError: A system refers to something whose changes could not be noticed, such as an instance of a
+            user's class, or to a random generator.
+    """
+
+    def __init__(self, systems: Iterable[System]) -> None:
+        self._texts: dict[FunctionType, list[str]] = {}  # its code and constants
+        self._callees: dict[FunctionType, list[FunctionType]] = {}
+        self._dispatchers: dict[FunctionType, Any] = {}  # numba's, of those that are kernels
+        self._roots: list[FunctionType] = []  # of the systems
+        for system in systems:
+            if system.compiled:
+                self._label = system.label
+                self._roots.append(self._add(system.kernel, system.label))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Hash of all systems, of the engine's and the game's sources, of versions and of numba's flags."""
+        package = Path(__file__).parent.parent
+        digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
+        for name, value in sorted(vars(numba.config).items()):
+            if name.isupper() and name not in IGNORED_FLAGS and isinstance(value, (bool, int, float, str)):
+                digest.update(f"{name}={value}".encode())
+        for path in sorted(
+            path for folder in ("ecs", "components", "systems") for path in (package / folder).rglob("*.py")
+        ):
+            digest.update(path.name.encode() + path.read_bytes())
+        digest.update(self._digest(self._roots).encode())
+        return digest.hexdigest()[:16]
+
+    def kernel_digests(self) -> Iterator[tuple[Any, str]]:
+        """Every kernel, and a hash of what its own machine code depends on."""
+        for function, kernel in self._dispatchers.items():
+            yield kernel, self._digest([function])
+
+    def _digest(self, roots: Iterable[FunctionType]) -> str:
+        digest, ahead, seen = hashlib.sha256(), list(roots), set()
+        while ahead:
+            function = ahead.pop()
+            if function not in seen:
+                seen.add(function)
+                ahead += self._callees[function]
+                digest.update("\n".join(self._texts[function]).encode())
+        return digest.hexdigest()
+
+    def _add(self, target: Any, name: str) -> FunctionType:
+        """Add a function, an intrinsic's definition or a kernel, and its references; returns the Python function."""
+        function: FunctionType = getattr(target, "py_func", target)
+        if function is not target:
+            self._dispatchers[function] = target
+        if function in self._texts:
+            return function
+        text = self._texts[function] = [f"{name} {sorted(getattr(target, 'targetoptions', {}).items())}"]
+        self._callees[function] = []
+        for code in codes(function.__code__):
+            plain = [constant for constant in code.co_consts if not isinstance(constant, CodeType)]
+            constants = [sorted(map(repr, each)) if isinstance(each, frozenset) else repr(each) for each in plain]
+            text.append(f"{code.co_qualname}{code.co_names}{code.co_code.hex()}{constants}")
+        for inner, value in references(function):
+            refuse_random(self._label, inner, value)
+            text.extend(self._describe(inner, value, function))
+        return function
+
+    def _describe(self, name: str, value: Any, function: FunctionType) -> Iterator[str]:
+        """A constant as text; a function is added, and described by its name."""
+        if isinstance(value, Enum):
+            yield f"{name}={type(value).__qualname__}.{value.name}"
+            yield from self._describe(name, value.value, function)
+        elif isinstance(value, numba.types.ExternalFunction):
+            yield f"{name}={value.symbol}{value.sig}"
+        elif isinstance(value, PLAIN):
+            yield f"{name}={value!r}"
+        elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            yield f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}"
+        elif isinstance(value, (tuple, list)):
+            yield f"{name}={type(value).__qualname__}{len(value)}"
+            for k, element in enumerate(value):
+                yield from self._describe(f"{name}[{k}]", element, function)
+        elif isinstance(value, type) and issubclass(value, BaseException):
+            yield f"{name}={value.__qualname__}"  # a kernel may raise it, and does nothing else with it
+        elif isinstance(value, type) and issubclass(value, Enum):
+            yield f"{name}={[(member.name, member.value) for member in value]}"
+        elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+            yield f"{name}={value.__qualname__}{value._fields}"
+            yield from self._describe(f"{name} by default", [*vars(value)["_field_defaults"].values()], function)
+        elif isinstance(value, (_Intrinsic, FunctionType)) or hasattr(value, "py_func"):
+            yield from self._describe_function(name, value, function)
+        elif isinstance(value, ModuleType) or not _is_foreign(value) or type(value).__module__.startswith("numba."):
+            raise self._refusal(name, value)
+        else:
+            yield f"{name}={re.sub(' at 0x[0-9a-f]+', '', repr(value))}"
+
+    def _describe_function(self, name: str, value: Any, function: FunctionType) -> Iterator[str]:
+        """A function that becomes part of the machine code, or generates a part of it (an intrinsic's)."""
+        inner = value._defn if isinstance(value, _Intrinsic) else value
+        if _is_foreign(inner):
+            yield name
+            return
+        if inner is value and isinstance(value, FunctionType) and compiled() and function in self._dispatchers:
+            raise self._refusal(name, value)
+        yield f"{name}={inner.__qualname__}"
+        self._callees[function].append(self._add(inner, name))
+
+    def _refusal(self, name: str, value: Any) -> DeclarationError:
+        if isinstance(value, ModuleType):
+            cure = f"write out what is used of it, as in {name}.LIMIT"
+        elif isinstance(value, FunctionType):
+            cure = "put @outlast.ecs.kernel above it"
+        else:
+            cure = "take numbers, tuples and arrays of them, members of an Enum, or a number of the mechanic"
+        return DeclarationError(
+            f"{self._label} refers to {name}, {type(value).__name__} {value!r:.60}: machine code would keep it as it "
+            f"is now, and a change of it would go unnoticed; {cure}"
+        )
+
+
+def _is_foreign(target: Any) -> bool:
+    target = getattr(target, "py_func", target)
+    module = getattr(target, "__module__", None) or type(getattr(target, "__self__", target)).__module__
+    return str(module).partition(".")[0] in FOREIGN

@@ -1,0 +1,45 @@
+"""The variants in the registries of Gymnasium and PettingZoo; their modules are imported when an environment is made.
+
+Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
+``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says
+otherwise; ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` are the eight variants. Gymnasium has no entry point for
+plug-ins: import outlast first, or let Gymnasium do so with ``gymnasium.make("outlast:outlast/Teams-v1")``.
+
+PettingZoo (1.27 and later): ``pettingzoo.make("parallel", "outlast/teams_3-v1")``, or ``"aec"``.
+"""
+
+import gymnasium
+
+from ..scenarios.variants import VARIANTS
+
+VERSION = "v1"  # of the environments: another one where behaviour changes
+DEFAULT = 3  # number of the variant that a family's own name stands for
+IDS = {
+    f"outlast/{family}{number or ''}-{VERSION}": f"{kind}_{number or DEFAULT}"
+    for kind, family in {"ffa": "FreeForAll", "teams": "Teams"}.items()
+    for number in (None, 1, 2, 3, 4)
+}
+
+
+def register() -> None:
+    """Register all variants; those that are registered already, after a reload of the package, are left alone."""
+    for name, scenario in IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="outlast.envs.adapters.gymnasium_single:SurvivalEnv",
+                vector_entry_point="outlast.envs.adapters.gymnasium_learners:SurvivalLearnerVectorEnv",
+                kwargs={"scenario": scenario},
+            )
+    try:
+        import pettingzoo
+
+        registries = {"parallel": pettingzoo.parallel_registry, "aec": pettingzoo.aec_registry}
+    except (ImportError, AttributeError):  # no PettingZoo, or one without registries
+        return
+    for kind, registry in registries.items():
+        for scenario in VARIANTS:
+            name = f"outlast/{scenario}-{VERSION}"
+            if name not in registry:
+                entry_point = f"outlast.envs.adapters.pettingzoo:{kind}_env"
+                pettingzoo.register(kind, name, entry_point, kwargs={"scenario": scenario})

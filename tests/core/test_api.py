@@ -1,0 +1,126 @@
+"""The public API: what `outlast` exports, documents and types is one and the same, and importing it changes nothing."""
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import outlast
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = """
+from typing import Any, assert_type
+
+import outlast
+from outlast import make_vec
+
+env = make_vec("ffa_3", 8, seed=0, threads=2, autoreset_mode="SameStep", copy=False, melee_damage=20)
+assert_type(env, outlast.SurvivalVectorEnv)
+observations, info = env.reset(seed=1, options={})
+env.step(env.action_space.sample())
+state: outlast.State = env.get_state()
+scenario: outlast.Scenario = outlast.variant("ffa_3").without("boxes").replace(n_agents=4, zone_radii=(8.0, 4.0))
+outlast.rollout(env, outlast.random_policy(env, seed=0), steps=3).rows()
+outlast.draw(env.worlds, 0, size=64)
+with outlast.record(env, "duel.rec"):
+    env.reset()
+outlast.Replay(outlast.Recording.open("duel.rec"))
+outlast.make_agents(scenario, 8, seed=0)
+name: str = outlast.ABLATIONS["steering"].about
+error: type[ValueError] = outlast.errors.ActionError
+
+outlast.make_vecs("ffa_3", 8)  # E: attr-defined
+outlast.ecs.Componnent  # E: attr-defined
+outlast.errors.ActionErr  # E: attr-defined
+env.observe_all()  # E: attr-defined
+make_vec("ffa_3")  # E: call-arg
+outlast.variant("ffa_3", 1)  # E: call-arg
+outlast.rollout(env)  # E: call-arg
+env.reset(sed=1)  # E: call-arg
+make_vec("ffa_3", "8")  # E: arg-type
+make_vec("ffa_3", 8, seed="0")  # E: arg-type
+make_vec("ffa_3", 8, melee_damage=None)  # E: arg-type
+outlast.make_agents("ffa_3", 8, threads="2")  # E: arg-type
+outlast.draw(env.worlds, "0")  # E: arg-type
+outlast.variant("ffa_3").without(1)  # E: arg-type
+wrong: int = outlast.make_agents("ffa_3", 8)  # E: assignment
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("checker", ["mypy", "pyright"])
+def test_right_use_passes_a_type_checker_and_each_mistake_is_found(tmp_path: Path, checker: str) -> None:
+    if find_spec(checker) is None:
+        pytest.skip(f"{checker} is not installed")
+    script, wrong = tmp_path / "user.py", {}
+    script.write_text(SCRIPT)
+    for number, line in enumerate(SCRIPT.splitlines(), 1):
+        if "  # E: " in line:
+            wrong[number] = line.rpartition("  # E: ")[2]
+    options = ["--config-file", "pyproject.toml"] if checker == "mypy" else []
+    command = [sys.executable, "-m", checker, *options, script]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    found = dict(re.findall(r"user\.py:(\d+)[:\d]* (?:- )?error: .*?(?:\[([a-z-]+)\])?$", done.stdout, re.MULTILINE))
+    assert {int(number) for number in found} == wrong.keys(), done.stdout + done.stderr
+    if checker == "mypy":
+        assert {int(number): code for number, code in found.items()} == wrong
+
+
+def test_all_and_dir_and_the_documentation_agree() -> None:
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"^\.\. [\w:]+:: outlast\.(\w+)$", text, re.MULTILINE))
+    assert documented == set(outlast.__all__)
+    assert dir(outlast) == sorted([*outlast.__all__, "__version__"])
+    assert len(set(outlast.__all__)) == len(outlast.__all__)
+
+
+def test_every_public_name_is_there_or_names_the_library_it_needs() -> None:
+    for name in outlast.__all__:
+        try:
+            assert getattr(outlast, name).__doc__
+        except ModuleNotFoundError as error:
+            if find_spec(error.name) or "pip install" not in str(error):
+                raise
+    with pytest.raises(AttributeError, match="module 'outlast' has no attribute 'make_vecs'"):
+        outlast.make_vecs  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.deprecated_call(match="ABLATIONS"):
+        assert outlast.FIXES is outlast.ABLATIONS  # type: ignore[attr-defined]
+
+
+QUIET = """
+import logging, os, random, sys, warnings
+import gymnasium, numpy
+before = [dict(os.environ), warnings.filters[:], logging.root.handlers[:], logging.root.level, random.getstate()]
+state = numpy.random.get_state()[1].tolist()
+import outlast
+env = outlast.make_vec("ffa_3", 2, seed=0)
+env.reset()
+env.step(env.action_space.sample())
+assert before == [dict(os.environ), warnings.filters, logging.root.handlers, logging.root.level, random.getstate()]
+assert state == numpy.random.get_state()[1].tolist()
+assert logging.getLogger("outlast").handlers == []
+assert not {"cv2", "matplotlib", "torch", "stable_baselines3"} & sys.modules.keys(), "loaded without need"
+"""
+
+
+def test_importing_changes_nothing_and_environments_print_nothing(tmp_path: Path) -> None:
+    """Also where the tick is compiled first."""
+    options = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", QUIET], cwd=ROOT, env=options, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_what_is_shown_of_an_object_is_one_line() -> None:
+    env = outlast.make_vec("teams_3", 2, seed=0)
+    env.reset()
+    shown = [env, env.worlds, env.scenario, env.get_state(where=[0])]
+    assert [repr(each) for each in shown] == [
+        "SurvivalVectorEnv('teams_3', num_worlds=2)",
+        f"Worlds(2 worlds, {len(env.worlds.components)} components)",
+        f"Scenario('teams_3', {len(env.scenario.modules)} mechanics)",
+        "State('teams_3', num_worlds=1)",
+    ]

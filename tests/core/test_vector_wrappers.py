@@ -1,0 +1,102 @@
+"""Gymnasium's vector wrappers around worlds: each one works, or is refused with a sentence that names what to do."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers import vector as wrappers
+
+from outlast import make_vec
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from tests.ways import equal
+
+WORLDS, STEPS = 3, 5
+Wrap = Callable[[SurvivalVectorEnv], Any]
+KEYS = ("self", "zone")
+
+
+def others(observation: dict[str, Any]) -> dict[str, Any]:
+    return {key: observation[key] for key in KEYS}
+
+
+WORKING: dict[str, Wrap] = {
+    "ClipReward": lambda env: wrappers.ClipReward(env, 0.0, 0.5),
+    "DictInfoToList": wrappers.DictInfoToList,
+    "DtypeObservation": lambda env: wrappers.DtypeObservation(wrappers.FlattenObservation(env), np.float64),
+    "FilterObservation": lambda env: wrappers.FilterObservation(env, KEYS),
+    "FlattenObservation": wrappers.FlattenObservation,
+    "TransformAction": lambda env: wrappers.TransformAction(env, lambda actions: actions, env.action_space),
+    "TransformObservation": lambda env: wrappers.TransformObservation(env, others),
+    "TransformReward": lambda env: wrappers.TransformReward(env, lambda reward: 2 * reward),
+    "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
+        env, gymnasium.wrappers.TransformReward, func=lambda reward: 2 * reward
+    ),
+    "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
+        env, gymnasium.wrappers.FilterObservation, filter_keys=KEYS
+    ),
+    "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
+        env, gymnasium.wrappers.TransformAction, func=lambda action: action, action_space=env.single_action_space
+    ),
+    "NormalizeObservation": lambda env: wrappers.NormalizeObservation(wrappers.FlattenObservation(env)),
+}
+REFUSED: dict[str, tuple[Wrap, str]] = {  # the last six by Gymnasium itself, which has them for other spaces
+    "NormalizeReward": (wrappers.NormalizeReward, "NormalizeReward sums one reward.*make_agents"),
+    "RecordEpisodeStatistics": (wrappers.RecordEpisodeStatistics, "RecordEpisodeStatistics sums one.*make_agents"),
+    "ClipAction": (wrappers.ClipAction, "Box"),
+    "GrayscaleObservation": (wrappers.GrayscaleObservation, "Box"),
+    "RescaleAction": (lambda env: wrappers.RescaleAction(env, 0.0, 1.0), "Box"),
+    "RescaleObservation": (
+        lambda env: wrappers.RescaleObservation(wrappers.FlattenObservation(env), np.float32(0), np.float32(1)),
+        "unbounded components",
+    ),
+    "ReshapeObservation": (
+        lambda env: wrappers.ReshapeObservation(wrappers.FlattenObservation(env), (2, 2)),
+        "match the original shape",
+    ),
+    "ResizeObservation": (lambda env: wrappers.ResizeObservation(env, (8, 8)), "Box"),
+}
+ELSEWHERE = {"HumanRendering", "RecordVideo"}  # they take what render() returns: see tests/rendering
+
+
+def test_every_wrapper_is_tried() -> None:
+    """But those that are loaded late, as they convert to libraries that need not be there."""
+    assert {*WORKING, *REFUSED} | ELSEWHERE | set(wrappers._wrapper_to_class) == set(wrappers.__all__)
+
+
+@pytest.mark.parametrize("name", WORKING)
+def test_a_wrapper_leaves_the_game_as_it_is(name: str) -> None:
+    env, plain = (make_vec("ffa_1", WORLDS, seed=0) for _ in range(2))
+    wrapped = WORKING[name](env)
+    wrapped.reset(seed=1)
+    plain.reset(seed=1)
+    plain.action_space.seed(1)
+    for _ in range(STEPS):
+        actions = plain.action_space.sample()
+        _, reward, terminated, truncated, _ = wrapped.step(actions)
+        _, expected, *flags, _ = plain.step(actions)
+        assert reward.shape == expected.shape == (WORLDS, 2)
+        assert np.array_equal(flags, [terminated, truncated])
+    assert equal(env.observe(), plain.observe())
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_wrapper_that_cannot_work_is_refused(name: str) -> None:
+    wrap, words = REFUSED[name]
+    env = make_vec("ffa_1", WORLDS, seed=0)
+    with pytest.raises((TypeError, ValueError, AssertionError), match=words):
+        wrap(env).reset(seed=1)
+
+
+@pytest.mark.parametrize("wrap", [wrappers.NormalizeReward, wrappers.RecordEpisodeStatistics])
+def test_sums_of_rewards_are_refused_below_other_wrappers_and_after_a_reset(wrap: Wrap) -> None:
+    env = make_vec("ffa_1", WORLDS, seed=0)
+    env.reset(seed=1)
+    actions = np.tile(env.noop, (WORLDS, 2, 1))
+    for wrapped in (wrap(env), wrappers.FlattenObservation(wrap(wrappers.FlattenObservation(env)))):
+        with pytest.raises(TypeError, match=r"a reward each, \(worlds, agents\)"):
+            wrapped.step(actions)
+        with pytest.raises(TypeError, match="make_agents"):
+            wrapped.reset()
+    env.step(actions)  # itself it goes on as before

@@ -1,0 +1,446 @@
+"""From systems to machine code: one function a tick, compiled once, cached on disk, and never the wrong one."""
+
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.ecs import (
+    Add,
+    DeclarationError,
+    Module,
+    Random,
+    Read,
+    Rows,
+    ScheduleError,
+    Scratch,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+    kernel,
+)
+from outlast.ecs.random import uniform
+from tests import toy
+from tests.conftest import COMPILED, digest
+from tests.toy import RESET, STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
+
+compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+# ---- one function, compiled once
+
+
+@compiled_only
+def test_a_tick_is_one_function_of_one_signature() -> None:
+    """Whatever the numbers, the sizes, the threads and the number of worlds."""
+    sources, functions = set(), []
+    for worlds in (
+        make(),
+        make(Walkers(7, stride=3), Food(1, worth=0), Weather((0.0,), wild=False, sky="blue"), count=50, threads=2),
+    ):
+        run(worlds, STEP, [RESET] + [STEP] * (worlds.count - 1))
+        (segment,) = worlds._segments
+        sources.add(segment.source)
+        functions.append(segment.function)
+        worlds.close()
+    assert len(sources) == 1
+    assert functions[0] is functions[1]  # loaded once a process
+    assert len(functions[0].signatures) == 1
+
+
+def test_a_component_without_systems_changes_no_other() -> None:
+    """Two games that differ in an idle component only: stored ahead of the others in one, behind them in the other."""
+    places = []
+    for module in ("a", "z"):
+        idle = type("Idle", (Singleton,), {"kept": column("i4", fill=5), "__module__": module})
+
+        class Keeper(Toy):
+            def singletons(self) -> Any:
+                return [idle()]  # noqa: B023
+
+        worlds = run(make(*toy.GAME, Keeper()), STEP, STEP)
+        assert (worlds[idle].kept == 5).all()
+        places.append([column.tobytes() for column in worlds[Place]])
+    assert places[0] == places[1]
+
+
+def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
+    """Three functions instead of one; the same bits, random draws and scratch memory included."""
+    results = []
+    for compiled in (True, False):
+
+        class Trade(Toy):
+            def scratch(self, name: str, dims: dict[str, int]) -> Any:
+                return np.zeros(dims["rows"], np.float32)
+
+        def swap(place: Write[Place], energy: Read[Energy], rows: Rows[Place], shelf: Scratch, key: Random) -> None:
+            for e in rows:
+                shelf[e] = place.x[e]
+            for e in rows:
+                place.x[e] = shelf[rows[rows.size - 1 - e]] + energy.left[e] * uniform(key, e)
+
+        Trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
+        worlds = run(make(*toy.GAME, Trade()), STEP, STEP, STEP)
+        assert len(worlds._segments) == (1 if compiled else 3)
+        assert ("(python)" in str(worlds.schedule)) is not compiled
+        results.append(digest(worlds))
+    assert results[0] == results[1]
+
+
+# ---- access is enforced
+
+
+def meddle(place: Read[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] = 0
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_system_that_writes_what_it_reads_is_refused(compiled: bool) -> None:
+    """Compiled: before anything runs, with the cure. In Python: by numpy, at the line that writes."""
+
+    class Meddler(Toy):
+        pass
+
+    Meddler.system(Phase.FEED, compiled=compiled)(meddle)
+    worlds = Worlds([Walkers(), Meddler()], 2)
+    if compiled and COMPILED:
+        before = digest(worlds)
+        with pytest.raises(ScheduleError, match="declares as Read; declare it Write"):
+            run(worlds, RESET)
+        assert digest(worlds) == before
+    else:
+        run(worlds, RESET)
+        with pytest.raises(ValueError, match="read-only"):
+            run(worlds, STEP)
+
+
+def help_out(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] += np.int32(2)
+
+
+def test_a_system_may_add_to_what_another_adds_to() -> None:
+    class Helper(Toy):
+        pass
+
+    Helper.system(Phase.FEED)(help_out)
+    helped, alone = run(make(*toy.GAME, Helper()), STEP), run(make(), STEP)
+    gained = (helped[Energy].left - alone[Energy].left)[:, alone.span("walker")]
+    assert (gained == 2).all()
+
+
+# ---- machine code on disk
+
+
+def system_of(body: Callable[..., None]) -> Module:
+    """A module "local" with the one system "local.act", whatever it does."""
+
+    class Local(Toy):
+        pass
+
+    body.__name__ = "act"
+    Local.system(Phase.FEED)(body)
+    return Local()
+
+
+@kernel
+def one() -> int:
+    return 1
+
+
+@kernel
+def two() -> int:
+    return 2
+
+
+def adder(amount: Callable[[], int]) -> Callable[..., None]:
+    def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
+        for e in rows:
+            energy.left[e] += np.int32(amount())
+
+    return act
+
+
+def twenty(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] += np.int32(20)
+
+
+def test_two_systems_of_one_name_never_share_machine_code() -> None:
+    """As when a cell of a notebook is run again with another body, constant or helper."""
+    gains = []
+    for body in (adder(one), adder(two), twenty):
+        worlds = run(make(Walkers(), system_of(body)), STEP)
+        gains.append(int(worlds[Energy].left[0, 0]) - 20)
+    assert gains == [1, 2, 20]
+
+
+CELL = """
+@Local.system(Phase.FEED)
+def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] += np.int32({gain})
+"""
+
+
+def test_a_cell_that_is_run_again_replaces_its_systems() -> None:
+    """Another function of that name is refused: one of another module, or one that differs in what encloses it."""
+
+    class Local(Toy):
+        pass
+
+    notebook = globals() | {"Local": Local, "__name__": "notebook"}
+    for gain in (1, 2):
+        exec(CELL.format(gain=gain), notebook)
+        worlds = run(make(Walkers(), Local()), STEP)
+        assert int(worlds[Energy].left[0, 0]) - 20 == gain
+    exec(CELL.format(gain=3), notebook | {"__name__": "other"})
+    with pytest.raises(ScheduleError, match=r"two systems are called local\.act \(notebook and other\)"):
+        make(Walkers(), Local())
+    enclosed = system_of(adder(one))
+    type(enclosed).system(Phase.FEED)(adder(two))
+    with pytest.raises(ScheduleError, match=r"two systems are called local\.act"):
+        make(Walkers(), enclosed)
+
+
+SCRIPT = """
+import sys
+sys.path[:0] = [{game!r}, {root!r}]
+from {module} import STEP, make, run
+worlds = run(make(count=40, threads=2), STEP, STEP)
+stats = worlds._segments[0].function.stats
+from tests.conftest import digest
+print(sum(stats.cache_hits.values()), sum(stats.cache_misses.values()), worlds.compiled, digest(worlds))
+worlds.close()
+"""
+
+
+def in_process(cache: Path, game: Path = ROOT, module: str = "tests.toy", **variables: str) -> list[str]:
+    """A new process and its first ticks: cache hits, cache misses, cached now, digest."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    script = SCRIPT.format(game=str(game), root=str(ROOT), module=module)
+    environment |= {"OUTLAST_CACHE_DIR": str(cache), **variables}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@compiled_only
+def test_a_second_process_finds_the_machine_code_of_the_first(tmp_path: Path) -> None:
+    first = in_process(tmp_path)
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    second = in_process(tmp_path)
+    assert (first[:3], second[:3]) == (["0", "1", "True"], ["1", "0", "True"])
+    assert first[3] == second[3]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == files
+    (folder,) = tmp_path.iterdir()
+    assert in_process(tmp_path, NUMBA_BOUNDSCHECK="1") == first  # compiled anew, as numba's own key misses this
+    assert len(list(tmp_path.iterdir())) == 2
+    assert folder.exists()
+
+
+REFERENCES = {  # how a kernel refers to a number in another file: that file, the import and the expression
+    "a function": ("@kernel\ndef speed():\n    return 1\n", "from their.rules import speed", "speed()"),
+    "a member of a module in a package": ("SPEED = 1\n", "import their.rules", "their.rules.SPEED"),
+    "a member of an enumeration": (
+        "from enum import IntEnum\n\n\nclass Speed(IntEnum):\n    NOW = 1\n",
+        "from their.rules import Speed",
+        "Speed.NOW.value",
+    ),
+    "only a nested function refers to it": (
+        "SPEED = 1\n",
+        "from their import rules",
+        "(lambda: rules.SPEED)()",
+    ),
+    "a part of a tuple": ("SPEED = (9, (1, 9))\n", "from their import rules", "rules.SPEED[1][0]"),
+    "a default of a parameter": (
+        "SPEED = 1\n\n\n@kernel\ndef speed(value=SPEED):\n    return value\n",
+        "from their.rules import speed",
+        "speed()",
+    ),
+    "a kernel that a kernel calls": (
+        "SPEED = 1\n\n\n@kernel\ndef inner():\n    return SPEED\n\n\n@kernel\ndef speed():\n    return inner()\n",
+        "from their.rules import speed",
+        "speed()",
+    ),
+}
+
+
+def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
+    """The toy game with a speed from another file, whose path is returned."""
+    (folder / "their").mkdir(parents=True)
+    (folder / "their" / "__init__.py").write_text("")
+    file = folder / "their" / "rules.py"
+    file.write_text(f"from outlast.ecs import kernel\n\n\n{rules}")
+    text = Path(toy.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {expression}")
+    (folder / "their_game.py").write_text(f"{line}\n{text}")
+    return file
+
+
+@compiled_only
+@pytest.mark.parametrize("kind", REFERENCES)
+def test_an_edited_game_is_compiled_anew(tmp_path: Path, kind: str) -> None:
+    """Also where the edit is in another file than the systems', which numba's own key misses."""
+    game, cache = tmp_path / "game", tmp_path / "cache"
+    rules = their_game(game, *REFERENCES[kind])
+    first = in_process(cache, game, "their_game")
+    rules.write_text(re.sub(r"\b1\b", "3", rules.read_text()))
+    shutil.rmtree(rules.parent / "__pycache__", ignore_errors=True)
+    second = in_process(cache, game, "their_game")
+    assert (first[:2], second[:2]) == (["0", "1"], ["0", "1"])
+    assert first[3] != second[3]
+
+
+STEPS = SimpleNamespace(length=1)
+
+
+@kernel
+def length() -> int:
+    return STEPS_TAKEN
+
+
+STEPS_TAKEN = 1
+
+
+def stepping(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] += np.int32(length())
+
+
+def test_a_constant_that_changes_in_a_running_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when a cell of a notebook that sets it is run again: new worlds have the new one, old worlds the old."""
+
+    class Local(Toy):
+        pass
+
+    Local.system(Phase.FEED)(stepping)
+    old = run(make(Walkers(), Local()), STEP)
+    monkeypatch.setitem(globals(), "STEPS_TAKEN", 5)
+    new = run(make(Walkers(), Local()), STEP)
+    assert [int(worlds[Energy].left[0, 0]) - 20 for worlds in (old, new)] == [1, 5]
+    if COMPILED:  # machine code that has the old one in it stays as it is
+        run(old, STEP)
+        assert int(old[Energy].left[0, 0]) - 20 == 2
+
+
+def bare() -> int:
+    return 1
+
+
+def asks_an_object(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    energy.left[rows[0]] += STEPS.length
+
+
+def keeps_a_module(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    home = toy
+    energy.left[rows[0]] += home.STEP
+
+
+def calls_what_is_no_kernel(energy: Add[Energy], rows: Rows[Energy]) -> None:
+    energy.left[rows[0]] += bare()
+
+
+@compiled_only
+@pytest.mark.parametrize(
+    ("function", "named", "cure"),
+    [
+        (asks_an_object, "STEPS, SimpleNamespace", "a number of the mechanic"),
+        (keeps_a_module, "toy, module", "toy.LIMIT"),
+        (calls_what_is_no_kernel, "bare, function", "@outlast.ecs.kernel"),
+    ],
+)
+def test_references_that_cannot_be_followed_are_refused(function: Callable[..., None], named: str, cure: str) -> None:
+    class Local(Toy):
+        pass
+
+    Local.system(Phase.FEED)(function)
+    with pytest.raises(DeclarationError, match=rf"local\.{function.__name__} refers to {named}.*{re.escape(cure)}"):
+        make(Walkers(), Local())
+
+
+def draws(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[rows[0]] = np.random.random()  # noqa: NPY002
+
+
+def draws_in_a_nested_function(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[rows[0]] = (lambda: random.random())()
+
+
+@kernel
+def draw() -> float:
+    return float(np.random.normal())  # noqa: NPY002
+
+
+def draws_in_a_helper(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[rows[0]] = draw()
+
+
+GENERATOR = np.random.default_rng(0)
+
+
+def draws_from_a_generator(place: Write[Place], rows: Rows[Place]) -> None:
+    place.x[rows[0]] = GENERATOR.random()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("function", [draws, draws_in_a_nested_function, draws_in_a_helper, draws_from_a_generator])
+def test_generators_with_a_state_are_refused(function: Callable[..., None], compiled: bool) -> None:
+    """The same seed would not give the same bits. outlast.ecs.random is not one of them, in spite of its name."""
+
+    class Local(Toy):
+        pass
+
+    with pytest.raises(DeclarationError, match=rf"local\.{function.__name__} refers to .*the same seed.*ecs\.random"):
+        Local.system(Phase.MOVE, compiled=compiled)(function)
+    assert Local.registered == []
+
+
+# ---- processes
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_fork_is_independent_of_its_parent() -> None:
+    """It has threads of its own, and changes nothing in the parent."""
+    worlds = make(count=100, threads=3)
+    run(worlds, STEP)
+    before = digest(worlds)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            os.write(writing, digest(run(worlds, STEP)).encode())
+            worlds.close()
+            code = 0
+        finally:
+            os._exit(code)
+    os.close(writing)
+    _, status = os.waitpid(child, 0)
+    with os.fdopen(reading) as pipe:
+        found = pipe.read()
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert digest(worlds) == before
+    assert digest(run(worlds, STEP)) == found
+    worlds.close()
+
+
+def test_the_cache_folder_is_a_setting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OUTLAST_CACHE_DIR", str(tmp_path / "deep" / "folder"))
+    worlds = Worlds(toy.GAME, 1)
+    sources = list((tmp_path / "deep" / "folder").glob("*/tick_*.py"))
+    assert [path.read_text() for path in sources] == [segment.source for segment in worlds._segments]
+    assert worlds.compiled == (not COMPILED)
+    assert "def tick(arguments, start, stop)" in sources[0].read_text()

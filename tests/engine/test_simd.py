@@ -1,0 +1,99 @@
+"""SIMD: vectors against numpy, bitsets against plain lists, compiled and not."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits, trailing_zeros
+from tests import toy
+from tests.toy import Energy, Food, Place, Walkers, Weather
+
+RNG = np.random.default_rng(0)
+SPECIAL = np.array([0, -0.0, 1, -1, np.inf, -np.inf, np.nan, 1e-45, 3e38, 2, 0.1, -0.1, 7, 8, 9, 1e-30], np.float32)
+
+
+@kernel
+def arithmetic(left: Any, right: Any, scalar: Any, out: Any) -> None:
+    a, b = load(left, 0), load(right, 0)
+    out[0] = to_bits((a + b) * scalar - a * b < b)
+    out[1] = to_bits((scalar - a <= b) & ~(abs(a) * abs(b) >= scalar))
+    out[2] = to_bits((a > scalar) | (scalar + b > a * scalar))
+
+
+def in_numpy(a: Any, b: Any, scalar: Any) -> list[np.ndarray]:
+    return [
+        (a + b) * scalar - a * b < b,
+        (scalar - a <= b) & ~(abs(a) * abs(b) >= scalar),
+        (a > scalar) | (scalar + b > a * scalar),
+    ]
+
+
+@pytest.mark.parametrize("round_", range(20))
+def test_vectors_compute_what_numpy_computes(round_: int) -> None:
+    """Each lane rounded as if alone; infinities, NaN, denormals and signed zeros among them."""
+    a, b = (RNG.normal(0, 3, SIMD_WIDTH).astype(np.float32) for _ in range(2))
+    if round_ % 2:
+        a, b = RNG.permutation(SPECIAL), RNG.choice(SPECIAL, SIMD_WIDTH)
+    scalar, out = np.float32(RNG.normal()), np.zeros(3, np.int64)
+    with np.errstate(all="ignore"):
+        arithmetic(a, b, scalar, out)
+        expected = in_numpy(a, b, scalar)
+    for bits, booleans in zip(out, expected, strict=True):
+        assert [bool(bits >> j & 1) for j in range(SIMD_WIDTH)] == booleans.tolist()
+
+
+@kernel
+def positions(alive: Any, start: int, out: Any) -> int:
+    pending, count = to_bits(load_flags(alive, start)), 0
+    while pending:
+        out[count] = start + trailing_zeros(pending)
+        pending &= pending - 1
+        count += 1
+    return count
+
+
+def test_flags_and_the_bits_of_a_mask() -> None:
+    alive = (RNG.random(5 * SIMD_WIDTH) < 0.3).astype(np.uint8) * 200  # any nonzero number is true
+    out = np.zeros(SIMD_WIDTH, np.int64)
+    for start in range(0, alive.size - SIMD_WIDTH, 7):  # from anywhere
+        count = positions(alive, start, out)
+        assert out[:count].tolist() == [e for e in range(start, start + SIMD_WIDTH) if alive[e]]
+    assert positions(np.zeros(SIMD_WIDTH, np.uint8), 0, out) == 0
+    assert positions(np.ones(SIMD_WIDTH, np.uint8), 0, out) == SIMD_WIDTH
+
+
+def test_bitset_and_row_index_agree_with_rows() -> None:
+    """In a scenario of more than sixteen rows, of which some in the middle do not belong."""
+    layout = Worlds([Walkers(count=21), Food(count=14), Weather()], 1).layout
+    for parts in ((Place,), (Energy,), (Place, Energy), (Entity,)):
+        rows, bitset, index = layout.rows(*parts), layout.bitset(*parts), layout.row_index(*parts)
+        assert bitset.dtype == index.dtype == np.int32
+        assert [e for e in range(35) if bitset[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1] == rows.tolist()
+        assert index[rows].tolist() == list(range(len(rows)))
+        assert (np.delete(index, rows) == -1).all()
+
+
+class Feast(toy.Toy):
+    """Every walker gets a thousand, found by a bitset."""
+
+
+@Feast.system(toy.Phase.FEED)
+def feed(
+    energy: Add[Energy], entities: Read[Entity], rows: Rows[Energy], eaters: Bitset[Energy], index: RowIndex[Energy]
+) -> None:
+    for b in range(eaters.size):
+        pending = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & eaters[b]
+        while pending:
+            e = SIMD_WIDTH * b + trailing_zeros(pending)
+            pending &= pending - 1
+            energy.left[e] += np.int32(1000 * (rows[index[e]] == e))
+
+
+def test_a_system_can_iterate_a_bitset() -> None:
+    game = (Walkers(count=21), Food(count=14), Weather())
+    plain, fed = toy.run(toy.make(*game), toy.STEP), toy.run(toy.make(*game, Feast()), toy.STEP)
+    gained = fed[Energy].left - plain[Energy].left
+    assert (gained[:, fed.span("walker")] == 1000).all()
+    assert (gained[:, fed.span("food")] == 0).all()

@@ -1,0 +1,295 @@
+"""Running worlds: each gets what it would have alone, and errors and Ctrl-C leave no thread at work."""
+
+import dataclasses
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.ecs import Module, Random, ScheduleError, Worlds, Write
+from outlast.ecs.random import uniform
+from outlast.ecs.workers import Job, Workers
+from tests import toy
+from tests.conftest import COMPILED, digest, scaled
+from tests.toy import (
+    RESET,
+    SKIP,
+    STEP,
+    Clock,
+    Energy,
+    Food,
+    Line,
+    Pace,
+    Pay,
+    Phase,
+    Place,
+    Toy,
+    Walkers,
+    Weather,
+    Wind,
+    make,
+    run,
+    walked,
+)
+
+threaded = pytest.mark.skipif(not COMPILED, reason="uncompiled ticks run in the caller's thread")
+MANY = scaled(200, least=40)  # more than a thread takes at a time
+
+
+def walkers(worlds: Worlds) -> Any:
+    return worlds[Place].x[:, worlds.span("walker")]
+
+
+# ---- modes
+
+
+def test_modes_are_per_world() -> None:
+    """SKIP touches no byte, STEP runs the step phases, RESET starts an episode."""
+    worlds = walked(make(count=3), 2)
+    before = [digest(worlds, slice(w, w + 1)) for w in range(3)]
+    energy = worlds[Energy].left.copy()
+    run(worlds, [SKIP, STEP, RESET])
+    assert digest(worlds, slice(0, 1)) == before[0]
+    assert worlds[Clock].tick[:, 0].tolist() == [2, 3, 0]
+    assert worlds[Clock].episode[:, 0].tolist() == [1, 1, 2]
+    assert (worlds[Energy].left[1] != energy[1]).any()
+    assert worlds[Energy].left[2].tolist() == [0, 0, 20, 20, 20]
+    assert (worlds[Place].trail[2] == -1).all()
+    assert np.array_equal(worlds[Line].line, walkers(worlds))  # SHOW runs on both
+    assert worlds[Pay].pay[:, 0].tolist() == [2, 3, 0]
+
+
+def test_resetting_some_worlds_leaves_the_others_untouched() -> None:
+    """Any subset, at any tick, bit for bit."""
+    rng = np.random.default_rng(0)
+    worlds, other = make(count=7), make(count=7)
+    untouched = np.ones(7, bool)
+    for tick in range(30):
+        modes = rng.choice([STEP, RESET], 7, p=[0.9, 0.1])
+        modes[rng.integers(7)] = STEP
+        untouched &= modes == STEP
+        worlds[Pace].pace[:] = other[Pace].pace[:] = rng.integers(-1, 2, (7, 3))
+        run(worlds, modes)
+        run(other, STEP)
+        assert digest(worlds, untouched) == digest(other, untouched)
+        if tick == 5:
+            assert 0 < untouched.sum() < 7
+
+
+def test_a_reset_world_is_as_good_as_new() -> None:
+    """Whatever happened before: only the clock has another episode."""
+    used, new = walked(make(seed=9), 20), make(seed=1)
+    used.seed(1, np.arange(4))
+    used.block[:, 32:] = 0xAA  # and whatever was written into it, behind the clock
+    run(used, RESET)
+    used[Pace].pace[:] = 0
+    assert digest(used) == digest(new)
+    assert digest(walked(used, 5)) == digest(walked(new, 5))
+
+
+# ---- random streams
+
+
+def test_seed_world_episode_and_tick_each_change_every_draw() -> None:
+    base = make(count=2)
+    first = walkers(base).copy()
+    assert not np.isin(first[0], first[1]).any()
+    assert not np.isin(walkers(make(count=2, seed=1)), first).any()
+    assert not np.isin(walkers(make(count=2, first=2)), first).any()
+    run(base, RESET)
+    assert not np.isin(walkers(base), first).any()
+    drawn = [run(base, STEP)[Wind].push.copy() for _ in range(50)]
+    assert len(np.unique(drawn)) == 100
+    assert np.array_equal(walkers(make(count=2)), first)
+
+
+def draw(wind: Write[Wind], key: Random) -> None:
+    wind.push[0] = uniform(key, 0)
+
+
+def drawing(name: str, base: type[Module] = Toy, **attributes: Any) -> Module:
+    """A mechanic of that name; with Toy as its base it has a system of its own, which draws."""
+    attributes |= {"name": name, "singletons": lambda self: [Wind()]}
+    mechanic = type(name.title(), (base,), attributes)
+    if base is Toy:
+        mechanic.system(Phase.BEGIN)(draw)
+    return mechanic()
+
+
+def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
+    """The first draw of two systems in one tick, and draws of entities of one kind and of two kinds."""
+
+    first, second = (make(Walkers(), drawing(name), count=50)[Wind].push for name in ("dice", "coin"))
+    assert not np.isin(first, second).any()
+    x = make(count=50)[Place].x
+    assert len(np.unique(x)) > 248  # of 250 draws of 24 bits
+    assert abs(np.corrcoef(x.T) - np.eye(5)).max() < 0.6
+
+
+def test_a_subclass_draws_what_its_base_draws() -> None:
+    """Under its own name, and also where it replaces the system that draws."""
+    drop = drawing("drop")
+    replaced = drawing("late_drop", type(drop))
+    type(replaced).system(Phase.BEGIN)(draw)
+    expected = make(Walkers(), drop)[Wind].push
+    mixed = type("Mixed", (type("Mixin", (), {}), type(drop)), {})()
+    for other in (drawing("death_drop", type(drop)), drawing("later", type(replaced)), replaced, mixed):
+        worlds = make(Walkers(), other)
+        assert worlds.schedule.systems[0].module == other.name
+        assert np.array_equal(worlds[Wind].push, expected)
+
+
+def test_a_mechanic_of_another_name_may_keep_its_stream() -> None:
+    """Renamed, it plays the same games; `stream` of a subclass comes before that of its base."""
+    expected = make(Walkers(), drawing("drop"))[Wind].push
+    renamed = drawing("death_drop", stream="drop")
+    apart = drawing("own", type(renamed), stream="own")
+    assert np.array_equal(make(Walkers(), renamed)[Wind].push, expected)
+    assert np.array_equal(make(Walkers(), drawing("subclass", type(renamed)))[Wind].push, expected)
+    assert np.array_equal(make(Walkers(), apart)[Wind].push, make(Walkers(), drawing("own"))[Wind].push)
+
+
+def test_two_systems_that_would_draw_the_same_are_refused() -> None:
+    words = r"death_drop\.draw and drop\.draw have one random stream, drop\.draw, .*give drop a stream of its own"
+    with pytest.raises(ScheduleError, match=words):
+        Worlds([Walkers(), drawing("drop"), drawing("death_drop", stream="drop")], 1)
+
+
+def test_leaving_a_module_out_moves_no_draw_of_another() -> None:
+    """Common random numbers between ablations, though rows move."""
+    full, rest, most = make(count=6), make(Walkers(), count=6), make(Walkers(), Weather(wild=False), count=6)
+    assert np.array_equal(walkers(full), walkers(rest))
+    run(full, STEP)
+    run(most, STEP)
+    assert full.span("walker") != most.span("walker")
+    assert np.array_equal(full[Wind].push, most[Wind].push)
+
+
+def test_more_entities_move_no_draw_of_those_before() -> None:
+    few, many = make(Walkers(3), Food(2)), make(Walkers(5), Food(9))
+    assert np.array_equal(walkers(few), walkers(many)[:, :3])
+    assert np.array_equal(few[Place].x[:, few.span("food")], many[Place].x[:, many.span("food")][:, :2])
+
+
+def test_changed_numbers_reach_the_kernels() -> None:
+    """Every kind of number: float, int, bool, choice, tuple."""
+    still = Weather(wild=False)
+    for stride in (0.5, 2.0):
+        worlds = make(Walkers(stride=stride), Food(), still)
+        before = walkers(worlds).copy()
+        worlds[Pace].pace[:] = 1
+        assert np.allclose(walkers(run(worlds, STEP)) - before, stride, atol=1e-5)
+    for worth in (0, 40):
+        worlds = run(make(Walkers(), Food(9, worth=worth), still), STEP)
+        meals = (worlds[Energy].left[:, worlds.span("walker")] - 19).sum(axis=1)
+        assert meals.tolist() == (worth * worlds[toy.Meals].meals[:, 0]).tolist()
+        assert meals.any() == (worth > 0)
+    for sky, number in (("blue", 0), ("black", 2)):
+        assert (run(make(Walkers(), dataclasses.replace(still, sky=sky)), STEP)[Wind].felt[:, 0, 1] == number).all()
+    worlds = make(Walkers(), Weather(gusts=(0.5,)))
+    before = walkers(worlds).copy()
+    run(worlds, STEP)
+    assert np.allclose(walkers(worlds) - before, 0.5 * worlds[Wind].push, atol=1e-5)
+
+
+# ---- threads
+
+
+def test_a_world_among_many_is_what_it_is_alone() -> None:
+    batch = walked(make(count=64), 10)
+    for w in (0, 1, 31, 63):
+        assert digest(walked(make(count=1, first=w), 10)) == digest(batch, slice(w, w + 1))
+    part = walked(make(count=7, first=20), 10)
+    assert digest(part) == digest(batch, slice(20, 27))
+
+
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_threads_give_the_same_bits(threads: int) -> None:
+    worlds = make(count=MANY, threads=threads)
+    assert digest(walked(worlds, 20)) == digest(walked(make(count=MANY), 20))
+    worlds.close()
+    worlds.close()
+    assert digest(run(worlds, STEP)) != ""  # after close the threads come back when needed
+    worlds.close()
+
+
+@threaded
+def test_scratch_memory_belongs_to_one_thread() -> None:
+    """The toy's Weather counts in it the ticks of its thread: together, each world's once."""
+    made: list[Any] = []
+
+    class Gale(Weather):
+        name = "weather"
+
+        def scratch(self, name: str, dims: dict[str, int]) -> Any:
+            made.append(super().scratch(name, dims))
+            return made[-1]
+
+    worlds = Worlds([Walkers(), Food(), Gale()], MANY, 3)
+    made.clear()  # one was made for its type only
+    run(worlds, RESET, STEP, STEP)
+    worlds.close()
+    assert 1 <= len(made) <= 3
+    assert sum(memory[0, 0] for memory in made) == 2 * MANY
+    assert len({memory.ctypes.data for memory in made}) == len(made)
+
+
+def test_an_error_in_one_thread_reaches_the_caller() -> None:
+    """And the worlds go on afterwards."""
+    worlds = make(count=MANY, threads=3)
+    call, name = worlds._call, threading.current_thread().name
+
+    def fail(*arguments: Any) -> None:
+        raise RuntimeError(f"not in {name}")
+
+    worlds._call = fail  # type: ignore[method-assign]
+    with pytest.raises(RuntimeError, match="not in"):
+        run(worlds, STEP)
+    worlds._call = call  # type: ignore[method-assign]
+    run(worlds, STEP)
+    worlds.close()
+
+
+@threaded
+def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in `submit`, when a thread has begun."""
+    worlds, submit, running = make(count=MANY, threads=3), Workers.submit, []
+    call = worlds._call
+
+    def slowly(*arguments: Any) -> None:
+        running.append(True)
+        time.sleep(0.2)
+        call(*arguments)
+        running.pop()
+
+    def interrupted(workers: Workers, jobs: list[Job]) -> None:
+        submit(workers, jobs)
+        while not running:
+            time.sleep(0.001)
+        raise KeyboardInterrupt
+
+    worlds._call = slowly  # type: ignore[method-assign]
+    with monkeypatch.context() as patch:
+        patch.setattr(Workers, "submit", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(worlds, STEP)
+    assert not running
+    worlds._call = call  # type: ignore[method-assign]
+    run(worlds, [RESET] * MANY, STEP)
+    worlds.close()
+
+
+def test_several_python_threads_may_run_worlds_of_their_own() -> None:
+    expected = digest(walked(make(count=MANY), 10))
+
+    def play(threads: int) -> str:
+        worlds = make(count=MANY, threads=threads)
+        found = digest(walked(worlds, 10))
+        worlds.close()
+        return found
+
+    with ThreadPoolExecutor(6) as pool:
+        assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}

@@ -1,0 +1,174 @@
+"""outlast train: train the agents of one or several variants; several runs are processes side by side."""
+
+import argparse
+import itertools
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.scenarios.scenario import Scenario
+
+from .. import log_file
+from ..errors import TrainingError
+from ..hyperparameters import ROLLOUT, parse_hyperparameters
+from ..presets import DEAD, PRESETS
+
+SINGLE = ("preset", "steps", "worlds", "rollout", "dead", "device", "every")  # options with one value each
+REPEATED = ("set", "ppo")
+POLL = 0.5  # seconds
+STOPPED = 130  # the exit status after Ctrl-C
+RESUME = "stopped: go on with --resume"
+logger = logging.getLogger("outlast")
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("train", help="train the agents of a variant with PPO")
+    add_scenario(command, several=True)
+    command.add_argument("--preset", choices=PRESETS, default="original", help="the networks (default original)")
+    command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
+    command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
+    command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
+    command.add_argument("--worlds", type=positive, default=64, help="that share a rollout (default 64; the paper: 1)")
+    command.add_argument("--rollout", type=positive, default=ROLLOUT, help="environment steps of it (default 16384)")
+    command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="of PPO: gamma=0.999")
+    command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
+    command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
+    command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
+    command.add_argument(
+        "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
+    )
+    command.add_argument("--every", type=count, default=1_000_000, help="agent-steps between checkpoints (default 1e6)")
+    command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train; the exit status."""
+    chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
+    if len(options.variant) * len(options.seed) > 1:
+        return _train_several(options, [scenario.name for scenario in chosen])
+    return _train_one(options, chosen[0], settings)
+
+
+def count(text: str) -> int:
+    """A number of steps of at least 1; 10e6 is one."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0
+    if value < 1 or value != int(value):
+        raise argparse.ArgumentTypeError(f"{text}: a whole number of at least 1 is needed")
+    return int(value)
+
+
+def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str, Any]) -> int:
+    """Train in this process, behind a progress bar; the exit status."""
+    try:
+        from ..run import TrainingConfig, TrainingRun
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
+    (own,), numbers = options.seed, {name: getattr(options, name) for name in SINGLE}
+    config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
+    folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
+    training = TrainingRun(config, folder, resume=options.resume)
+    begun, start, status = training.done, time.perf_counter(), 0
+    bar = _bar(options, config.steps, begun)
+
+    def progress(run: TrainingRun) -> None:
+        bar.update(run.done - bar.n)
+        bar.set_postfix(run.shown)
+
+    try:
+        training.train(progress)
+    except KeyboardInterrupt:
+        status = STOPPED
+        logger.warning(RESUME)
+    finally:
+        bar.close()
+    seconds, done = time.perf_counter() - start, training.saved
+    print(f"{done:,} agent-steps = {done // training.model.base_env.num_agents:,} environment steps in {folder}")
+    print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
+    return status
+
+
+class Job:
+    """One of several runs, in a process group of its own, so that Ctrl-C reaches it once: from this process."""
+
+    def __init__(self, options: argparse.Namespace, variant: str, seed: int) -> None:
+        self.name = f"{variant}-{options.preset}-{seed}"
+        self.folder = (options.out or Path("runs")) / self.name
+        self.words = [sys.executable, "-m", "outlast", "train", variant, "--quiet", "--out", str(self.folder)]
+        self.words += ["--seed", str(seed), "--threads", str(options.threads or 1)]
+        for name in SINGLE:
+            self.words += [f"--{name}", str(getattr(options, name))]
+        for name in REPEATED:
+            self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
+        if options.resume and self.folder.exists():  # one that had not begun begins
+            self.words.append("--resume")
+
+    def start(self) -> None:
+        """Begin, or go on."""
+        pipe, out = subprocess.PIPE, subprocess.STDOUT
+        self.process = subprocess.Popen(self.words, start_new_session=True, stdout=pipe, stderr=out, text=True)
+
+    def stop(self) -> None:
+        """Let it save and end."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+
+    def steps(self) -> int:
+        """Agent-steps done, by its log."""
+        return log_file.last_step(self.folder / log_file.NAME)
+
+    def report(self) -> int:
+        """Print the last line of its output; its exit status."""
+        output = self.process.communicate()[0].strip().splitlines() or ["ended without a word"]
+        tqdm.write(f"{self.name}: {output[-1]}")
+        return int(self.process.returncode)
+
+
+def _train_several(options: argparse.Namespace, variants: Sequence[str]) -> int:
+    """Train every variant with every seed; the exit status: 0 if all went well, 130 if they were stopped.
+
+    A run that fails is reported, and the others go on. Ctrl-C lets all of them save; `--resume` goes on with them, and
+    begins those that had not begun. Raises TrainingError, before anything begins, if two runs would be the same.
+    """
+    waiting = [Job(options, variant, seed) for variant, seed in itertools.product(variants, options.seed)]
+    if len({job.name for job in waiting}) < len(waiting):
+        raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
+    at_once, running = options.jobs or os.cpu_count() or 1, list[Job]()
+    bar, done, statuses = _bar(options, len(waiting) * options.steps), 0, []
+    try:
+        while waiting or running:
+            while waiting and len(running) < at_once:
+                running.append(waiting.pop(0))
+                running[-1].start()
+            time.sleep(POLL)
+            for job in [job for job in running if job.process.poll() is not None]:
+                running.remove(job)
+                done += min(job.steps(), options.steps)
+                statuses.append(job.report())
+            bar.update(done + sum(job.steps() for job in running) - bar.n)
+    except KeyboardInterrupt:
+        for job in running:
+            job.stop()
+        statuses += [STOPPED, *(job.report() for job in running)]
+        logger.warning(RESUME)
+    finally:
+        bar.close()
+    return STOPPED if STOPPED in statuses else max(statuses, default=0)
+
+
+def _bar(options: argparse.Namespace, total: int, initial: int = 0) -> Any:
+    return tqdm(total=total, initial=initial, unit="agent-step", unit_scale=True, disable=options.quiet)

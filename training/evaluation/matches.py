@@ -1,0 +1,127 @@
+"""Matches: two policies against each other in many worlds; each plays each side as often."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+
+from ..metrics import AgentMetrics, first_of_sides
+
+Array = np.ndarray[Any, Any]
+AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
+Act = Callable[
+    [dict[str, Array], AgentIndices], Array
+]  # observations to the actions of these agents, (agents, actions)
+
+ROLES = 2
+
+
+def role_of(side: Any, world: Any, episode: Any) -> Any:
+    """Which role plays a side: they alternate, and swap from world to world and from episode to episode."""
+    return (side + world + episode) % ROLES
+
+
+class MatchResults:
+    """The outcomes of the episodes of a match.
+
+    figures: float64 (worlds, episodes of each, roles, 2) by name: sum and count, whose ratio is the figure. The count
+    is 1 for most; of behaviour, the ticks in which it could be measured. spans: int (worlds, episodes, 2): the first
+    and the last tick record of each episode in a recording of the match.
+    """
+
+    def __init__(self, worlds: int, each: int) -> None:
+        self.figures: dict[str, Array] = {}
+        self.spans = np.zeros((worlds, each, 2), int)
+
+    def enter(self, where: AgentIndices, name: str, values: Array, counts: Any = 1.0) -> None:
+        """Enter a figure (entries, roles) of these worlds and episodes."""
+        figure = self.figures.setdefault(name, np.zeros((*self.spans.shape[:2], ROLES, 2)))
+        figure[where] = np.stack(np.broadcast_arrays(values, counts), -1)
+
+    def typical(self) -> tuple[int, int]:
+        """World and episode of median length, of the lower median if there are two: the first such."""
+        length = self.figures["length"][:, :, 0, 0]
+        median = np.sort(length, axis=None)[(length.size - 1) // 2]
+        world, episode = np.argwhere(length == median)[0]
+        return int(world), int(episode)
+
+
+class Match:
+    """Plays `each` episodes in every world, however long they take, so that short ones are not favoured.
+
+    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see role_of, or one that plays both. The
+    policy whose longest-lived side lives longer than the other's wins; a draw counts half.
+    """
+
+    def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:
+        self.base_env, self.acts, self.each = base_env, acts, each
+        base_env.reset(seed=seed)
+        self.metrics, self.results = AgentMetrics(base_env), MatchResults(base_env.num_worlds, each)
+        self.done, self.begun = np.zeros(base_env.num_worlds, int), np.zeros(base_env.num_worlds, int)
+        self.records = 0  # the number of the last tick record
+        self._assign()
+
+    def play(self, progress: Callable[[int], None] = lambda episodes: None) -> MatchResults:
+        """Play all of it. progress: called with how many more episodes have ended."""
+        while (self.done < self.each).any():
+            if ended := self._step():
+                progress(ended)
+        return self.results
+
+    def _assign(self) -> None:
+        """Assign agents to policies, in the worlds that go on."""
+        worlds = np.arange(self.base_env.num_worlds)
+        self.role = role_of(self.metrics.sides, worlds[:, None], self.done[:, None])
+        going = (self.done < self.each)[:, None]
+        both = len(self.acts) == 1
+        masks = (going & (both | (self.role == role)) for role in range(len(self.acts)))
+        self.indices: list[AgentIndices] = [(worlds, agents) for worlds, agents in map(np.nonzero, masks)]
+
+    def _step(self) -> int:
+        """One step of all worlds; how many episodes ended that count."""
+        observations = self.base_env.observe()
+        actions = np.tile(self.base_env.noop, (self.base_env.num_worlds, self.base_env.num_agents, 1))
+        for act, indices in zip(self.acts, self.indices, strict=True):
+            if len(indices[0]):
+                actions[indices] = act(observations, indices)
+        self.metrics.before_step(actions)
+        _, _, terminated, truncated, info = self.base_env.step(actions)
+        self.metrics.after_step()
+        self.records += 1
+        done = terminated | truncated
+        return self._finish(done, info["statistics"]) if done.any() else 0
+
+    def _finish(self, done: Array, statistics: dict[str, Array]) -> int:
+        """Enter the episodes that ended and begin the next ones; how many that were."""
+        rows = np.flatnonzero(done & (self.done < self.each))
+        where = rows, self.done[rows]
+        self.results.spans[where] = np.stack([self.begun[rows], np.full(len(rows), self.records)], 1)
+        self._enter(rows, where, statistics)
+        self.base_env.reset(options={"reset_mask": done})
+        self.metrics.reset(done)
+        self.records += 1
+        self.begun[done] = self.records
+        self.done[rows] += 1
+        self._assign()
+        return len(rows)
+
+    def _enter(self, rows: Array, where: AgentIndices, statistics: dict[str, Array]) -> None:
+        mine = self.role[rows][:, None] == np.arange(ROLES)[:, None]  # (rows, roles, agents)
+        life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
+        self.results.enter(where, "wins", (1 + np.sign(life - life[:, ::-1])) / 2)
+        self.results.enter(where, "life", life)
+        self.results.enter(where, "return", (statistics["return"][rows][:, None] * mine).sum(2), mine.sum(2))
+        by_side = mine[:, :, first_of_sides(self.base_env)]
+        self.results.enter(where, "kills", (statistics["kills"][rows][:, None] * by_side).sum(2))
+        for name, total in self.metrics.totals.items():
+            if name != "life":
+                self.results.enter(where, name, (total[rows][:, None] * mine).sum(2))
+        for name, rate in self.metrics.rates.items():
+            summed = (rate[rows][:, None] * mine[..., None]).sum(2)
+            self.results.enter(where, name, summed[..., 0], summed[..., 1])
+        for name, values in statistics.items():
+            if values.ndim == 1 and not name.startswith("deaths_"):  # of the world: the same for both
+                known = values[rows, None] > 0 if name == "first_death" else 1.0  # 0: nobody died
+                self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)

@@ -1,0 +1,141 @@
+"""The results of an evaluation, as tables to read and as files."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.envs.scenarios.fingerprint import fingerprint
+
+from ..files import write_files
+from .evaluation import Estimates, Evaluation, Pairing
+
+RESULTS = ("wins", "length", "life", "return", "kills")  # and deaths by damage type
+FIRST = ("policy", "against")
+
+
+def text(evaluation: Evaluation) -> str:
+    """All tables. Of incomplete evaluations, what is complete."""
+    if not evaluation.pairings:
+        return "no pairing is complete"
+    parts = [_ratings(evaluation), _wins(evaluation)]
+    names = list(evaluation.pairings[0].results.figures)
+    results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
+    parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
+    return "\n\n".join(filter(None, parts))
+
+
+def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
+    """Write evaluation.json with everything, figures.csv and ratings.csv with the numbers. Raises TrainingError."""
+    figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
+    contents = {
+        folder / "evaluation.json": json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
+        folder / "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
+        folder / "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
+    }
+    write_files({path: content.encode() for path, content in contents.items()})
+    return list(contents)
+
+
+def _ratings(evaluation: Evaluation) -> str:
+    rows = sorted(_rated(evaluation), key=lambda row: -row[1])
+    cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rows]
+    return _table(("Elo (mean 1000)", "rating", "std. error"), cells) if cells else ""
+
+
+def _wins(evaluation: Evaluation) -> str:
+    """Shares of episodes that each policy wins against each; draws count half."""
+    labels = [contender.label for contender in evaluation.chosen]
+    rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
+    rows = [
+        (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
+    ]
+    return _table(("wins of, against", *labels), rows)
+
+
+def _figures(evaluation: Evaluation, names: Sequence[str]) -> str:
+    known = [name for name in names if name in evaluation.pairings[0].results.figures]
+    rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
+    return _table((*FIRST, *known), rows, left=len(FIRST))
+
+
+def _cell(mean: float, error: float) -> str:
+    """Mean and error, to the error's second digit."""
+    if np.isnan(mean):
+        return "-"
+    if not error:  # all episodes were alike
+        return f"{mean:.2f}"
+    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 4))
+    return f"{mean:.{digits}f} ± {error:.{digits}f}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
+    lines = (
+        [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        for row in (head, *rows)
+    )
+    return "\n".join("  ".join(line).rstrip() for line in lines)
+
+
+def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
+    """Label, rating and its error of each policy; none until all are joined."""
+    found = evaluation.ratings()
+    labels = [contender.label for contender in evaluation.chosen]
+    return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
+
+
+def _estimates(evaluation: Evaluation) -> Iterable[tuple[tuple[int, int], Estimates]]:
+    """The estimates of each policy, by its index and that of its opponent; against itself once."""
+    for pairing in evaluation.pairings:
+        for role in range(len(set(pairing.pair))):
+            yield pairing.pair if role == 0 else pairing.pair[::-1], pairing.estimates(role)
+
+
+def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
+    chosen = evaluation.chosen
+    return [
+        ((chosen[i].label, chosen[j].label), figures)
+        for (i, j), figures in sorted(_estimates(evaluation), key=lambda entry: entry[0])
+    ]
+
+
+def _everything(evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        "scenario": fingerprint(evaluation.scenario),
+        "seed": evaluation.seed,
+        "worlds": evaluation.env.num_worlds,
+        "episodes": evaluation.episodes,
+        "complete": len(evaluation.pairings) == len(evaluation.pairs),
+        "policies": [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen],
+        "ratings": [dict(zip(("policy", "elo", "error"), row, strict=True)) for row in _rated(evaluation)],
+        "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
+    }
+
+
+def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
+    names = [evaluation.chosen[k].label for k in pairing.pair]
+    figures = [{name: {"mean": m, "error": e} for name, (m, e) in pairing.estimates(role).items()} for role in (0, 1)]
+    return {"policies": names, "won, drawn, lost": pairing.won_drawn_lost(), "figures": figures}
+
+
+def _json(value: Any) -> Any:
+    """The value with null in place of NaN, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _json(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(entry) for entry in value]
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
+def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    file = io.StringIO()
+    csv.writer(file, lineterminator="\n").writerows([head, *rows])
+    return file.getvalue()

@@ -1,0 +1,60 @@
+"""log.csv of a run: a row (tag, agent-steps, value) for each number that was logged. Needs no PyTorch."""
+
+from pathlib import Path
+
+from outlast.envs.storage.atomic_write import atomic_write
+
+from .errors import TrainingError
+from .files import read_text
+
+NAME = "log.csv"
+HEADER = ("tag", "step", "value")
+LAST = 2**53  # steps: what a float64 counts to
+Points = dict[str, list[tuple[int, float]]]
+
+
+def read_log(path: Path) -> Points:
+    """The points (agent-steps, value) of each tag of a log. Raises TrainingError for what is not a log.
+
+    A last row that is not whole is left out: a run may be writing it.
+    """
+    lines = read_text(path).splitlines(keepends=True)
+    if not lines or lines[0].strip() != ",".join(HEADER):
+        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
+    points: Points = {}
+    for number, line in enumerate(lines[1:], 2):
+        if line.endswith("\n"):
+            try:
+                tag, step, value = line.split(",")
+                row = (int(step), float(value))
+                if not 0 <= row[0] <= LAST:
+                    raise ValueError
+            except ValueError:
+                raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value") from None
+            before = points.setdefault(tag, [])
+            if before and row[0] <= before[-1][0]:
+                wrong = f"{tag} at step {row[0]} comes after that at step {before[-1][0]}"
+                raise TrainingError(f"{path}, line {number}: {wrong}: these are several runs in one file")
+            before.append(row)
+    return points
+
+
+def last_step(path: Path) -> int:
+    """The agent-steps of the last whole row of a log that is being written; 0 if there is none."""
+    try:
+        lines = path.read_text().rpartition("\n")[0].splitlines()
+        return int(lines[-1].split(",")[1]) if len(lines) > 1 else 0
+    except (OSError, ValueError, IndexError):
+        return 0
+
+
+def truncate_log(path: Path, steps: int) -> None:
+    """Remove the rows after so many steps from a log, and a last row that was not written whole."""
+    if not path.exists():
+        return
+    lines = path.read_text().splitlines(keepends=True)
+    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # that, too, may not have been written whole
+        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
+    kept = [line for line in lines[1:] if line.endswith("\n") and int(line.split(",")[1]) <= steps]
+    with atomic_write(path) as place:
+        place.write_text("".join([",".join(HEADER) + "\n", *kept]))

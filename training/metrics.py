@@ -1,0 +1,184 @@
+"""What is measured of episodes and of the agents in them, beside rewards."""
+
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Death, Item, Score
+from outlast.ecs import Entity
+from outlast.envs.core.agents import alive, side
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+
+from .observation_layout import own_key
+from .rollout_buffer import AgentRolloutBuffer
+
+Array = np.ndarray[Any, Any]
+PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
+
+
+def first_of_sides(env: SurvivalVectorEnv) -> Array:
+    """The first agent of each side; without teams every agent is a side."""
+    first: Array = np.unique(side(env.worlds, 0), return_index=True)[1]
+    return first
+
+
+class EpisodeMetrics:
+    """The paper's quantities: means over the episodes that ended, by the names of its TensorBoard files."""
+
+    def __init__(self, base_env: SurvivalVectorEnv) -> None:
+        self.base_env = base_env
+        self.clear()
+
+    def clear(self) -> None:
+        """Start again from nothing."""
+        self.count = 0
+        self.sums: dict[str, Array] = {}
+
+    def add(self, statistics: dict[str, Array], count: int) -> None:
+        """Add `count` episodes: info["statistics"], in which the rows of other worlds are zero."""
+        self.count += count
+        for key, values in statistics.items():
+            self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
+
+    def report(self) -> dict[str, float]:
+        """Means since the last report, by tag. A team's return is that of its first agent, as all have the same."""
+        tags = {"rollout/episodes": float(self.count)}
+        for key, total in self.sums.items():
+            mean, name = total / self.count, "rollout/" + PAPER_NAMES.get(key, key)
+            if mean.ndim == 0:
+                tags[name] = float(mean)
+            else:
+                each = mean[first_of_sides(self.base_env)] if key == "return" else mean
+                tags |= {f"{name}{k}": float(value) for k, value in enumerate(each)}
+        self.clear()
+        return tags
+
+
+class BehaviourMetrics:
+    """What agents do: means over the living agents of a rollout. Gifts are counted tick by tick."""
+
+    def __init__(self, base_env: SurvivalVectorEnv) -> None:
+        self.base_env, self.numbers = base_env, base_env.scenario.numbers()
+        has_heals = "heals" in base_env.scenario and Item in base_env.worlds
+        self.heals = base_env.worlds.span("heal") if has_heals else None
+        self.agents = base_env.worlds.span("agent")
+        self.action_names = [name for name, _ in base_env.action_columns]
+        self.held = self.given = 0
+        self.holder: Array = np.empty(0)
+
+    def before_step(self) -> None:
+        """Call before every step."""
+        if self.heals is not None:
+            self.holder = self.base_env.worlds[Item].holder[:, self.heals].copy()
+
+    def after_step(self) -> None:
+        """Count heals in bags, and those that were given. Call after every step."""
+        if self.heals is not None:
+            self.held += int((self.base_env.worlds[Item].holder[:, self.heals] >= 0).sum())
+            self.given += int(self.gifts().sum())
+
+    def gifts(self) -> Array:
+        """Heals that each agent gave to another in this step, int (worlds, agents); of agents that still live."""
+        worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
+        now = worlds[Item].holder[:, self.heals]
+        moved = np.nonzero((self.holder >= 0) & (now >= 0) & (now != self.holder))
+        givers = self.holder[moved]
+        np.add.at(given, (moved[0], givers - self.agents.start), worlds[Entity].alive[moved[0], givers])
+        return given
+
+    def report(self, rollout: AgentRolloutBuffer) -> dict[str, float]:
+        """Means over the living agents of the rollout, by tag; tags without a single case are left out."""
+        shape = (rollout.buffer_size, self.base_env.num_worlds, self.base_env.num_agents)
+        views = rollout.layout.views(rollout.observations[:-1].reshape(*shape, -1))
+        living, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
+        found = self.quantities(views, rollout.actions.reshape(*shape, -1), living)
+        tags = {"behaviour/alive": float(rollout.alive.mean())}
+        tags |= {f"behaviour/{name}": _mean(values, where) for name, (values, where) in found.items()}
+        if self.heals is not None:
+            tags["behaviour/heals_held"] = self.held / count
+            tags["behaviour/heals_given"] = 1000 * self.given / count  # in 1000 agent-steps
+        self.held = self.given = 0
+        return {tag: value for tag, value in tags.items() if not np.isnan(value)}
+
+    def quantities(self, views: dict[str, Array], actions: Array, living: Array) -> dict[str, tuple[Array, Array]]:
+        """What agents do, by name: values (..., worlds, agents), and for which agents they count, bool of that shape.
+
+        views: observations by key. actions: (..., worlds, agents, actions). attack_near and attack_far: whether an
+        agent attacks with a living enemy in reach, and without; near: whether there is one.
+        """
+        found = {}
+        own = views[own_key()]
+        teams = own.shape[-1] - 8  # 1 if rows hold a team
+        place = own[..., teams + 2 : teams + 4]
+        if "zone" in views:
+            found["zone_distance"] = _length(place - views["zone"][..., :2]), living
+        if "attack" in self.action_names:
+            attack, near = actions[..., self.action_names.index("attack")], self._near(place, living)
+            found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}
+            found["near"] = near, living
+        return found
+
+    def _near(self, place: Array, living: Array) -> Array:
+        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius."""
+        reach = self.numbers["melee_reach"] + self.numbers["agents_radius"]
+        sides = side(self.base_env.worlds, 0)
+        enemies = sides[:, None] != sides
+        apart = _length(place[..., :, None, :] - place[..., None, :, :])
+        near: Array = ((apart <= reach) & enemies & living[..., None, :]).any(-1)
+        return near
+
+
+class AgentMetrics:
+    """Sums over the running episode of every world, for each agent; make it when the worlds have been reset.
+
+    totals: float64 (worlds, agents) by name. life: ticks to whose end the agent's side lived; deaths_TYPE; heals_given.
+    rates: float64 (worlds, agents, 2): the sum over the ticks in which it counts for the agent, and how many ticks
+    those are: see BehaviourMetrics.quantities, and heals_held.
+    """
+
+    def __init__(self, base_env: SurvivalVectorEnv) -> None:
+        self.base_env, self.behaviour = base_env, BehaviourMetrics(base_env)
+        self.agents, self.sides = base_env.worlds.span("agent"), side(base_env.worlds, 0)
+        names = ["life", *(f"deaths_{cause}" for cause in base_env.worlds.layout.damage_types)]
+        names += ["heals_given"] * (self.behaviour.heals is not None)
+        self.totals = {name: np.zeros((base_env.num_worlds, base_env.num_agents)) for name in names}
+        self.rates: dict[str, Array] = {}
+
+    def before_step(self, actions: Array) -> None:
+        """Count what agents are about to do. Call before every step."""
+        living = alive(self.base_env.worlds)
+        found = self.behaviour.quantities(self.base_env.observe(), actions, living)
+        self.behaviour.before_step()
+        if self.behaviour.heals is not None:
+            holder, rows = self.base_env.worlds[Item].holder[:, self.behaviour.heals], np.r_[self.agents]
+            found["heals_held"] = (holder[:, :, None] == rows).sum(1), living
+        for name, (values, where) in found.items():
+            rate = self.rates.setdefault(name, np.zeros((*living.shape, 2)))
+            rate[..., 0] += values * where
+            rate[..., 1] += where
+
+    def after_step(self) -> None:
+        """Count who lives, who died, who gave. Call after every step."""
+        death = self.base_env.worlds[Death]
+        now, cause = death.now[:, self.agents] != 0, death.cause[:, self.agents]
+        self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
+        if now.any():
+            for k, name in enumerate(self.base_env.worlds.layout.damage_types):
+                self.totals[f"deaths_{name}"] += now & (cause == k)
+        if self.behaviour.heals is not None:
+            self.totals["heals_given"] += self.behaviour.gifts()
+
+    def reset(self, where: Array) -> None:
+        """Begin anew in the worlds `where`, bool (worlds,)."""
+        for sums in (*self.totals.values(), *self.rates.values()):
+            sums[where] = 0
+
+
+def _mean(values: Array, where: Array) -> float:
+    """NaN where there is nothing."""
+    return float(values[where].mean()) if where.any() else float("nan")
+
+
+def _length(vectors: Array) -> Array:
+    length: Array = np.sqrt((vectors * vectors).sum(-1))
+    return length

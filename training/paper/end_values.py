@@ -1,0 +1,237 @@
+"""End values and peaks of moving averages, and their table beside the paper's, as Markdown and as CSV."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .curves import LENGTH, QUANTITIES, RETURN, Array, Curves, Quantity
+from .results import RunGroup
+
+END = 0.1  # of the points: the end of a run
+SMOOTH = 20  # a moving average is over one part in so many of the points
+TOLERANCE = 0.15  # difference from the paper's end value that still agrees, of returns and lengths
+WITHIN = f"within {TOLERANCE:.0%}"
+HEADS = ("", "the paper", "outlast", "seeds", "apart", WITHIN, "peak in the paper", "peak in outlast")
+
+
+@dataclass(frozen=True)
+class EndValue:
+    """Mean and standard deviation of the points of the last tenth of a curve."""
+
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class MovingAverage:
+    """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
+
+    Where some runs have ended, those of the others.
+    """
+
+    steps: Array
+    mean: Array
+    low: Array
+    high: Array
+
+    @property
+    def peak(self) -> tuple[int, float]:
+        """Agent-steps and height of the highest point."""
+        top = int(np.nanargmax(self.mean))
+        return int(self.steps[top]), float(self.mean[top])
+
+
+def average(runs: Sequence[Curves], tag: str) -> MovingAverage:
+    """The moving average over the runs that have the tag: at least one."""
+    curves = [one for one in runs if tag in one.values]
+    steps = np.unique(np.concatenate([one.steps for one in curves]))
+    every = np.full((len(curves), len(steps)), np.nan)
+    for row, one in zip(every, curves, strict=True):
+        row[np.searchsorted(steps, one.steps)] = smooth(one.values[tag])
+    there = np.isfinite(every).any(0)
+    every = every[:, there]
+    return MovingAverage(steps[there], np.nanmean(every, 0), np.nanmin(every, 0), np.nanmax(every, 0))
+
+
+def smooth(values: Array) -> Array:
+    """The moving average over the points around each. At both ends there are fewer of them; NaNs are left out."""
+    half = window_size(len(values)) // 2
+    there = np.isfinite(values)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
+    counts = np.concatenate([[0], np.cumsum(there)])
+    first = np.maximum(np.arange(len(values)) - half, 0)
+    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    with np.errstate(invalid="ignore"):
+        averages: Array = (sums[last] - sums[first]) / (counts[last] - counts[first])
+    return averages
+
+
+def window_size(points: int) -> int:
+    """The number of points of a moving average: odd."""
+    return max(1, points // SMOOTH) | 1
+
+
+def end_value(values: Array) -> EndValue:
+    """The end value of a curve with at least one number."""
+    there = values[np.isfinite(values)].astype(np.float64)
+    last = there[-max(1, round(END * len(there))) :]
+    return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else 0.0)
+
+
+@dataclass(frozen=True)
+class EndRow:
+    """A quantity of a group: end values and moving averages of its runs and of the paper's, which may have none.
+
+    side: -1 if of all agents. ours: of each run whose end value counts, in order of seeds.
+    """
+
+    quantity: Quantity
+    side: int
+    ours: tuple[EndValue, ...]
+    curve: MovingAverage
+    theirs: EndValue | None
+    their_curve: MovingAverage | None
+
+    @property
+    def mean(self) -> float:
+        """The mean over seeds."""
+        return float(np.mean([each.mean for each in self.ours]))
+
+    @property
+    def deviation(self) -> float:
+        """The deviation between points of a run: the mean over seeds."""
+        return float(np.mean([each.deviation for each in self.ours]))
+
+    @property
+    def apart(self) -> float | None:
+        """Our end value over the paper's, less 1; None for quantities near 0, of which it means little."""
+        if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
+            return None
+        return self.mean / self.theirs.mean - 1
+
+
+def rows(group: RunGroup) -> Iterator[EndRow]:
+    """A row for each curve of the group's runs."""
+    for quantity in QUANTITIES:
+        for tag in group.runs[0].curves.tags(quantity):
+            ours = [run.curves for run in group.ended if tag in run.curves.values]
+            theirs = [group.paper] if tag in group.paper.values else []
+            yield EndRow(
+                quantity,
+                quantity.side(tag),
+                tuple(end_value(curves.values[tag]) for curves in ours),
+                average(ours, tag),
+                *((end_value(group.paper.values[tag]), average(theirs, tag)) if theirs else (None, None)),
+            )
+
+
+def verdict(group: RunGroup, row: EndRow) -> str:
+    """Whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
+    if row.apart is None or group.ablated:
+        return ""
+    if not all(run.done for run in group.ended):
+        return "too early"
+    return "yes" if abs(row.apart) <= TOLERANCE else "no"
+
+
+def side_name(group: RunGroup) -> str:
+    """What a side is called: "team" or "agent"."""
+    return "team" if group.variant.startswith("teams") else "agent"
+
+
+def markdown(group: RunGroup) -> str:
+    """A paragraph and a table."""
+    return f"{title(group)}\n\n{_markdown_table(HEADS, _cells(group))}"
+
+
+def title(group: RunGroup) -> str:
+    """Variant, preset, seeds, and the notes."""
+    seeds = ", ".join(str(run.seed) for run in group.runs)
+    notes = "".join(f" {note}." for note in group.notes())
+    return f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
+
+
+def _cells(group: RunGroup) -> Iterator[list[str]]:
+    for row in rows(group):
+        name = row.quantity.name + (f", {side_name(group)} {row.side}" if row.side >= 0 else "")
+        each = [one.mean for one in row.ours]
+        yield [
+            name,
+            with_deviation(row.theirs.mean, row.theirs.deviation) if row.theirs else "",
+            with_deviation(row.mean, row.deviation),
+            f"{number(min(each))} to {number(max(each))}" if len(each) > 1 else "",
+            "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
+            verdict(group, row),
+            _peak(row.their_curve),
+            _peak(row.curve),
+        ]
+
+
+def _peak(curve: MovingAverage | None) -> str:
+    return f"{number(curve.peak[1])} at {curve.peak[0] / 1e6:.1f} M" if curve else ""
+
+
+def with_deviation(mean: float, deviation: float) -> str:
+    """Mean ± deviation, with the same digits."""
+    return f"{number(mean)} ± {deviation:,.{_decimals(mean)}f}"
+
+
+def number(value: float) -> str:
+    """A number with as many digits as mean something."""
+    return f"{value:,.{_decimals(value)}f}"
+
+
+def _decimals(value: float) -> int:
+    """Digits behind the point."""
+    return sum(abs(value) < bound for bound in (100, 10, 1))
+
+
+def _markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
+    """A table in Markdown, numbers to the right, without the columns that have nothing in them."""
+    table = list(lines)
+    kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
+    every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
+    return "\n".join("| " + " | ".join(line[k] for k in kept) + " |" for line in every)
+
+
+def csv_table(groups: Iterable[RunGroup]) -> str:
+    """The table as CSV, a row a quantity, with all digits that mean something."""
+    records = [record(group, row) for group in groups for row in rows(group)]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(records[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    return text.getvalue()
+
+
+def record(group: RunGroup, row: EndRow) -> dict[str, Any]:
+    """A row of the CSV file."""
+    theirs, curve, each = row.theirs, row.their_curve, [one.mean for one in row.ours]
+    return {
+        "variant": group.variant,
+        "preset": group.preset,
+        "quantity": row.quantity.name,
+        "agent or team": row.side if row.side >= 0 else "",
+        "seeds": " ".join(str(run.seed) for run in group.ended),
+        "agent-steps": min(run.steps for run in group.ended),
+        "paper": _digits(theirs.mean if theirs else None),
+        "paper between points": _digits(theirs.deviation if theirs else None),
+        "outlast": _digits(row.mean),
+        "outlast between points": _digits(row.deviation),
+        "lowest seed": _digits(min(each)),
+        "highest seed": _digits(max(each)),
+        "apart": "" if row.apart is None else f"{row.apart:.4f}",
+        WITHIN: verdict(group, row),
+        "paper's peak": _digits(curve.peak[1] if curve else None),
+        "paper's peak at": curve.peak[0] if curve else "",
+        "outlast's peak": _digits(row.curve.peak[1]),
+        "outlast's peak at": row.curve.peak[0],
+    }
+
+
+def _digits(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"

@@ -1,0 +1,177 @@
+"""The paper's figures: curves of a group of runs over the paper's own. Needs matplotlib."""
+
+import hashlib
+import io
+import json
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from outlast.envs.rendering import style
+
+from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
+from .end_values import average, side_name, window_size
+from .results import RunGroup
+
+WIDTH, HEIGHT, DPI = 7.6, 5.7, 150  # inches, pixels an inch
+LINE = 105  # characters of a note
+COLOURS = 128  # of a PNG
+DASHES: tuple[Any, ...] = ("-", (0, (2.2, 1.4)), ":", "-.")  # of the sides
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelcolor": "#5b5f68",
+    "axes.edgecolor": "#9a9da4",
+    "xtick.color": "#5b5f68",
+    "ytick.color": "#5b5f68",
+    "text.color": "#26292f",
+    "svg.hashsalt": "outlast",  # the same picture, the same file
+}
+
+
+def colour(rgb: tuple[int, int, int]) -> str:
+    """A colour as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*rgb)
+
+
+OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
+
+
+def picture(group: RunGroup, form: str) -> bytes:
+    """The figure of a group as a file: "png" or "svg". It holds the digest of what it shows, as Source."""
+    about = {"Title": group.name, "Source": digest(group)}
+    content = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure = draw(group)
+        if form == "svg":
+            figure.savefig(content, format=form, metadata={**about, "Date": None})
+        else:
+            _save_png(figure, content, about)
+    return content.getvalue()
+
+
+def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str]) -> None:
+    """As PNG of few colours: a quarter of the bytes."""
+    pixels = io.BytesIO()
+    figure.savefig(pixels, format="png", dpi=DPI)
+    texts = PngInfo()
+    for key, text in about.items():
+        texts.add_text(key, text)
+    few = Image.open(pixels).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
+    few.save(content, format="png", optimize=True, pnginfo=texts, dpi=(DPI, DPI))
+
+
+def digest(group: RunGroup) -> str:
+    """A digest of all curves and settings that a figure shows."""
+    total = hashlib.blake2b(digest_size=16)
+    for run in group.runs:
+        total.update(json.dumps([run.settings, run.seed], sort_keys=True).encode())
+    for curves in [*(run.curves for run in group.runs), group.paper]:
+        total.update(curves.steps.tobytes())
+        for tag, values in sorted(curves.values.items()):
+            total.update(tag.encode() + values.tobytes())
+    return total.hexdigest()
+
+
+def draw(group: RunGroup) -> Figure:
+    """Four panels under a heading."""
+    figure = Figure(figsize=(WIDTH, HEIGHT))
+    FigureCanvasAgg(figure)
+    notes = [line for note in group.notes() for line in textwrap.wrap(note, LINE)]
+    top = 1 - (0.82 + 0.17 * len(notes)) / HEIGHT
+    panels = figure.subplots(2, 2, sharex=True)
+    figure.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=top, hspace=0.2, wspace=0.17)
+    for axes, quantity in zip(panels.flat, panel_quantities(group), strict=True):
+        panel(axes, group, quantity)
+    for axes in panels[-1]:
+        axes.set_xlabel("million agent-steps")
+    _heading(figure, group, notes)
+    return figure
+
+
+def panel_quantities(group: RunGroup) -> tuple[Quantity, ...]:
+    """The paper's four quantities; where there are no boxes, the length of episodes instead of them."""
+    boxes = any(run.curves.tags(BOXES) for run in group.runs)
+    return (RETURN, HEALS, KILLS, BOXES) if boxes else (RETURN, LENGTH, HEALS, KILLS)
+
+
+def panel(axes: Axes, group: RunGroup, quantity: Quantity) -> None:
+    """Draw one quantity: the paper's behind ours."""
+    axes.set_title(quantity.name + (f", each {side_name(group)}" if quantity.sided else ""))
+    for runs, ink, order in (([group.paper], THEIRS, 2), ([run.curves for run in group.runs], OURS, 3)):
+        for side, tag in enumerate(_tags(runs, quantity)):
+            _curve(axes, runs, tag, ink, order, DASHES[side % len(DASHES)])
+    axes.set_xlim(0, _millions(max(curves.steps[-1] for curves in _all(group))))
+    axes.set_ylim(bottom=min(0, axes.get_ylim()[0]) if _negative(group, quantity) else 0)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.tick_params(length=0)
+
+
+def _curve(axes: Axes, runs: Sequence[Curves], tag: str, ink: str, order: int, dash: Any) -> None:
+    """The moving average over runs; behind it points of a single run, or the range of several."""
+    line = average(runs, tag)
+    axes.plot(_millions(line.steps), line.mean, color=ink, linewidth=1.6, linestyle=dash, zorder=order)
+    if len(runs) == 1:
+        (one,) = runs
+        axes.plot(_millions(one.steps), one.values[tag], color=ink, linewidth=0.5, alpha=0.22, zorder=1)
+    else:
+        axes.fill_between(_millions(line.steps), line.low, line.high, color=ink, alpha=0.18, linewidth=0, zorder=1)
+
+
+def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
+    """The title, how curves are smoothed, the notes of the group, and the legend."""
+    count = len(group.runs)
+    title = f"{group.variant}, preset {group.preset}, {'one seed' if count == 1 else f'{count} seeds'}"
+    figure.text(0.02, 1 - 0.12 / HEIGHT, title, fontsize=11.5, fontweight="bold", va="top")
+    points = window_size(max(len(run.curves.steps) for run in group.runs))
+    several = "band: from the lowest to the highest seed; faint: the paper's points"
+    behind = "faint: all points" if count == 1 else several
+    lines = [f"Lines: moving averages over 5 % of the points (of ours {points}); {behind}", *notes]
+    figure.text(0.02, 1 - 0.36 / HEIGHT, "\n".join(lines), fontsize=8, color="#5b5f68", va="top", linespacing=1.35)
+    figure.legend(
+        handles=list(_handles(group)),
+        loc="upper right",
+        bbox_to_anchor=(0.99, 1 - 0.05 / HEIGHT),
+        ncols=4,
+        frameon=False,
+        handlelength=2,
+        columnspacing=1.2,
+    )
+
+
+def _handles(group: RunGroup) -> Iterator[Line2D]:
+    """Of the legend: colours for ours and the paper's, dashes for sides."""
+    yield Line2D([], [], color=OURS, linewidth=2.4, label="outlast")
+    yield Line2D([], [], color=THEIRS, linewidth=2.4, label="the paper")
+    for side, _ in enumerate(_tags(_all(group), RETURN)):
+        label = f"{side_name(group)} {side}"
+        yield Line2D([], [], color="#5b5f68", linewidth=1.4, linestyle=DASHES[side % len(DASHES)], label=label)
+
+
+def _all(group: RunGroup) -> list[Curves]:
+    return [group.paper, *(run.curves for run in group.runs)]
+
+
+def _tags(runs: Sequence[Curves], quantity: Quantity) -> list[str]:
+    """The tags that some of the curves have."""
+    return list(dict.fromkeys(tag for curves in runs for tag in curves.tags(quantity)))
+
+
+def _negative(group: RunGroup, quantity: Quantity) -> bool:
+    return any(np.nanmin(one.values[tag]) < 0 for one in _all(group) for tag in one.tags(quantity))
+
+
+def _millions(steps: Any) -> Any:
+    return steps / 1e6

@@ -1,0 +1,246 @@
+"""Results of runs, from their folders or from kept files, in groups that differ by seeds only. Needs no PyTorch."""
+
+import io
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.variants import base, variant
+
+from .. import log_file, run_header
+from ..errors import TrainingError
+from ..hyperparameters import PAPER, ROLLOUT
+from ..presets import preset
+from .curves import NEEDED, PAPER_STEPS, Curves, curves_of_log, format_curves, is_known, published_curves, read_curves
+
+FREE = ("seed", "device", "threads")  # what may differ between runs of a group
+DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **PAPER}  # as in the paper
+POLICY = "policy.pt"
+MISSING, USUAL = "not there", "as usual"
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A run: its folder or kept file, and curves of the paper's quantities.
+
+    variant: with ablations. plan: that of run.json. changed: numbers of the scenario other than the paper's.
+    """
+
+    origin: Path
+    variant: str
+    plan: dict[str, Any]
+    changed: dict[str, Any]
+    curves: Curves
+
+    @property
+    def seed(self) -> int:
+        """The seed of the run."""
+        return int(self.plan["seed"])
+
+    @property
+    def steps(self) -> int:
+        """Agent-steps done."""
+        return int(self.curves.steps[-1])
+
+    @property
+    def done(self) -> bool:
+        """Whether it is as long as the paper's."""
+        return self.steps >= PAPER_STEPS
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Everything that runs of a group have in common."""
+        common = {key: value for key, value in self.plan.items() if key not in (*FREE, "settings")}
+        return {"variant": self.variant, **common, **PAPER, **self.plan.get("settings", {}), **self.changed}
+
+    @property
+    def unlike(self) -> dict[str, Any]:
+        """The settings that differ from the paper's."""
+        unlike = {key: value for key, value in self.settings.items() if key in DEFAULTS and value != DEFAULTS[key]}
+        return unlike | self.changed
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The description in a kept file."""
+        return {"variant": self.variant, "plan": self.plan, "changed": self.changed}
+
+    @property
+    def name(self) -> str:
+        """The name of the file that keeps its curves."""
+        return f"{self.variant}-{self.plan['preset']}-{self.seed}.csv"
+
+    def text(self) -> str:
+        """The content of a kept file."""
+        return format_curves(self.about, self.curves)
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Runs of a variant with a preset, in order of seeds."""
+
+    runs: tuple[RunResult, ...]
+
+    @property
+    def variant(self) -> str:
+        """The name of the variant."""
+        return self.runs[0].variant
+
+    @property
+    def preset(self) -> str:
+        """The name of the preset."""
+        return str(self.runs[0].plan["preset"])
+
+    @property
+    def name(self) -> str:
+        """The name of its figure."""
+        return f"{self.variant}-{self.preset}"
+
+    @property
+    def ended(self) -> tuple[RunResult, ...]:
+        """The runs whose end values count: those that are as long as the paper's; all, if none is."""
+        return tuple(run for run in self.runs if run.done) or self.runs
+
+    @cached_property
+    def paper(self) -> Curves:
+        """The paper's own, of the variant without ablations."""
+        return published_curves(base(self.variant))
+
+    @property
+    def ablated(self) -> bool:
+        """Whether the variant has ablations, so that it is another game than the paper's."""
+        return base(self.variant) != self.variant
+
+    def notes(self) -> list[str]:
+        """Sentences on how these runs differ from the paper's: in length, in settings."""
+        short = [f"seed {run.seed} ({run.steps / 1e6:.1f} million agent-steps)" for run in self.runs if not run.done]
+        other = [f"{key} = {value}" for key, value in self.runs[0].unlike.items()]
+        notes = ["Unfinished: " + ", ".join(short)] if short else []
+        if len(self.ended) < len(self.runs):
+            notes[0] += "; not counted in end values"
+        return notes + (["Unlike the paper: " + ", ".join(other)] if other else [])
+
+
+def load_runs(places: Iterable[Path]) -> list[RunResult]:
+    """The results in these places: folders of runs, kept files, or folders of either. Raises TrainingError."""
+    return [_of_folder(path) if path.is_dir() else _of_kept(path) for place in places for path in _found(place)]
+
+
+def _found(place: Path) -> list[Path]:
+    """Folders of runs and kept files in a place, which may be one."""
+    if not place.exists():
+        raise TrainingError(f"there is no {place}")
+    if place.is_file():
+        return [place]
+    if (place / log_file.NAME).exists():
+        return [place]
+    found = sorted([*place.glob("*.csv"), *(log.parent for log in place.glob(f"*/{log_file.NAME}"))])
+    if not found:
+        wanted = f"neither {log_file.NAME} nor folders or files with results of outlast"
+        raise TrainingError(f"there are no runs in {place}: {wanted}")
+    return found
+
+
+def _of_folder(folder: Path) -> RunResult:
+    """The run in a folder."""
+    header = run_header.read_run_folder(folder)
+    scenario, plan = header["scenario"], header["plan"]
+    try:
+        name = variant(scenario["name"]).name
+        changed = _changed(name, plan.get("preset"), scenario["numbers"])
+        return _checked(RunResult(folder, name, plan, changed, curves_of_log(folder / log_file.NAME)))
+    except ScenarioError as error:
+        raise TrainingError(f"{folder} is no run of the paper's: {error}") from error
+
+
+def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
+    """Numbers other than those of the paper's variant with the observations of the preset."""
+    scenario: Scenario = preset(of).scenario(variant(base(name)))
+    own = fingerprint(scenario)["numbers"]
+    keys = sorted(own.keys() | numbers.keys())
+    pairs = {key: (numbers.get(key, MISSING), own.get(key, MISSING)) for key in keys}
+    return {key: its for key, (its, usual) in pairs.items() if its != usual}
+
+
+def _of_kept(path: Path) -> RunResult:
+    """The run of a kept file."""
+    about, curves = read_curves(path)
+    try:
+        result = RunResult(path, variant(about["variant"]).name, about["plan"], about["changed"], curves)
+        preset(result.plan["preset"])
+    except (KeyError, TypeError, ScenarioError) as error:
+        raise TrainingError(f"{path} does not hold the curves of a run: {error}") from error
+    return _checked(result)
+
+
+def _checked(result: RunResult) -> RunResult:
+    """The result, if it can be named, compared and drawn. Raises TrainingError."""
+    tags, missing = result.curves.values.keys(), [tag for tag in NEEDED if tag not in result.curves.values]
+    wrong = f"{result.origin} does not hold the curves of a run"
+    if missing or not all(map(is_known, tags)):
+        raise TrainingError(f"{wrong}: it has " + (f"no {missing[0]}" if missing else "others than the paper's"))
+    if not run_header.is_plan(result.plan) or type(result.plan.get("seed")) is not int:
+        raise TrainingError(f"{wrong}: its plan is none")
+    if not is_fingerprint({"name": result.variant, "numbers": result.changed}) or "$" in str(result.changed):
+        raise TrainingError(f"{wrong}: what was changed in it is not numbers")
+    return result
+
+
+def group_runs(results: Iterable[RunResult]) -> list[RunGroup]:
+    """Groups in order of names. Raises TrainingError if runs of one variant and preset differ in more than seeds."""
+    groups: dict[str, list[RunResult]] = {}
+    for result in results:
+        together = groups.setdefault(f"{result.variant}-{result.plan['preset']}", [])
+        for other in together:
+            _check(other, result)
+        together.append(result)
+    return [RunGroup(tuple(sorted(runs, key=lambda run: run.seed))) for _, runs in sorted(groups.items())]
+
+
+def _check(one: RunResult, other: RunResult) -> None:
+    """Refuse two runs that cannot be averaged."""
+    if difference := _difference(one, other):
+        raise TrainingError(f"{difference}: plot them one by one, each with an --out of its own")
+    if one.seed == other.seed:
+        raise TrainingError(f"{one.origin} and {other.origin} are the same run, or both of seed {one.seed}: give one")
+
+
+def _difference(one: RunResult, other: RunResult) -> str:
+    """The first setting that is not the same; empty if all are."""
+    mine, its = one.settings, other.settings
+    for key in sorted(mine.keys() | its.keys()):
+        pair = mine.get(key, USUAL), its.get(key, USUAL)
+        if pair[0] != pair[1]:
+            return f"{key} is {pair[0]} in {one.origin} and {pair[1]} in {other.origin}"
+    return ""
+
+
+def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
+    """Curves and policies to keep, by path. Raises TrainingError where another run would be overwritten."""
+    places = {folder / run.name: run for run in runs}
+    for path, run in places.items():
+        if path.exists() and (difference := _difference(_of_kept(path), run)):
+            raise TrainingError(f"{path} keeps another run: {difference}: choose another folder with --keep")
+    contents = {path: run.text().encode() for path, run in places.items()}
+    policies = {path.with_suffix(".zip"): _newest_checkpoint(run.origin) for path, run in places.items()}
+    return contents | {path: policy_only(source) for path, source in policies.items() if source}
+
+
+def policy_only(checkpoint: Path) -> bytes:
+    """A checkpoint reduced to its policy: it plays, but cannot be resumed."""
+    kept, file = run_header.read_checkpoint(checkpoint, (POLICY,), ())[1], io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in (run_header.NAME, POLICY):
+            archive.writestr(zipfile.ZipInfo(name), kept[name])  # without the time of day
+    return file.getvalue()
+
+
+def _newest_checkpoint(origin: Path) -> Path | None:
+    """The last checkpoint of a run's folder, or the policy beside a kept file."""
+    found = sorted(origin.glob("steps_*.zip")) if origin.is_dir() else [origin.with_suffix(".zip")]
+    return found[-1] if found and found[-1].exists() else None

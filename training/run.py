@@ -1,0 +1,224 @@
+"""A training run: collect, update, log, save, and go on from where it was stopped."""
+
+import contextlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
+
+from . import checkpoint, run_header
+from .errors import TrainingError
+from .hyperparameters import ROLLOUT
+from .logs import open_logs
+from .ppo import SharedPPO
+from .presets import preset
+
+THREADS = 4  # more do not pay for networks this small
+SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs": "epochs"}
+Progress = Callable[["TrainingRun"], None]
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """What to train, and how.
+
+    Attributes:
+        scenario: What is played.
+        preset: Name of the networks, see PRESETS.
+        steps: Agent-steps to train for.
+        seed: The same seed gives the same numbers.
+        worlds: How many share a rollout.
+        rollout: Environment steps of a rollout.
+        dead: What becomes of the samples of dead agents: "keep" or "drop".
+        device: Of PyTorch.
+        threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
+        every: Agent-steps between checkpoints.
+        settings: Hyperparameters of PPO other than the paper's.
+    """
+
+    scenario: Scenario
+    preset: str = "original"
+    steps: int = 10_000_000
+    seed: int = 0
+    worlds: int = 64
+    rollout: int = ROLLOUT
+    dead: str = "keep"
+    device: str = "cpu"
+    threads: int = 0
+    every: int = 1_000_000
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def header(self) -> run_header.Header:
+        """The part of run.json that decides which numbers come out."""
+        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "steps", "every")}
+        return {"plan": kept, "scenario": fingerprint(self.scenario)}
+
+
+class TrainingRun:
+    """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
+
+    A process that is killed at any moment leaves a run that can be resumed.
+
+    Attributes:
+        done: Agent-steps in updates that are complete.
+        saved: Agent-steps in the newest checkpoint.
+        shown: A few of the numbers that were logged last, for a progress bar.
+    """
+
+    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False) -> None:
+        """Make the worlds and networks, and write run.json.
+
+        Args:
+            config: What to train, and how.
+            folder: Of the run; made if it is not there.
+            resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
+
+        Raises:
+            TrainingError: The run cannot begin or go on there; nothing is written.
+        """
+        self.config, self.folder = config, folder
+        files = self._find_checkpoint(resume)
+        threads = config.threads or min(THREADS, torch.get_num_threads())
+        torch.set_num_threads(threads)
+        self.model = SharedPPO(
+            config.scenario,
+            preset(config.preset),
+            worlds=config.worlds,
+            steps=config.rollout,
+            seed=config.seed,
+            dead=config.dead,
+            device=config.device,
+            threads=threads,
+            **config.settings,
+        )
+        if files is None:
+            self.model.start()
+        else:
+            self._check_plan(checkpoint.header_of(files))
+            checkpoint.restore(self.model, files)
+        with self._disk_errors():
+            self._prepare()
+            self.model.set_logger(open_logs(folder, self.model.num_timesteps))
+        self.saved = self.done = self.model.num_timesteps
+        self.shown: dict[str, str] = {}
+
+    def train(self, progress: Progress = lambda run: None) -> None:
+        """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
+
+        Args:
+            progress: Called after each update, and as each of its epochs begins: the first ones take minutes.
+
+        Raises:
+            TrainingError: The disk is full; what is in the folder can be resumed.
+        """
+
+        def on_epoch(epoch: int) -> None:
+            self.shown["now"] = f"epoch {epoch}"
+            progress(self)
+
+        self.model.rollout_buffer.on_epoch = on_epoch
+        kept = self._capture() if not self.saved else None
+        try:
+            while self.model.num_timesteps < self.config.steps:
+                self._iterate()
+                self.done, self.shown["now"] = self.model.num_timesteps, "collecting"
+                kept = self._capture()
+                if self.model.num_timesteps // self.config.every > self.saved // self.config.every:
+                    self._save(kept)
+                progress(self)
+        finally:
+            with self._disk_errors():
+                try:
+                    if kept is not None:
+                        self._save(kept)
+                finally:
+                    self.model.logger.close()
+
+    def _iterate(self) -> None:
+        """Collect a rollout, update from it, and log both."""
+        model, times = self.model, [time.perf_counter()]
+        model.collect()
+        times.append(time.perf_counter())
+        tags = model.collector.episodes.report() | model.collector.behaviour.report(model.rollout_buffer)
+        model._update_current_progress_remaining(model.num_timesteps, self.config.steps)
+        model.train()
+        times.append(time.perf_counter())
+        samples = model.rollout_buffer.alive.size
+        collecting, updating = times[1] - times[0], times[2] - times[1]
+        tags |= {
+            "time/env_steps": model.num_timesteps / model.base_env.num_agents,
+            "time/fps": samples / (times[2] - times[0]),
+            "time/collected_per_second": samples / collecting,
+            "time/updated_per_second": samples * model.logger.name_to_value["train/epochs"] / updating,
+        }
+        for tag, value in tags.items():
+            model.logger.record(tag, value)
+        shown = model.logger.name_to_value
+        self.shown |= {name: f"{shown[tag]:.1f}" for tag, name in SHOWN.items() if tag in shown}
+        with self._disk_errors():
+            model.logger.dump(model.num_timesteps)
+
+    def _capture(self) -> tuple[int, dict[str, bytes]]:
+        with self._disk_errors():  # of a temporary file for the worlds
+            return self.model.num_timesteps, checkpoint.capture(self.model, self.config.header())
+
+    def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
+        steps, files = kept
+        with self._disk_errors():
+            checkpoint.write_checkpoint(self.folder / checkpoint.NAME.format(steps), files)
+        self.saved = steps
+
+    def _find_checkpoint(self, resume: bool) -> dict[str, bytes] | None:
+        """The checkpoint to go on from, if there is one."""
+        there = [path for path in self.folder.iterdir() if not is_temporary(path)] if self.folder.is_dir() else []
+        if there and not resume:
+            raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
+        if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
+            return None
+        if self.folder / run_header.NAME in there and not any(self.folder.glob("steps_*.zip")):
+            self._check_begun()
+            return None
+        return checkpoint.read_checkpoint(checkpoint.newest(self.folder))
+
+    def _check_begun(self) -> None:
+        """Refuse a run without a checkpoint that was begun with another config."""
+        header = run_header.read_run_folder(self.folder)
+        self._check_plan(header)
+        own = preset(self.config.preset).scenario(self.config.scenario)
+        if other := difference(header["scenario"], fingerprint(own)):
+            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
+
+    def _prepare(self) -> None:
+        """Make the folder, remove temporary files of a killed process, and write run.json."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for path in filter(is_temporary, list(self.folder.iterdir())):
+            remove(path)
+        if not (self.folder / run_header.NAME).exists():
+            header = self.config.header() | {"scenario": fingerprint(self.model.base_env.scenario)}
+            with atomic_write(self.folder / run_header.NAME) as place:
+                place.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+
+    @contextlib.contextmanager
+    def _disk_errors(self) -> Iterator[None]:
+        """Turn errors of the disk into a TrainingError with the cure."""
+        try:
+            yield
+        except OSError as error:
+            wrong = f"{error.filename or self.folder}: {error.strerror or error}"
+            raise TrainingError(f"{wrong}; make room there, and go on with --resume") from error
+
+    def _check_plan(self, header: run_header.Header) -> None:
+        """Refuse to go on with other numbers: it would not be the same run."""
+        then, now = header["plan"], json.loads(json.dumps(self.config.header()["plan"]))
+        differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
+        if differ:
+            others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
+            raise TrainingError(f"the run in {self.folder} was begun with {others}")

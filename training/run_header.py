@@ -1,0 +1,109 @@
+"""run.json, in the folder of a run and in its checkpoints: what is trained, and how. Validated; needs no PyTorch."""
+
+import json
+import math
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
+from outlast.envs.storage import safe_npz
+
+from .errors import TrainingError
+from .observation_layout import MASK, current_key, own_key
+from .presets import PRESETS
+
+NAME = "run.json"
+VERSION = 1
+MOST, FEW = 2**16, 256  # numbers of an agent's observations, values of its actions; actions
+LONGEST = 2**20  # bytes
+Header = dict[str, Any]
+
+
+def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple[Header, dict[str, bytes]]:
+    """The header of a checkpoint, with all keys that are needed, and these entries of it. Raises TrainingError."""
+    try:
+        with path.open("rb") as file:
+            files = safe_npz.entries(file, {NAME, *entries})
+    except FileNotFoundError as error:
+        raise TrainingError(f"there is no checkpoint {path}") from error
+    except safe_npz.BROKEN as error:
+        raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}") from error
+    return parse_header(path, files[NAME], needed), files
+
+
+def read_run_folder(folder: Path) -> Header:
+    """The header of the run in a folder, which is there before any checkpoint. Raises TrainingError."""
+    path = folder / NAME
+    try:
+        with path.open("rb") as file:
+            return parse_header(path, file.read(LONGEST + 1), ("plan", "scenario"))
+    except FileNotFoundError as error:
+        raise TrainingError(f"{folder} has no {NAME}, which describes what is trained in it") from error
+    except OSError as error:
+        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
+    """The header in the content of run.json, with today's observation keys. Raises TrainingError if it is not valid."""
+    wrong = f"{path} does not describe a run"
+    try:
+        header = json.loads(content[: LONGEST + 1])
+    except (ValueError, RecursionError) as error:
+        raise TrainingError(f"{wrong}: {error}") from error
+    if not isinstance(header, dict):
+        raise TrainingError(f"{wrong}: it holds {type(header).__name__}")
+    if header.get("version", VERSION) != VERSION:
+        raise TrainingError(f"{path} has version {header['version']!r:.20}: {VERSION} is needed")
+    if missing := set(needed) - header.keys():
+        raise TrainingError(f"{wrong}: its {', '.join(sorted(missing))} is missing")
+    if isinstance(observations := header.get("observations"), dict):
+        header["observations"] = {current_key(key): shape for key, shape in observations.items()}
+    for key, is_valid in VALIDATORS.items():
+        if key in header and not is_valid(header[key]):
+            raise TrainingError(f"{wrong}: its {key} cannot be {header[key]!r:.80}")
+    return header
+
+
+def is_plain(given: Any) -> bool:
+    """Whether it is a number, a truth, nothing, or a text to be shown in a line (in which $ would begin a formula)."""
+    number = isinstance(given, (int, float)) and abs(given) < 1e300
+    return given is None or number or (is_word(given) and "$" not in given)
+
+
+def is_plan(given: Any) -> bool:
+    """Whether it could be the `plan` of TrainingConfig.header: plain values by name, and in `settings` once more."""
+    if not isinstance(given, dict) or not isinstance(settings := given.get("settings", {}), dict):
+        return False
+    own = {key: value for key, value in given.items() if key != "settings"}
+    return all(map(is_plain, (*own, *own.values(), *settings, *settings.values())))
+
+
+def _is_size(given: Any) -> bool:
+    return type(given) is int and 0 <= given <= MOST
+
+
+def _are_observations(given: Any) -> bool:
+    """Shapes by key; a kind has two dimensions, and beside it a mask of the first of them."""
+    if not isinstance(given, dict) or own_key() not in given or not all(map(is_word, given)):
+        return False
+    if not all(isinstance(shape, list) and shape and all(map(_is_size, shape)) for shape in given.values()):
+        return False
+    kinds = [(given[key], given[key + MASK]) for key in given if key + MASK in given]
+    room = sum(math.prod(max(1, size) for size in shape) for shape in given.values())
+    return room <= MOST and all(len(shape) == 2 and mask == shape[:1] for shape, mask in kinds)
+
+
+def _are_actions(given: Any) -> bool:
+    few = isinstance(given, list) and 0 < len(given) <= FEW
+    return few and all(_is_size(size) and size for size in given) and sum(given) <= MOST
+
+
+VALIDATORS: dict[str, Callable[[Any], bool]] = {
+    "steps": lambda given: type(given) is int and 0 <= given < 2**62,
+    "preset": lambda given: isinstance(given, str) and given in PRESETS,
+    "scenario": is_fingerprint,
+    "observations": _are_observations,
+    "actions": _are_actions,
+    "plan": is_plan,
+}
