@@ -1,10 +1,9 @@
-"""The whole check, one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
+"""The whole check in one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs two ways: compiled (with the slow tests), and as plain Python, there without the tests of what has no
-kernels (ONCE).
-`--quick` leaves out the slow tests and the second way. `--nightly` runs those tests, compiled, that take minutes, and
-then the suite, without the tests of what has no kernels (ONCE), compiled with bounds checks.
+The suite runs compiled, with the slow tests, and then as plain Python, without the folders that have no kernels of
+their own. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that take minutes, and then the
+suite, without those folders, compiled with bounds checks.
 """
 
 import importlib.util
@@ -23,9 +22,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 MODES = ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT")
 WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one file share what they compile
-# What has no kernels of its own: with bounds checks or as plain Python its tests would go through the same code again.
-ONCE = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
-WITHOUT = tuple(f"--ignore=tests/{folder}" for folder in ONCE)
+# Folders of tests without kernels of their own: with bounds checks, or as plain Python, they would repeat themselves.
+# They are ignored as folders, because markers would make those runs import every library first (a minute).
+WITHOUT_KERNELS = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
+KERNELS_ONLY = tuple(f"--ignore=tests/{folder}" for folder in WITHOUT_KERNELS)
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -54,12 +54,12 @@ class Result:
     tests: Counter[str] = field(default_factory=Counter)
 
     def __str__(self) -> str:
-        tests = f"   {counted(self.tests)}" if self.tests else ""
+        tests = f"   {summary_line(self.tests)}" if self.tests else ""
         return f"{'ok  ' if self.passed else 'FAIL'}  {self.name:<24}{self.seconds:7.1f} s{tests}"
 
 
 def checks() -> list[Stage]:
-    """The stages that read the sources without running them."""
+    """The static checks."""
     return [
         Stage("ruff check", ("-m", "ruff", "check", "--output-format", "concise")),
         Stage("ruff format --check", ("-m", "ruff", "format", "--check", "--output-format", "concise")),
@@ -69,20 +69,20 @@ def checks() -> list[Stage]:
 
 
 def suites(quick: bool, nightly: bool) -> list[Stage]:
-    """The ways in which the tests run."""
+    """The test runs."""
     if nightly:
-        bounds = Stage("pytest bounds-checked", WITHOUT, "NUMBA_BOUNDSCHECK")
+        bounds = Stage("pytest bounds-checked", KERNELS_ONLY, "NUMBA_BOUNDSCHECK")
         return [Stage("pytest nightly", ("-m", "nightly")), bounds]
     if quick:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "not nightly")),
-        Stage("pytest not compiled", WITHOUT, "NUMBA_DISABLE_JIT"),
+        Stage("pytest not compiled", KERNELS_ONLY, "NUMBA_DISABLE_JIT"),
     ]
 
 
 def check(stage: Stage) -> Result:
-    """Run a quiet stage: what it prints is shown only if it fails."""
+    """Run a stage; its output is shown only if it fails."""
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, *stage.arguments],
@@ -98,7 +98,7 @@ def check(stage: Stage) -> Result:
 
 
 def suite(stage: Stage, arguments: list[str]) -> Result:
-    """Run the tests in one way, in full view, and count them."""
+    """Run the tests, show their output, and count them."""
     print(f"\n{stage.name}", flush=True)
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +107,7 @@ def suite(stage: Stage, arguments: list[str]) -> Result:
         code = subprocess.run(command, cwd=ROOT, env=stage.environment).returncode
         tests = counts(report)
     if code not in (0, NO_TESTS) and not tests["failed"]:
-        tests["failed"] += 1  # it ended before it could say which
+        tests["failed"] += 1  # it ended before a report was written
     return Result(stage.name, code in (0, NO_TESTS), time.perf_counter() - start, tests)
 
 
@@ -121,28 +121,28 @@ def counts(report: Path) -> Counter[str]:
     return tests
 
 
-def counted(tests: Counter[str]) -> str:
-    """The line by which continuous integration recognises a test run."""
+def summary_line(tests: Counter[str]) -> str:
+    """The line that continuous integration looks for."""
     line = f"{tests['passed']} passed, {tests['failed']} failed"
     return line + (f", {tests['skipped']} skipped" if tests["skipped"] else "")
 
 
 def other_tree() -> str:
-    """Why what would be tested is not this tree, or nothing."""
+    """Why the imported package is not the one of this tree, or ""."""
     found = importlib.util.find_spec("outlast")
     if found and found.origin and Path(found.origin).resolve().is_relative_to(ROOT):
         return ""
     return f"outlast is {f'imported from {found.origin}' if found else 'not installed'}, not from {ROOT}"
 
 
-def divided(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """What stands before `--`, for us, and what stands behind it, for pytest."""
+def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """The arguments before `--`, and those after it, for pytest."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     return arguments[:end], arguments[end + 1 :]
 
 
 def summary(results: list[Result]) -> int:
-    """Say what failed, then count the tests; the exit code of the whole."""
+    """Print what failed and the number of tests; return the exit code."""
     total = sum((result.tests for result in results), Counter())
     failed = [result.name for result in results if not result.passed]
     print("\n" + "\n".join(str(result) for result in results))
@@ -150,25 +150,25 @@ def summary(results: list[Result]) -> int:
         print(f"\nfailed: {', '.join(failed)}")
     elif not total["passed"]:
         print("\nno test ran")
-    print(counted(total), flush=True)
+    print(summary_line(total), flush=True)
     return 1 if failed or not total["passed"] else 0
 
 
 def main() -> int:
-    ours, theirs = divided(sys.argv[1:])
+    own, for_pytest = split_arguments(sys.argv[1:])
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
-    parser.add_argument("--nightly", action="store_true", help="what takes many minutes, and nothing else")
-    asked = parser.parse_args(ours)
+    parser.add_argument("--nightly", action="store_true", help="only what takes many minutes")
+    options = parser.parse_args(own)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has those in the background ignore
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background processes ignore it
     results = []
-    for stage in [] if asked.nightly else checks():
+    for stage in [] if options.nightly else checks():
         results.append(check(stage))
         print(results[-1], flush=True)
-    for stage in suites(asked.quick, asked.nightly):
-        results.append(suite(stage, theirs))
+    for stage in suites(options.quick, options.nightly):
+        results.append(suite(stage, for_pytest))
         print(results[-1], flush=True)
     return summary(results)
 

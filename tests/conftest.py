@@ -1,4 +1,4 @@
-"""What all tests share: how they run, and what it means that two environments are the same."""
+"""What all tests share: marks and sizes by mode, digests, actions, and fixtures."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
@@ -16,7 +16,7 @@ COMPILED = not numba.config.DISABLE_JIT
 
 
 def if_compiled(mark: Any) -> Any:
-    """The mark for a test of which the compilation is what takes long; as plain Python it is a fast one."""
+    """The mark for a test that is slow only because it compiles; as plain Python it has none."""
     return mark if COMPILED else lambda test: test
 
 
@@ -24,17 +24,17 @@ slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pyt
 
 
 def few_by_day(names: Iterable[str], few: tuple[str, ...]) -> list[Any]:
-    """Parameters of a test: of these names, all but the few are for the night."""
+    """Parameters of a test: all names but the few are nightly."""
     return [name if name in few else pytest.param(name, marks=pytest.mark.nightly) for name in names]
 
 
 def scaled(count: int, least: int = 1) -> int:
-    """`count`, or a hundredth of it (but `least`) where kernels run as plain Python, which is that much slower."""
+    """`count`, or a hundredth of it (at least `least`) where kernels run as plain Python, which is that much slower."""
     return count if COMPILED else max(least, count // 100)
 
 
 def digest(worlds: Worlds, where: Any = slice(None)) -> str:
-    """Of every byte of the worlds `where`: their state, and the buffers of actions, observations and signals."""
+    """A digest of every byte of the worlds `where`: state, and buffers of actions, observations and signals."""
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
         if not component.packed:
@@ -50,13 +50,13 @@ def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray
 
 
 def interrupted_after(calls: int) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """A policy for POLICIES that does nothing, and at its next call after so many is as if Ctrl-C were pressed."""
+    """A policy for POLICIES that does nothing, and raises KeyboardInterrupt after so many calls."""
 
     def make(env: SurvivalVectorEnv, seed: int) -> Policy:
-        left, idle = iter(range(calls)), noop_policy(env, seed)
+        remaining, idle = iter(range(calls)), noop_policy(env, seed)
 
         def act(observations: Any) -> Any:
-            if next(left, None) is None:
+            if next(remaining, None) is None:
                 raise KeyboardInterrupt
             return idle(observations)
 
@@ -67,8 +67,8 @@ def interrupted_after(calls: int) -> Callable[[SurvivalVectorEnv, int], Policy]:
 
 @pytest.fixture
 def one_torch_thread() -> Iterator[None]:
-    """For small networks: more threads wait for each other, above all where other tests run beside."""
-    import torch  # here, as most tests do without
+    """One thread for small networks: more would wait for each other, above all beside other tests."""
+    import torch  # slow, and most tests do not need it
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

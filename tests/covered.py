@@ -1,8 +1,8 @@
-"""How much of the code is run by the tests: `python -m tests.covered [--least-lines 95] [--least-branches 90]`.
+"""Coverage of the tests: `python -m tests.covered [--least-lines 95] [--least-branches 90]`.
 
-They run twice: as plain Python, in which kernels are followed line by line, and compiled, for faces, commands, training
-and what makes kernels. Processes that tests start are followed, too. A table lists the files that have most left; the
-exit code is 1 if a test failed, or if less is covered than asked for.
+They run twice: as plain Python, in which kernels are measured line by line, and compiled, for adapters, commands,
+training and the compiler. Child processes count, too. A table lists the files with most left to cover; the exit code is
+1 if a test failed, or if less is covered than required.
 """
 
 import json
@@ -14,21 +14,21 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import Any
 
-from tests.__main__ import ROOT, WITHOUT_FACES, Stage, suite
+from tests.__main__ import KERNELS_ONLY, ROOT, Stage, suite
 
-FOLLOWED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
-UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # of memory, in which coverage keeps notes
+MEASURED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
+UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # of memory, which coverage itself uses
 SHOWN = 20  # files of the table
 
 
-def followed() -> tuple[bool, dict[str, Any]]:
-    """Whether all tests passed, and what coverage reports as JSON."""
+def measured() -> tuple[bool, dict[str, Any]]:
+    """Whether all tests passed, and coverage's JSON report."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ["COVERAGE_FILE"] = str(Path(folder) / "data")
         passed = True
         for stage in (
-            Stage("pytest not compiled", (*FOLLOWED, *WITHOUT_FACES), "NUMBA_DISABLE_JIT"),
-            Stage("pytest compiled", (*FOLLOWED, UNMEASURED, "-m", "not nightly")),
+            Stage("pytest not compiled", (*MEASURED, *KERNELS_ONLY), "NUMBA_DISABLE_JIT"),
+            Stage("pytest compiled", (*MEASURED, UNMEASURED, "-m", "not nightly")),
         ):
             result = suite(stage, [])
             print(result, flush=True)
@@ -46,7 +46,7 @@ def shares(summary: dict[str, int]) -> tuple[float, float]:
 
 
 def table(files: dict[str, Any]) -> str:
-    """Files by what is left to cover, most first: percents, and the lines."""
+    """Files by what is left to cover, most first: percentages, and the lines."""
     rows = []
     for name, file in files.items():
         summary = file["summary"]
@@ -61,11 +61,11 @@ def main() -> int:
     parser = ArgumentParser("python -m tests.covered", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--least-lines", type=float, default=95, help="percent (default 95)")
     parser.add_argument("--least-branches", type=float, default=90, help="percent (default 90)")
-    asked = parser.parse_args()
-    passed, report = followed()
+    options = parser.parse_args()
+    passed, report = measured()
     lines, branches = shares(report["totals"])
-    print(f"\n{table(report['files'])}\n\n{lines:.1f} % of lines, {branches:.1f} % of branches are run by tests")
-    return int(not passed or lines < asked.least_lines or branches < asked.least_branches)
+    print(f"\n{table(report['files'])}\n\n{lines:.1f} % of lines, {branches:.1f} % of branches are covered")
+    return int(not passed or lines < options.least_lines or branches < options.least_branches)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Golden digests: what agents are told in 2000 ticks of each variant, by platform and version of the environment.
+"""Golden digests of 2000 ticks of each variant, by platform and version of the environment.
 
     python -m tests.digests [VARIANT ...] [--ticks N] [--threads N]    print them
     python -m tests.digests --write                                    add this platform's to tests/golden/digests.json
 
-A digest is of all observations, rewards, ends and statistics up to a tick: of behaviour, not of how state is laid out.
-What is written stays: a digest that changes is a new behaviour, and a new behaviour is a new version.
+A digest covers all observations, rewards, ends and statistics up to a tick, but not the layout of the state. Digests in
+the file never change: another digest is another behaviour, which needs a new version of the environment.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from outlast.envs.storage.atomic_write import atomic_write
 FILE = Path(__file__).parent / "golden" / "digests.json"
 MARKS = (0, 1, 10, 50, 200, 500, 1000, 2000)  # the ticks after which digests are taken
 WORLDS, SEED = 32, 3
-HELD = 20  # ticks for which agents keep to a direction, so that they get somewhere
+HELD_TICKS = 20  # how long agents hold a direction, so that they get somewhere
 NEW_VERSION = (
     "behaviour changed: raise the version of {name} in envs/adapters/registry.py, "
     "say what changed in CHANGELOG.md, and write new digests: python -m tests.digests --write"
@@ -37,10 +37,10 @@ Golden = dict[str, dict[str, dict[str, str]]]  # platform: {environment: {tick: 
 
 
 def numbered_actions(env: SurvivalVectorEnv, tick: int) -> np.ndarray[Any, Any]:
-    """Random actions that depend on the tick and on each world's number: not on the batch, nor on any library."""
+    """Random actions that depend on the tick and the world's number only: not on the batch, nor on a library."""
     sizes, agents = env.action_sizes, env.num_agents
     last = env.first_world + env.num_worlds
-    motion, rest = (_bytes(stream, last * agents * len(sizes)) for stream in (f"{tick // HELD} held", f"{tick}"))
+    motion, rest = (_bytes(stream, last * agents * len(sizes)) for stream in (f"{tick // HELD_TICKS} held", f"{tick}"))
     drawn = np.concatenate([part.reshape(last, agents, -1) for part in (motion, rest)], -1)
     columns = [*range(3), *range(len(sizes) + 3, 2 * len(sizes))]
     return (drawn[env.first_world :, :, columns] % sizes).astype(np.int64)
@@ -51,8 +51,8 @@ def _bytes(stream: str, count: int) -> np.ndarray[Any, Any]:
     return np.frombuffer(hashlib.shake_128(stream.encode()).digest(count), np.uint8)
 
 
-def behaviour(name: str, ticks: int, worlds: int = WORLDS, **options: Any) -> dict[str, str]:
-    """Digests of what agents of a variant are told, by the ticks of MARKS up to `ticks`."""
+def behaviour_digests(name: str, ticks: int, worlds: int = WORLDS, **options: Any) -> dict[str, str]:
+    """Digests of a variant, by the ticks of MARKS up to `ticks`."""
     env = make_vec(name, worlds, seed=SEED, copy=False, **options)
     total, found = hashlib.blake2b(digest_size=12), {}
     for tick in range(ticks + 1):
@@ -76,7 +76,7 @@ def _arrays(outcome: Any) -> list[np.ndarray[Any, Any]]:
 
 
 def platform_name() -> str:
-    """What the last bits of floats may depend on: machine, its fused multiply-add, system, C library, Box2D."""
+    """What the last bits of floats may depend on: machine, fused multiply-add, system, C library, Box2D."""
     fused = " fma" if llvmlite.binding.get_host_cpu_features()["fma"] else ""
     library = " ".join(platform.libc_ver()) or platform.release()
     return f"{platform.machine()}{fused}, {platform.system()} {library}, Box2D {version('Box2D')}"
@@ -90,12 +90,12 @@ def environment(name: str) -> str:
 
 
 def golden() -> Golden:
-    """What is written down."""
+    """The content of the file."""
     return json.loads(FILE.read_text()) if FILE.exists() else {}
 
 
-def parting(written: dict[str, str], found: dict[str, str]) -> str:
-    """Where two runs of one version differ first, in words; "" where they agree at every tick that both have."""
+def first_difference(written: dict[str, str], found: dict[str, str]) -> str:
+    """Where two runs first differ, as text; "" if they agree at every tick that both have."""
     agreed = "the start"
     for mark in (str(tick) for tick in MARKS if str(tick) in written and str(tick) in found):
         if written[mark] != found[mark]:
@@ -106,12 +106,12 @@ def parting(written: dict[str, str], found: dict[str, str]) -> str:
 
 def changed(name: str, found: dict[str, str]) -> str:
     """Why these digests of a variant are not what this platform has for its version, or ""."""
-    where = parting(golden().get(platform_name(), {}).get(environment(name), {}), found)
+    where = first_difference(golden().get(platform_name(), {}).get(environment(name), {}), found)
     return f"{environment(name)} differs {where}; {NEW_VERSION.format(name=name)}" if where else ""
 
 
 def write(found: dict[str, dict[str, str]]) -> list[str]:
-    """Add digests of variants to the file; why some are refused, as they would change one, and nothing is written."""
+    """Add digests to the file, unless one would change: then nothing is written, and the reasons are returned."""
     if refused := [reason for name, digests in found.items() if (reason := changed(name, digests))]:
         return refused
     whole = golden()
@@ -127,11 +127,13 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser("python -m tests.digests", description=__doc__)
     parser.add_argument("variants", nargs="*", metavar="VARIANT", help="all if none is named")
     parser.add_argument("--ticks", type=int, default=MARKS[-1], help="how many (%(default)s)")
-    parser.add_argument("--threads", type=int, default=1, help="on which worlds are shared out (%(default)s)")
+    parser.add_argument("--threads", type=int, default=1, help="that step the worlds (%(default)s)")
     parser.add_argument("--write", action="store_true", help="add them to the file; refuses to change what is there")
-    asked = parser.parse_args(arguments)
-    found = {name: behaviour(name, asked.ticks, threads=asked.threads) for name in asked.variants or VARIANTS}
-    if not asked.write:
+    options = parser.parse_args(arguments)
+    found = {
+        name: behaviour_digests(name, options.ticks, threads=options.threads) for name in options.variants or VARIANTS
+    }
+    if not options.write:
         print(json.dumps(found, indent=1))
         return 0
     refused = write(found)

@@ -1,18 +1,18 @@
-"""Memory safety: Box2D's machine code and ours at work, under whatever this machine has to watch over memory.
+"""Memory safety: run compiled ticks and Box2D under the memory checkers that this machine has.
 
     python -m tests.memory [CHECKER ...] [--steps N | --tests FILE ...]
 
-Worlds of teams_4, sparse and crowded, are played in a process of its own, and their digests have to be those without a
-checker; or these files of tests run there instead, and have to pass. The checkers:
+Sparse and crowded worlds of teams_4 are played in a process of its own, and their digests must equal those without a
+checker; or the given test files run there instead, and must pass. The checkers:
 
 ========== =============================================================================================================
-plain      nothing watches: the digest
+plain      no checker: the digest
 perturbed  glibc fills fresh memory with 0x5A and freed memory with 0xA5, and checks its heap at each call
-asan       AddressSanitizer's allocator: red zones around blocks, freed ones kept; a broken one ends the process
-valgrind   Memcheck: every load and store of every instruction; slow (some minutes), without the machine's AVX-512
+asan       AddressSanitizer's allocator: red zones around blocks, freed ones are kept; an error ends the process
+valgrind   Memcheck: every load and store; slow (some minutes), for a generic processor
 ========== =============================================================================================================
 
-What is not installed is named, and left out. The exit status is 1 if a checker found something.
+Checkers that are not installed are reported and skipped. The exit status is 1 if one found an error.
 """
 
 import argparse
@@ -35,33 +35,33 @@ STEPS = 300  # of each world
 WORLDS = 8
 CROWD = {"agents_count": 12, "room_size": 10.0, "zone_radii": (5.0, 3.0)}  # contacts in every tick
 WORK = ("-c", "from tests.memory import work; work({steps})")
-# Without a watchdog thread for each test: in a fork, the checkers' heaps stay locked if it was just beginning.
+# Without a watchdog thread per test: if it starts during a fork, the checker's heap stays locked in the child.
 TESTS = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=0")
-TOLD = re.compile(r"(?m)^[0-9a-f]{32}$|\b\d+ passed")
+RESULTS = re.compile(r"(?m)^[0-9a-f]{32}$|\b\d+ passed")
 FAULTY = ("ERROR: AddressSanitizer", "free(): invalid", "corrupted", "malloc(): ", "double free")
-OURS = re.compile(r"(?m)\bb2[A-Z]\w*::|_Box2D|: \?\?\?$")  # in a stack: Box2D, or code of no library, as the tick's
+OUR_FRAMES = re.compile(r"(?m)\bb2[A-Z]\w*::|_Box2D|: \?\?\?$")  # stack frames of Box2D, or of no library, as the tick
 ROOT = Path(__file__).parent.parent
 
 
 @dataclass(frozen=True)
 class Checker:
-    """A way to run a process. needs: what has to be there, and where it was found; command: words before Python's."""
+    """A way to run a process. needs: requirements and where they were found; command: what precedes Python's."""
 
     name: str
     needs: dict[str, str | None] = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=dict)
     command: tuple[str, ...] = ()
-    generic: bool = False  # for an ordinary processor
+    generic: bool = False  # compile for a generic processor
 
     @property
     def missing(self) -> str:
-        """What it needs and has not got."""
+        """The requirements that were not found."""
         return ", ".join(name for name, found in self.needs.items() if not found)
 
 
 @dataclass(frozen=True)
 class Report:
-    """What came of a run. digest: "" if it did not end as it should. errors: what the checker found, in words."""
+    """The result of a run. digest: "" if it failed. errors: what the checker found, as text."""
 
     checker: str
     digest: str
@@ -70,7 +70,7 @@ class Report:
 
 
 def work(steps: int) -> None:
-    """What is watched: make worlds, step them, let them go; prints a digest of all that there is in the end."""
+    """Make worlds, step them, print their digests and close them."""
     from tests.conftest import digest, draw_actions
 
     rng = np.random.default_rng(0)
@@ -84,7 +84,7 @@ def work(steps: int) -> None:
 
 
 def checkers() -> list[Checker]:
-    """All that are known, for this machine."""
+    """All checkers, as configured for this machine."""
     debug = library("libc_malloc_debug.so.0")
     asan, runtime = library("libasan.so"), library("libstdc++.so")
     perturbed = {"MALLOC_PERTURB_": "165", "MALLOC_CHECK_": "3", "GLIBC_TUNABLES": "glibc.malloc.check=3"}
@@ -106,17 +106,17 @@ def checkers() -> list[Checker]:
 
 
 def library(name: str) -> str | None:
-    """The path of a shared library that the C compiler or the loader knows."""
+    """The path of a shared library that the C compiler or the loader finds."""
     if (compiler := shutil.which("gcc")) is not None:
-        told = subprocess.run([compiler, f"-print-file-name={name}"], capture_output=True, text=True).stdout.strip()
-        if os.path.isabs(told):
-            return os.path.realpath(told)
+        output = subprocess.run([compiler, f"-print-file-name={name}"], capture_output=True, text=True).stdout.strip()
+        if os.path.isabs(output):
+            return os.path.realpath(output)
     places = (Path(folder, name) for folder in ("/lib/x86_64-linux-gnu", "/lib64", "/usr/lib", "/lib"))
     return next((str(path) for path in places if path.exists()), None)
 
 
 def run(checker: Checker, steps: int, files: Sequence[str] = ()) -> Report:
-    """The work, or these files of tests, under a checker; after a first run without that compiles what it needs."""
+    """Run the work, or these test files, under a checker; if it is generic, compile without it first."""
     environment = os.environ | ({"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""} if checker.generic else {})
     command, first = ((sys.executable, *(word.format(steps=n) for word in WORK)) for n in (steps, 1))
     if files:
@@ -125,25 +125,25 @@ def run(checker: Checker, steps: int, files: Sequence[str] = ()) -> Report:
         subprocess.run(first, cwd=ROOT, env=environment, check=True, capture_output=True)
     with tempfile.TemporaryDirectory() as folder:
         log, start = Path(folder, "log"), time.perf_counter()
-        words = [word.format(log=log) for word in checker.command]
+        prefix = [word.format(log=log) for word in checker.command]
         environment |= checker.environment
-        done = subprocess.run((*words, *command), cwd=ROOT, env=environment, capture_output=True, text=True)
-        told = log.read_text() if log.exists() else ""
-    found = faults(told) + [line for line in done.stderr.splitlines() if any(word in line for word in FAULTY)]
+        done = subprocess.run((*prefix, *command), cwd=ROOT, env=environment, capture_output=True, text=True)
+        output = log.read_text() if log.exists() else ""
+    found = faults(output) + [line for line in done.stderr.splitlines() if any(word in line for word in FAULTY)]
     if done.returncode:
-        told = done.stderr.strip() or done.stdout.strip()
-        found.append(f"it ended with status {done.returncode}: {told[-300:]}")
-    return Report(checker.name, "".join(TOLD.findall(done.stdout)), found, time.perf_counter() - start)
+        output = done.stderr.strip() or done.stdout.strip()
+        found.append(f"it ended with status {done.returncode}: {output[-300:]}")
+    return Report(checker.name, "".join(RESULTS.findall(done.stdout)), found, time.perf_counter() - start)
 
 
 def faults(log: str) -> list[str]:
     """The errors in Memcheck's log that have Box2D or the tick in their stack."""
     blocks = re.split(r"(?m)^==\d+== \n", log)
-    return [block for block in blocks if "    at 0x" in block and OURS.search(block)]
+    return [block for block in blocks if "    at 0x" in block and OUR_FRAMES.search(block)]
 
 
 def verdict(report: Report, expected: str) -> str:
-    """In a word or two."""
+    """The result in a word or two."""
     if report.errors:
         return f"{len(report.errors)} errors"
     return "ok" if report.digest == expected else "another digest"
@@ -157,20 +157,20 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("checkers", nargs="*", metavar="CHECKER", help="all if none is named")
     parser.add_argument("--steps", type=int, default=STEPS, help="of each world (%(default)s)")
     parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="run these in place of worlds")
-    asked = parser.parse_args(arguments)
-    if strange := set(asked.checkers) - {checker.name for checker in known}:
+    options = parser.parse_args(arguments)
+    if strange := set(options.checkers) - {checker.name for checker in known}:
         parser.error(f"{', '.join(strange)}: choose among {', '.join(checker.name for checker in known)}")
-    expected, bad = run(known[0], asked.steps, asked.tests), False
+    expected, bad = run(known[0], options.steps, options.tests), False
     for checker in known:
-        if asked.checkers and checker.name not in asked.checkers:
+        if options.checkers and checker.name not in options.checkers:
             continue
         if checker.missing:
             print(f"{checker.name:<10} not run: {checker.missing} is not here", flush=True)
             continue
-        report = expected if checker is known[0] else run(checker, asked.steps, asked.tests)
-        told = verdict(report, expected.digest)
-        bad |= told != "ok" or not report.digest
-        print(f"{checker.name:<10} {told:<16} {report.seconds:7.1f} s  {report.digest[:16]}", flush=True)
+        report = expected if checker is known[0] else run(checker, options.steps, options.tests)
+        result = verdict(report, expected.digest)
+        bad |= result != "ok" or not report.digest
+        print(f"{checker.name:<10} {result:<16} {report.seconds:7.1f} s  {report.digest[:16]}", flush=True)
         print(*report.errors, sep="\n", end="\n" if report.errors else "")
     return int(bad)
 

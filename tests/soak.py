@@ -1,9 +1,9 @@
-"""The long run: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
+"""Soak test: `python -m tests.soak [--world-steps 10e6] [--resets 100000] [--environments 1000]`.
 
-Random play of all scenarios of tests.watch with everything that must hold checked after every tick; resets of all
-kinds; environments that come and go, closed or not: each in a process of its own. Memory, file descriptors and threads
-must stay flat: what is resident, by /proc/self/statm after collecting garbage, may grow by less than a megabyte after
-the warm-up. The exit code is 0 if all of it held. Memory is measured where there is a /proc, which is on Linux.
+Random play of all scenarios with the invariants of tests.helpers.invariants checked after every tick; resets of all
+kinds; environments that are created and closed or dropped: each in a process of its own. File descriptors and threads
+must not grow, and resident memory (/proc/self/statm, after collecting garbage) by less than a megabyte after the
+warm-up. The exit code is 0 if all of that held. Memory is measured on Linux only, which has a /proc.
 """
 
 import gc
@@ -23,18 +23,18 @@ from tqdm import tqdm
 import outlast
 from outlast import VARIANTS
 from tests.conftest import draw_actions, scaled
-from tests.watch import SCENARIOS, Walk, scenario
+from tests.helpers.invariants import SCENARIOS, CheckedPlay, scenario
 
 PROC = Path("/proc/self")
 MEGABYTE = 2**20
-LIMIT = 1.0  # megabytes that the process may grow
+LIMIT = 1.0  # megabytes of allowed growth
 WARM_UP, PROBES = 0.2, 40  # a share of the work; measurements in the rest of it
-WORLDS = scaled(512, least=20)  # of an environment that is stepped: threads share them
+WORLDS = scaled(512, least=20)  # of an environment that is stepped by two threads
 
 
 @dataclass
 class Usage:
-    """What the process holds, measured now and then."""
+    """What the process uses, measured in intervals."""
 
     megabytes: list[float] = field(default_factory=list)
     files: list[int] = field(default_factory=list)
@@ -73,10 +73,10 @@ class Usage:
 
 
 def soak(name: str, work: Iterator[int], amount: int, quiet: bool = False) -> Usage:
-    """Do `amount` of work, as told by what the iterator yields, and measure after the warm-up."""
+    """Do `amount` of work, the sum of what the iterator yields, and measure after the warm-up."""
     usage, done = Usage(), 0
     gc.collect()
-    gc.freeze()  # what is there already, the compiler's objects above all, makes collecting slow
+    gc.freeze()  # existing objects, mostly the compiler's, make collecting slow
     probes = list(np.linspace(WARM_UP * amount, amount, PROBES, endpoint=False))
     with tqdm(total=amount, desc=name, unit_scale=True, disable=quiet) as bar:
         while done < amount:
@@ -92,9 +92,9 @@ def soak(name: str, work: Iterator[int], amount: int, quiet: bool = False) -> Us
 
 
 def steps() -> Iterator[int]:
-    """Worlds of all scenarios in turn, with everything checked after each tick. Yields world-steps."""
+    """Step worlds of all scenarios in turn, checking all invariants. Yields world-steps."""
     envs = [outlast.make_vec(scenario(name), WORLDS, seed=0, threads=2) for name in SCENARIOS]
-    walks = [Walk(env, seed=k) for k, env in enumerate(envs)]
+    walks = [CheckedPlay(env, seed=k) for k, env in enumerate(envs)]
     while True:
         for walk in walks:
             walk.step()
@@ -102,7 +102,7 @@ def steps() -> Iterator[int]:
 
 
 def resets() -> Iterator[int]:
-    """Resets of all worlds and of some, by every kind of seed, and a step after each. Yields resets."""
+    """Reset all or some worlds with every kind of seed, and step once after each reset. Yields resets."""
     rng, modes = np.random.default_rng(0), ("NextStep", "SameStep", "Disabled")
     envs = [outlast.make_vec(name, 3, seed=0, autoreset_mode=modes[k % 3]) for k, name in enumerate(VARIANTS)]
     for env in envs:
@@ -112,13 +112,13 @@ def resets() -> Iterator[int]:
             mask = rng.random(3) < 0.5
             mask[rng.integers(3)] = True
             seed: Any = [None, int(rng.integers(2**63)), rng.integers(0, 2**63, 3)][rng.integers(3)]
-            env.reset(seed=seed, options={"reset_mask": mask} if rng.random() < 0.5 else None)
+            env.reset(seed=seed, parse_options={"reset_mask": mask} if rng.random() < 0.5 else None)
             env.step(draw_actions(env, rng))
             yield 1
 
 
 def environments() -> Iterator[int]:
-    """Environments with threads, of all variants: closed, closed twice, and dropped. Yields environments."""
+    """Make environments with threads, and drop them, closed once, twice or not. Yields environments."""
     rng = np.random.default_rng(0)
     while True:
         for name in VARIANTS:
@@ -140,7 +140,7 @@ PARTS: dict[str, Callable[[], Iterator[int]]] = {
 }
 
 
-def options(arguments: list[str] | None) -> Namespace:
+def parse_options(arguments: list[str] | None) -> Namespace:
     parser = ArgumentParser("python -m tests.soak", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     for name, default in zip(PARTS, ("10e6", "100000", "1000"), strict=True):
         parser.add_argument(f"--{name}", type=_count, metavar="N", default=default, help="(default %(default)s)")
@@ -153,7 +153,7 @@ def _count(text: str) -> int:
 
 
 def run(name: str, amount: int, quiet: bool) -> None:
-    """One part, in a process of its own: what others leave behind would hide what grows. Ends the process."""
+    """Run one part and exit: in a process of its own, as memory freed by other parts would hide growth."""
     usage = soak(name, PARTS[name](), amount, quiet)
     print(f"{amount:,} {name}: {usage}", flush=True)
     for fault in (faults := usage.faults()):
@@ -162,12 +162,12 @@ def run(name: str, amount: int, quiet: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    asked = options(arguments)
-    os.environ["MALLOC_ARENA_MAX"] = "1"  # else the C library keeps some memory for each of the first threads there are
+    options = parse_options(arguments)
+    os.environ["MALLOC_ARENA_MAX"] = "1"  # else the C library keeps an arena for each thread
     codes = []
     for name in PARTS:
-        amount = getattr(asked, name.replace("-", "_"))
-        process = get_context("spawn").Process(target=run, args=(name, amount, asked.quiet))
+        amount = getattr(options, name.replace("-", "_"))
+        process = get_context("spawn").Process(target=run, args=(name, amount, options.quiet))
         if amount:
             process.start()
             process.join()

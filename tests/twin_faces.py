@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from tests.naive import in_kite, in_sector
+from tests.helpers.naive_geometry import in_kite, in_sector
 from tests.twin_doubts import doubt, surely
 from tests.twin_world import Thing, World
 from tests.twins import distance, entry

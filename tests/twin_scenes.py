@@ -14,7 +14,7 @@ from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests import twin_faces, twins
 from tests.conftest import draw_actions, scaled
-from tests.reference_dice import scattered
+from tests.reference.random_numbers import scattered
 from tests.twin_doubts import Unsure
 from tests.twin_world import World, differences, read
 

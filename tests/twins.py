@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from tests.naive import MISS, ray_box, ray_circle
+from tests.helpers.naive_geometry import MISS, ray_box, ray_circle
 from tests.twin_doubts import doubt, surely, within
 from tests.twin_world import TOLERANCE, Loss, Thing, World
 

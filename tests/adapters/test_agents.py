@@ -13,7 +13,7 @@ from outlast import make_vec
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 KINDS = ("ffa_3", "teams_3")
 MODES = [mode.value for mode in AutoresetMode]

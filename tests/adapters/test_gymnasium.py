@@ -18,7 +18,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]

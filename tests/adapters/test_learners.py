@@ -15,7 +15,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
 from tests.conftest import COMPILED, digest, scaled
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
 MODES = list(AutoresetMode)

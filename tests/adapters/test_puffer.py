@@ -16,7 +16,7 @@ import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere), warnings.catch_warnings():
     warnings.simplefilter("ignore")  # and elsewhere, as PufferLib leaves a link in the folder where it is imported

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import outlast
-from tests.ways import short
+from tests.helpers.execution_modes import short
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():

@@ -17,7 +17,7 @@ from outlast.ecs.random import NORMAL
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from outlast.systems import DropLast
 from tests.conftest import few_by_day, scaled
-from tests.ways import SHORT, short
+from tests.helpers.execution_modes import SHORT, short
 
 INF = math.inf
 HARD: dict[str, Any] = {"boxes_width_deviation": 3.0, "boxes_least": 0.003, "boxes_offset": 3.0, "drop_radius": 2.0}

@@ -17,8 +17,8 @@ from outlast.components import Body
 from outlast.ecs import Clock
 from outlast.envs.errors import FaultError
 from tests.conftest import COMPILED, digest, scaled
-from tests.digests import behaviour, numbered_actions
-from tests.ways import FEW, SHORT, Way, lockstep, short, unlike
+from tests.digests import behaviour_digests, numbered_actions
+from tests.helpers.execution_modes import FEW, SHORT, ExecutionMode, first_difference, lockstep, short
 
 ROOT = Path(__file__).parents[2]
 QUICK = ("teams_4",)  # variants of the fast tests
@@ -43,40 +43,40 @@ def test_the_two_bridges_agree_in_a_crowd() -> None:
     """Contacts are many; boxes are set up on top of agents."""
     crowd = variant("teams_3").replace(**SHORT | {"n_agents": 12, "agents_health": 40, "room_size": 26.0})
     bridges = ("native", "portable") if COMPILED else ("auto", "portable")
-    native, portable = (Way(crowd.replace(physics_bridge=bridge), range(8)) for bridge in bridges)
+    native, portable = (ExecutionMode(crowd.replace(physics_bridge=bridge), range(8)) for bridge in bridges)
     assert "(python)" in str(portable.env.worlds.schedule)
     assert ("(python)" in str(native.env.worlds.schedule)) == (not COMPILED)
     for tick in range(scaled(150, least=10)):
         actions = numbered_actions(native.env, tick)
         native.step(actions)
         portable.step(actions)
-        assert native.digest() == portable.digest(), f"tick {tick}: {unlike(native, portable)}"
+        assert native.digest() == portable.digest(), f"tick {tick}: {first_difference(native, portable)}"
 
 
 def test_every_way_sees_episodes_end() -> None:
     """Guards the tests above against comparing one episode only, and against a digest that is blind."""
-    way = Way(short("teams_4"), range(FEW))
+    mode = ExecutionMode(short("teams_4"), range(FEW))
     seen = set()
     for tick in range(scaled(100, least=8)):
-        way.step(numbered_actions(way.env, tick))
-        seen.add(way.digest())
+        mode.step(numbered_actions(mode.env, tick))
+        seen.add(mode.digest())
     assert len(seen) == scaled(100, least=8)
-    assert way.env.worlds[Clock].episode.min() >= (2 if COMPILED else 0)
-    before = way.digest()
-    for component in way.env.worlds.components:
-        for column in way.env.worlds[component]:
+    assert mode.env.worlds[Clock].episode.min() >= (2 if COMPILED else 0)
+    before = mode.digest()
+    for component in mode.env.worlds.components:
+        for column in mode.env.worlds[component]:
             if column.size:
                 column.view(np.uint8)[0].flat[-1] ^= 1
-                assert way.digest() != before, component
+                assert mode.digest() != before, component
                 column.view(np.uint8)[0].flat[-1] ^= 1
-    assert way.digest() == before
+    assert mode.digest() == before
 
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_a_fault_forgets_no_end(autoreset: str) -> None:
     """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
     scenario = variant("ffa_1").replace(ending_limit=3)
-    harmed, twin = (Way(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
+    harmed, twin = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
     idle = np.ones((2, 2, 6), int)
     for tick in range(5):
         twin.step(idle)
@@ -95,7 +95,7 @@ def test_a_fault_forgets_no_end(autoreset: str) -> None:
 
 @functools.cache
 def digests_of(name: str, ticks: int) -> dict[str, str]:
-    return behaviour(name, ticks)
+    return behaviour_digests(name, ticks)
 
 
 def in_another_process(names: Sequence[str], ticks: int, **environment: str) -> Any:
@@ -134,10 +134,10 @@ np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
 
 def watched(name: str, ticks: int) -> dict[str, np.ndarray[Any, Any]]:
     """Observations and rewards of two short worlds, a row a tick."""
-    way = Way(short(name), range(2))
+    mode = ExecutionMode(short(name), range(2))
     rows: dict[str, list[Any]] = {}
     for tick in range(ticks):
-        observations, reward, terminated, truncated, _ = way.env.step(numbered_actions(way.env, tick))
+        observations, reward, terminated, truncated, _ = mode.env.step(numbered_actions(mode.env, tick))
         outcome = {**observations, "reward": reward, "terminated": terminated, "truncated": truncated}
         for key, array in outcome.items():
             rows.setdefault(key, []).append(array.copy())

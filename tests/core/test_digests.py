@@ -13,7 +13,7 @@ from outlast import VARIANTS
 from outlast.envs.adapters import registry
 from tests import digests
 from tests.conftest import COMPILED, slow_compiled
-from tests.digests import FILE, MARKS, WORLDS, behaviour, environment, golden, platform_name
+from tests.digests import FILE, MARKS, WORLDS, behaviour_digests, environment, golden, platform_name
 
 COMMAND = "python -m tests.digests --write"
 ROOT = Path(__file__).parents[2]
@@ -34,7 +34,7 @@ def check(name: str, ticks: int) -> None:
 
 
 def changed(name: str, ticks: int) -> str:
-    return digests.changed(name, behaviour(name, ticks))
+    return digests.changed(name, behaviour_digests(name, ticks))
 
 
 @pytest.mark.skipif(not COMPILED, reason="its sines are others: see tests/core/test_determinism.py")
@@ -57,7 +57,7 @@ def test_worlds_begin_alike_on_every_platform(name: str) -> None:
         key: entries[environment(name)]["0"] for key, entries in golden().items() if environment(name) in entries
     }
     assert written
-    assert set(written.values()) == {behaviour(name, 0)["0"]}, f"{digests.NEW_VERSION.format(name=name)}"
+    assert set(written.values()) == {behaviour_digests(name, 0)["0"]}, f"{digests.NEW_VERSION.format(name=name)}"
 
 
 def test_all_names_of_a_variant_are_of_one_version() -> None:
@@ -126,16 +126,16 @@ def test_another_behaviour_is_refused_until_the_version_is_raised(file: Path, mo
 @slow_compiled
 def test_a_change_of_behaviour_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """One hit point more or less, or a motor that is a thousandth stronger, in one of the variants."""
-    expected = behaviour("ffa_4", 10, 2)
-    assert expected == behaviour("ffa_4", 10, 2, threads=2)
+    expected = behaviour_digests("ffa_4", 10, 2)
+    assert expected == behaviour_digests("ffa_4", 10, 2, threads=2)
     for number, value in (("agents_health", 99), ("motors_ahead", 0.25025), ("rewards_alive", 1.5)):
         scenario: Any = VARIANTS["ffa_4"].replace(**{number: value})
-        where = digests.parting(expected, behaviour(scenario, 10, 2))
+        where = digests.first_difference(expected, behaviour_digests(scenario, 10, 2))
         assert where == f"between {'the start and tick 0' if number == 'agents_health' else 'tick 0 and tick 1'}"
 
 
 def test_the_command(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert digests.main(["ffa_1", "--ticks", "1"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"ffa_1": behaviour("ffa_1", 1, WORLDS)}
+    assert json.loads(capsys.readouterr().out) == {"ffa_1": behaviour_digests("ffa_1", 1, WORLDS)}
     assert digests.main(["ffa_1", "--ticks", "0", "--write"]) == 0
     assert capsys.readouterr().out == f"digests.json: 1 environments on {platform_name()}\n"

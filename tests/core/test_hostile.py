@@ -32,7 +32,7 @@ from outlast.envs.snapshots import validation
 from outlast.envs.snapshots.state import State
 from outlast.envs.storage import safe_npz
 from tests.conftest import digest, draw_actions, scaled
-from tests.fuzz_mutations import BOMB, announced, bomb, npy, within, zipped
+from tests.fuzz.mutations import BOMB, bomb, memory_limit, npy, with_entry_headers, zipped
 
 # ---- saved states
 
@@ -197,7 +197,7 @@ FILES = {"a.npy": npy(np.arange(6, dtype=np.int32).reshape(2, 3)), "b.npy": npy(
 
 def packed_bomb() -> bytes:
     crc = bomb()[1]
-    return announced(zipped({"a.npy": bomb()[0]}), 0, method=zipfile.ZIP_DEFLATED, crc=crc, unpacked=BOMB)
+    return with_entry_headers(zipped({"a.npy": bomb()[0]}), 0, method=zipfile.ZIP_DEFLATED, crc=crc, unpacked=BOMB)
 
 
 @pytest.mark.parametrize(
@@ -206,17 +206,17 @@ def packed_bomb() -> bytes:
         (b"", "not a zip file"),
         (zipped(FILES, zipfile.ZIP_DEFLATED), "is compressed"),
         (packed_bomb(), "is compressed"),
-        (announced(zipped(FILES), 0, flags=1), "encrypted"),
-        (announced(zipped(FILES), 1, packed=2**31, unpacked=2**31), "larger than the file"),
-        (announced(zipped(FILES), 0, unpacked=1500), "larger than the file"),
-        (announced(zipped(FILES), 0, crc=1), "CRC"),
+        (with_entry_headers(zipped(FILES), 0, flags=1), "encrypted"),
+        (with_entry_headers(zipped(FILES), 1, packed=2**31, unpacked=2**31), "larger than the file"),
+        (with_entry_headers(zipped(FILES), 0, unpacked=1500), "larger than the file"),
+        (with_entry_headers(zipped(FILES), 0, crc=1), "CRC"),
         (zipped([("a.npy", b"1"), ("a.npy", b"2")]), "the same name"),
         (zipped({"x": b"1"}), "it has no a.npy"),
     ],
 )
 def test_archives_that_are_not_plain_are_refused(content: bytes, reason: str) -> None:
     """Whatever they announce, nothing of that size is read."""
-    with within(2 * len(content) + 2**18), pytest.raises(safe_npz.BROKEN, match=reason):
+    with memory_limit(2 * len(content) + 2**18), pytest.raises(safe_npz.BROKEN, match=reason):
         safe_npz.entries(io.BytesIO(content), ("a.npy",))
     assert safe_npz.entries(io.BytesIO(zipped(FILES))) == FILES
 

@@ -10,7 +10,7 @@ import outlast
 from outlast.components import Bag, Body, Box, End, Episode, Health, Item, Reward, Zone
 from outlast.ecs import Entity
 from tests.conftest import COMPILED, scaled
-from tests.watch import SCENARIOS, Walk, scenario
+from tests.helpers.invariants import SCENARIOS, CheckedPlay, scenario
 
 STEPS = scaled(4000, least=100)  # world-steps of a scenario in the quick run
 MILLION = 1_000_000
@@ -18,7 +18,7 @@ MILLION = 1_000_000
 
 def walk(name: str, world_steps: int, num_worlds: int) -> None:
     env = outlast.make_vec(scenario(name), num_worlds, seed=8)
-    play = Walk(env, seed=9)
+    play = CheckedPlay(env, seed=9)
     for _ in range(-(-world_steps // num_worlds)):
         play.step()
     env.close()
@@ -57,10 +57,10 @@ DAMAGE: dict[str, Callable[[Any], Any]] = {  # done to world 1 of teams_4
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_what_does_not_hold_is_noticed(damage: str) -> None:
     env = outlast.make_vec("teams_4", 3, seed=8)
-    play = Walk(env, seed=9)
+    play = CheckedPlay(env, seed=9)
     play.step()
     still = [False] * env.num_worlds
-    play.guard.check(env.observe(), ran=np.array(still))
+    play.checker.check(env.observe(), ran=np.array(still))
     DAMAGE[damage](env.worlds)
     with pytest.raises(AssertionError):
-        play.guard.check(env.observe(), ran=np.array(still))
+        play.checker.check(env.observe(), ran=np.array(still))

@@ -1,4 +1,4 @@
-"""Any sequence of calls, on several environments at once: what comes back is what tests.histories predicts."""
+"""Any sequence of calls, on several environments at once: what comes back is what tests.helpers.model predicts."""
 
 import secrets
 from collections.abc import Callable, Iterable
@@ -18,8 +18,8 @@ from outlast.envs.errors import ActionError, ClosedError, NotResetError, Pending
 from outlast.envs.snapshots.state import State
 from outlast.systems import Boxes
 from tests.conftest import COMPILED, scaled
-from tests.histories import Memory, Player, Saved, alone
-from tests.watch import SCENARIOS, scenario
+from tests.helpers.invariants import SCENARIOS, scenario
+from tests.helpers.model import ModelledEnv, Outcomes, SavedState, replay_alone
 
 SHORT: dict[str, Any] = {  # episodes of a few ticks, with deaths in them
     "agents_health": 15, "ending_limit": 9, "room_size": 12.0,
@@ -82,11 +82,11 @@ class Calls(RuleBasedStateMachine):
     def __init__(self, names: list[str], folder: Path) -> None:
         super().__init__()
         self.names, self.scenarios = names, list[Scenario]()
-        self.memory, self.players = Memory(), list[Player]()
-        self.states: list[Saved] = []
+        self.memory, self.players = Outcomes(), list[ModelledEnv]()
+        self.states: list[SavedState] = []
         self.file = folder / "state.npz"
 
-    def player(self, number: int) -> Player:
+    def player(self, number: int) -> ModelledEnv:
         return self.players[number % len(self.players)]
 
     @initialize(options=options, data=st.data())
@@ -95,13 +95,13 @@ class Calls(RuleBasedStateMachine):
         mine = scenario(name, **SHORT, **(SMALL if Boxes in scenario(name) else {}))
         harder = mine.numbers()["melee_damage"] + 1
         self.scenarios = [mine, replace(mine, name="other").replace(melee_damage=harder)]
-        self.players.append(Player(self.memory, self.scenarios[0], **options))
+        self.players.append(ModelledEnv(self.memory, self.scenarios[0], **options))
         self.players[0].reset()
 
     @rule(options=options, other=st.sampled_from([0, 0, 0, 1]), begin=st.sampled_from([True, True, False]))
     @precondition(lambda self: len(self.players) < MOST)
     def open(self, options: dict[str, Any], other: int, begin: bool) -> None:
-        self.players.append(Player(self.memory, self.scenarios[other], **options))
+        self.players.append(ModelledEnv(self.memory, self.scenarios[other], **options))
         if begin:
             self.players[-1].reset()
 
@@ -124,8 +124,8 @@ class Calls(RuleBasedStateMachine):
     @rule(number=which)
     def reset_what_ended(self, number: int) -> None:
         player = self.player(number)
-        if player.over.any():
-            player.reset(None, player.over)
+        if player.done.any():
+            player.reset(None, player.done)
 
     @rule(number=which, acts=st.lists(acts, min_size=1, max_size=6))
     def step(self, number: int, acts: list[int]) -> None:
@@ -136,7 +136,7 @@ class Calls(RuleBasedStateMachine):
     def step_to_an_end(self, number: int, act: int) -> None:
         player = self.player(number)
         for _ in range(SHORT["ending_limit"]):
-            if not player.over.any():
+            if not player.done.any():
                 player.step(act)
 
     @rule(number=which, act=acts)
@@ -147,9 +147,9 @@ class Calls(RuleBasedStateMachine):
     def get_state(self, number: int, chosen: list[int]) -> None:
         """Of some worlds; of those that have ended, if there are any, as they are the rarest."""
         player = self.player(number)
-        ended = np.flatnonzero(player.over)
+        ended = np.flatnonzero(player.done)
         where = ended if ended.size else np.array(chosen) % player.env.num_worlds
-        self.states = [*self.states, player.get(where)][-KEPT:]
+        self.states = [*self.states, player.get_state(where)][-KEPT:]
 
     @rule(number=which, state=which, first=st.integers(0, 19))
     @precondition(lambda self: self.states)
@@ -159,16 +159,16 @@ class Calls(RuleBasedStateMachine):
         if saved.scenario is not player.scenario:
             player.refused(lambda: player.env.set_state(saved.state[: len(where)], where), StateError)
         elif len(where) == len(saved.state):
-            player.put(saved, where)
+            player.set_state(saved, where)
 
     @rule(number=which, state=which)
     @precondition(lambda self: self.states)
     def copy_one_onto_all(self, number: int, state: int) -> None:
         player, saved = self.player(number), self.states[state % len(self.states)]
         if saved.scenario is player.scenario:
-            returns, alive = saved.watched
-            one = Saved(saved.state[0], saved.histories[:1], (returns[:1], alive[:1]), saved.scenario)
-            player.put(one, np.arange(player.env.num_worlds))
+            returns, alive = saved.memory
+            one = SavedState(saved.state[0], saved.histories[:1], (returns[:1], alive[:1]), saved.scenario)
+            player.set_state(one, np.arange(player.env.num_worlds))
 
     @rule(number=which, other=which, acts=acts, at_an_end=st.booleans())
     @precondition(lambda self: len(self.players) > 1)
@@ -179,7 +179,7 @@ class Calls(RuleBasedStateMachine):
             self.step_to_an_end(number, acts)
         if heir.scenario is player.scenario:
             worlds = np.arange(min(heir.env.num_worlds, player.env.num_worlds))
-            heir.put(player.get(worlds), worlds)
+            heir.set_state(player.get_state(worlds), worlds)
             heir.step(acts)
 
     @rule(state=which)
@@ -213,7 +213,7 @@ class Calls(RuleBasedStateMachine):
         for player in self.players:
             for history in player.histories[-1:]:
                 if history is not None:
-                    alone(self.memory, player.scenario, history)
+                    replay_alone(self.memory, player.scenario, history)
             player.env.close()
 
 

@@ -12,7 +12,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError
 from tests.conftest import digest, draw_actions, scaled
 from tests.digests import numbered_actions
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 KINDS = ("ffa_1", "ffa_3", "teams_2", "teams_3")  # the others differ from these in numbers only
 WORLDS = scaled(40, least=4)

@@ -8,7 +8,7 @@ from outlast.ecs import Clock, Entity
 from outlast.envs.errors import NotResetError
 from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
-from tests.ways import equal, short
+from tests.helpers.execution_modes import equal, short
 
 WORLDS = scaled(40, least=4)
 

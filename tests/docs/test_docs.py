@@ -1,4 +1,4 @@
-"""The documents: tables are those of the results that are kept, and who writes a component is who they say."""
+"""The documents: tables agree with the kept results, and docstrings name the mechanics that write a component."""
 
 import inspect
 import re
@@ -15,14 +15,14 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.parametrize("name", ["docs/performance.md", "README.md"])
 def test_tables_are_those_of_the_results(name: str) -> None:
-    """To renew them: python -m perf.report MACHINE"""
+    """To update them: python -m perf.report MACHINE"""
     text = (ROOT / name).read_text()
     assert "<!-- table original of" in text
     assert "<!-- machine of original -->" in text
     assert filled(text) == text
 
 
-def test_a_machine_takes_over_the_tables_that_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_replaces_the_tables_that_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
     for machine, name in (("old", "step"), ("old", "floor"), ("new", "step")):
         (tmp_path / machine).mkdir(exist_ok=True)
@@ -54,7 +54,7 @@ anything
     assert filled(done) == done
 
 
-def writers(noun: type[Component]) -> set[str]:
+def writers(component: type[Component]) -> set[str]:
     """The mechanics and systems that write a component, by name."""
     kinds = [kind for kind in vars(systems).values() if isinstance(kind, type) and issubclass(kind, Module)]
     found = [
@@ -62,21 +62,21 @@ def writers(noun: type[Component]) -> set[str]:
         for kind in kinds
         for system in kind.registered
         for parameter in system.parameters
-        if parameter.kind in ("write", "add") and noun in parameter.components
+        if parameter.kind in ("write", "add") and component in parameter.components
     ]
     return {system.module for system in found} | {system.label for system in found}
 
 
 def test_a_component_is_written_by_whom_it_says() -> None:
     mechanics = {kind.name for kind in vars(systems).values() if isinstance(kind, type) and issubclass(kind, Module)}
-    said = 0
-    for noun in (getattr(components, name) for name in components.__all__):
-        if not (isinstance(noun, type) and issubclass(noun, Component)):
+    count = 0
+    for component in (getattr(components, name) for name in components.__all__):
+        if not (isinstance(component, type) and issubclass(component, Component)):
             continue
-        for sentence in re.findall(r"[Ww]ritten by ([^\n\"]+)", inspect.getsource(noun)):
+        for sentence in re.findall(r"[Ww]ritten by ([^\n\"]+)", inspect.getsource(component)):
             words = re.findall(r"[a-z_]+(?:\.[a-z_]+)?", sentence)
             named = {word for word in words if word.partition(".")[0] in mechanics}
-            assert named, (noun.__name__, sentence)
-            assert named <= writers(noun), (noun.__name__, sentence)
-            said += 1
-    assert said > 8
+            assert named, (component.__name__, sentence)
+            assert named <= writers(component), (component.__name__, sentence)
+            count += 1
+    assert count > 8

@@ -1,4 +1,4 @@
-"""The commands that README and pages show run, in the order in which they stand, each page in a folder of its own."""
+"""The commands in README and on the pages run, in their order, each page in a folder of its own."""
 
 import re
 import shlex
@@ -11,16 +11,17 @@ from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-SMALL = {  # the same commands, with less to do: of an option that is given twice, the last counts
-    "frames": ["--steps", "3", "--size", "64", "--quiet"],
+SMALL = {  # the same commands with less work: of an option that is given twice, the last counts
+    "frames": ["--steps", "3", "--quiet"],
     "replay": ["--quiet"],
     "rollout": ["--worlds", "5", "--quiet"],
 }
-ELSEWHERE = {"play", "train", "plot", "evaluate"}  # a game without end, a run of an hour, what needs it: own tests
+SMALL_PICTURES = ["--size", "64"]
+ELSEWHERE = {"play", "train", "plot", "evaluate"}  # endless, an hour long, or needing its results: tested elsewhere
 
 
 def shown(page: Path) -> list[list[str]]:
-    """The words of each command in a page's blocks of shell, the program's name left out."""
+    """The arguments of each command in a page's shell blocks."""
     blocks = re.findall(r"^```bash\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
     lines = re.findall(r"^(?:.* && )?(?:\S*/)?outlast (.*)$", "\n".join(blocks), re.MULTILINE)
     return [shlex.split(line, comments=True) for line in lines]
@@ -31,12 +32,13 @@ def shown(page: Path) -> list[list[str]]:
 def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("docs").mkdir()
-    Path("docs/results").symlink_to(ROOT / "docs/results")  # policies that ship
+    Path("docs/results").symlink_to(ROOT / "docs/results")  # trained policies
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue
         if "--out" in options:
             Path(options[options.index("--out") + 1]).parent.mkdir(parents=True, exist_ok=True)
+            options += SMALL_PICTURES
         assert main([name, *options, *SMALL.get(name, ())]) == 0
 
 

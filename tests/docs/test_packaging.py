@@ -1,6 +1,7 @@
-"""What is shipped is what is in the tree, under one name, and the tree keeps its own rules."""
+"""The wheel holds what is in the tree, under one name, and the tree keeps its own rules."""
 
 import ast
+import functools
 import json
 import re
 import shutil
@@ -21,31 +22,21 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
 FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].items()}
 
-LONGEST_FILE = 300  # lines; imports of many names take a line each
+LONGEST_FILE = 300  # lines
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
-OPTIONAL = {
-    "PIL",
-    "imageio_ffmpeg",
-    "matplotlib",
-    "minari",
-    "pettingzoo",
-    "pufferlib",
-    "pyarrow",
-    "ray",
-    "stable_baselines3",
-    "tensorboard",
-    "torch",
-    "websockets",
-}  # a module may need one that is not installed
+# Libraries that a module may import though they are not installed.
+OPTIONAL = "PIL imageio_ffmpeg matplotlib minari pettingzoo pufferlib pyarrow ray stable_baselines3 "
+OPTIONAL += "tensorboard torch websockets"
 
-# Written in two parts: this file is looked through too.
+# Written in two parts, as this file is searched, too.
 PLACES = re.compile(r"(?<![\w.])/(?:wor" + r"k|roo" + r"t)/")
 REGISTRIES = re.compile("|".join(["pypi" + r"\.org", "python" + r"hosted\.", "npm" + r"js\.org", "deb" + r"ian\.org"]))
 
 
+@functools.cache
 def tracked() -> list[Path]:
-    """Files that git keeps, or would keep."""
+    """Files in git, or not ignored by it."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -73,20 +64,20 @@ def sources() -> dict[str, Path]:
 
 
 def modules() -> list[str]:
-    """Every module of the package, by its dotted name; the ones that run when imported are left out."""
+    """Every module of the package by its dotted name, except those that run when imported."""
     names = (name.removesuffix(".py") for name in sources() if name.endswith(".py"))
     return sorted(name.removesuffix("/__init__").replace("/", ".") for name in names if not name.endswith("__main__"))
 
 
-def trees() -> Iterator[tuple[str, ast.Module]]:
-    """The syntax tree of every Python file that git keeps, by its path."""
-    for path in tracked():
-        if path.suffix == ".py":
-            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+@functools.cache
+def trees() -> dict[str, ast.Module]:
+    """The syntax tree of every Python file in git, by its path."""
+    files = [path for path in tracked() if path.suffix == ".py"]
+    return {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in files}
 
 
 def imported(tree: ast.Module) -> Iterator[tuple[str, str, str]]:
-    """Absolute imports as (module, name taken from it or nothing, name it gets here)."""
+    """Absolute imports as (module, imported name or "", local name)."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((item.name, "", item.asname or item.name.split(".")[0]) for item in node.names)
@@ -95,7 +86,7 @@ def imported(tree: ast.Module) -> Iterator[tuple[str, str, str]]:
 
 
 def compilers(tree: ast.Module) -> set[str]:
-    """Numba's compiling decorators that a file reaches for."""
+    """Numba's compiling decorators that a file uses."""
     ours = [entry for entry in imported(tree) if entry[0].split(".")[0] == "numba"]
     taken = {name for _, name, _ in ours}
     local = {here for _, _, here in ours}
@@ -109,22 +100,13 @@ def compilers(tree: ast.Module) -> set[str]:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The wheel, built from a copy: a build folder left in the tree would hide what is missing."""
+    """The wheel, built from a copy, as a build folder left in the tree would hide missing files."""
     place = tmp_path_factory.mktemp("wheel")
     for path in tracked():
         copy = place / "tree" / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-        "--quiet",
-    ]
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
     built = subprocess.run([*command, "--wheel-dir", place, place / "tree"], capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
     (path,) = place.glob("*.whl")
@@ -159,7 +141,7 @@ def test_importing_everything_leaves_no_second_copy() -> None:
         "        if error.name not in json.loads(sys.argv[2]): raise\n"
         "print(json.dumps(sorted(sys.modules)))\n"
     )
-    arguments = [json.dumps(modules()), json.dumps(sorted(OPTIONAL))]
+    arguments = [json.dumps(modules()), json.dumps(OPTIONAL.split())]
     done = subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not TOP_LEVEL & set(json.loads(done.stdout.splitlines()[-1]))
@@ -167,13 +149,16 @@ def test_importing_everything_leaves_no_second_copy() -> None:
 
 def test_our_folders_are_imported_as_parts_of_outlast() -> None:
     strays = {
-        path: module for path, tree in trees() for module, _, _ in imported(tree) if module.split(".")[0] in TOP_LEVEL
+        path: module
+        for path, tree in trees().items()
+        for module, _, _ in imported(tree)
+        if module.split(".")[0] in TOP_LEVEL
     }
     assert not strays
 
 
 def test_numba_compiles_in_one_file() -> None:
-    users = {path: found for path, tree in trees() if (found := compilers(tree))}
+    users = {path: found for path, tree in trees().items() if (found := compilers(tree))}
     assert set(users) <= {"ecs/jit.py"}, users
 
 
@@ -212,18 +197,18 @@ def test_no_file_names_a_place_of_its_making() -> None:
     assert not strays
 
 
-def test_one_range_of_python_is_told_everywhere() -> None:
+def test_one_range_of_python_is_documented_everywhere() -> None:
     asked = SpecifierSet(PROJECT["project"]["requires-python"])
     versions = [f"3.{k}" for k in range(30) if f"3.{k}.0" in asked]
-    told = [line.rsplit(" ", 1)[-1] for line in PROJECT["project"]["classifiers"] if ":: Python :: 3." in line]
-    assert told == versions
+    classifiers = [line.rsplit(" ", 1)[-1] for line in PROJECT["project"]["classifiers"] if ":: Python :: 3." in line]
+    assert classifiers == versions
     words = f"Python {', '.join(versions[:-1])} or {versions[-1]}"
     for page in ("README.md", "docs/start.md"):
         assert words in (ROOT / page).read_text(encoding="utf-8"), page
     assert f"Python {versions[0]} to {versions[-1]}" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
 
-def test_extras_that_are_told_of_exist() -> None:
+def test_documented_extras_exist() -> None:
     named = set()
     for path in tracked():
         if path.suffix in (".md", ".py"):
@@ -232,5 +217,5 @@ def test_extras_that_are_told_of_exist() -> None:
     assert named <= PROJECT["project"]["optional-dependencies"].keys()
 
 
-def test_the_limit_of_bodies_is_told() -> None:
+def test_the_limit_of_bodies_is_documented() -> None:
     assert f"room for {CAPACITY} bodies" in (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")

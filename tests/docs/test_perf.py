@@ -12,8 +12,8 @@ from perf import step
 from perf.measure import in_turn
 from perf.original import Original
 
-# Prints, and empties parts of its configuration, as the original does; notes what it is asked for. A step takes 2 ms,
-# and very little of the processor.
+# Prints, and empties parts of its configuration, as the original does; logs its arguments. A step takes 2 ms of wall
+# time, and very little processor time.
 STAND_IN = """
 import json, time
 from pathlib import Path
@@ -143,7 +143,7 @@ def test_the_process_ends_with_it(checkout: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ("{python}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not '{python}'"),
         (":{checkout}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not ':{checkout}'"),
@@ -162,7 +162,7 @@ def test_the_process_ends_with_it(checkout: Path) -> None:
     ],
 )
 def test_what_is_not_the_original_is_refused_in_a_sentence(
-    given: str, told: str, run, checkout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    given: str, message: str, run, checkout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = {"python": sys.executable, "checkout": checkout}
     names |= {name: tmp_path / name for name in ("nowhere", "bare", "broken")}
@@ -173,5 +173,5 @@ def test_what_is_not_the_original_is_refused_in_a_sentence(
     with pytest.raises(SystemExit) as ended:
         run("--original", given.format(**names))
     assert ended.value.code == 2
-    assert told.format(**names) in capsys.readouterr().err.splitlines()[-1]
+    assert message.format(**names) in capsys.readouterr().err.splitlines()[-1]
     assert not (checkout / "masurvival" / "envs" / "log").exists()  # nothing was timed

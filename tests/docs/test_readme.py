@@ -1,4 +1,4 @@
-"""What the README shows works: its Python blocks run, its commands exist, its tick table is the engine's."""
+"""The README: its Python blocks run, its tick table is the engine's, its errors are raised."""
 
 import re
 import subprocess
@@ -22,13 +22,13 @@ def test_python_blocks_run(block, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_the_tick_table_names_every_phase_and_what_it_says():
+def test_the_tick_table_names_every_phase_and_its_text():
     for phase in Phase:
         assert re.search(rf"\b{phase.name}\b", README), phase.name
         assert phase.postcondition in README, phase.postcondition
 
 
-def test_the_order_of_an_example_without_after_is_refused_as_told():
+def test_the_order_of_an_example_without_after_is_refused_as_shown():
     block = next(block for block in BLOCKS if "class Swamp" in block).replace(', after="motors.drive"', "")
     done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
     assert "ambiguous" in done.stderr
@@ -36,7 +36,7 @@ def test_the_order_of_an_example_without_after_is_refused_as_told():
     assert "swamp.wade" in done.stderr
 
 
-def test_too_many_agents_are_refused_as_told():
+def test_too_many_agents_are_refused_as_shown():
     import outlast
 
     with pytest.raises(ValueError, match=r"93 bodies .* 64 cells"):

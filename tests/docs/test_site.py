@@ -1,4 +1,4 @@
-"""The site: it builds without a warning, its examples run and print what they say, its pictures are up to date."""
+"""The site: it builds without a warning, its examples run and print what the pages show, its pictures are current."""
 
 import contextlib
 import importlib.util
@@ -31,8 +31,7 @@ TOOLS = ("sphinx", "myst_parser", "furo")
 LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
 PLAYED = ("sight", "fight")  # pictures of many ticks
 
-# A line of MyST's comments ahead of a block says "% needs: MODULE" or "% not run: REASON"; a block of text that follows
-# at once is what it prints.
+# A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
 BLOCK = re.compile(
     r"(?P<marks>(?:^% [^\n]*\n\n?)?)^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<prints>.*?)^```$)?",
     re.MULTILINE | re.DOTALL,
@@ -40,12 +39,12 @@ BLOCK = re.compile(
 NEEDS = re.compile(r"^% needs: (\w+)$", re.MULTILINE)
 
 once = pytest.mark.skipif(
-    not COMPILED or bool(numba.config.BOUNDSCHECK), reason="documents are the same in every mode; done in the first"
+    not COMPILED or bool(numba.config.BOUNDSCHECK), reason="documents are the same in every mode; tested compiled"
 )
 
 
 def needed(block: re.Match[str]) -> str:
-    """The library that a block needs beside ours, or nothing."""
+    """The additional library that a block needs, or ""."""
     found = NEEDS.search(block["marks"])
     return found[1] if found else ""
 
@@ -57,7 +56,7 @@ def cases() -> list[tuple[str, str]]:
 
 
 def run(page: str, library: str) -> None:
-    """The examples of a page in order, in one namespace; errors name the page and the line."""
+    """Run the examples of a page in order, in one namespace; errors name the page and the line."""
     namespace: dict[str, Any] = {"__name__": page}
     for block in BLOCK.finditer(PAGES[page]):
         if needed(block) != library or "% not run: " in block["marks"]:
@@ -117,21 +116,21 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @once
 def test_the_site_has_all_that_there_is(site: Path) -> None:
-    def told(page: str) -> set[str]:
+    def words_of(page: str) -> set[str]:
         words = re.sub(r"<[^>]+>", " ", (site / f"{page}.html").read_text())
         return set(re.findall(r"\w+", words))
 
     for scenario in outlast.VARIANTS.values():
-        assert scenario.numbers().keys() <= told("scenarios")
-        assert {module.__class__.__name__ for module in scenario.modules} <= told("scenarios")
-    assert {*outlast.VARIANTS, *outlast.ALIASES} <= told("variants")
-    assert set(systems.__all__) <= told("scenarios")
-    assert {*outlast.__all__, *outlast._LAZY} <= told("api")
+        assert scenario.numbers().keys() <= words_of("scenarios")
+        assert {module.__class__.__name__ for module in scenario.modules} <= words_of("scenarios")
+    assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("variants")
+    assert set(systems.__all__) <= words_of("scenarios")
+    assert {*outlast.__all__, *outlast._LAZY} <= words_of("api")
     env = outlast.make_vec("ffa_3", 1, seed=0)
-    assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= told("spaces")
+    assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")
 
 
-def test_the_order_that_the_page_says_is_ambiguous(tmp_path: Path) -> None:
+def test_the_order_that_the_page_calls_ambiguous(tmp_path: Path) -> None:
     source = (DOCS / "examples" / "poison.py").read_text()
     assert source.count(', after="boxes.set_up"') == 1
     file = tmp_path / "poison.py"
@@ -147,7 +146,7 @@ def test_the_order_that_the_page_says_is_ambiguous(tmp_path: Path) -> None:
 
 
 def pictures() -> dict[str, Any]:
-    """Their makers by name, from docs/pictures.py."""
+    """The functions that draw them, by name, from docs/pictures.py."""
     spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
     assert spec is not None
     assert spec.loader is not None
@@ -168,9 +167,9 @@ def test_pictures_are_small_and_shown() -> None:
 @once
 @pytest.mark.parametrize("name", pictures())
 def test_pictures_are_those_of_the_script(name: str) -> None:
-    """To renew them: python docs/pictures.py"""
+    """To update them: python docs/pictures.py"""
     if name in PLAYED and (sys.platform, platform.machine()) != ("linux", "x86_64"):
-        pytest.skip("what is played with the machine's own sines may end elsewhere on another one")
+        pytest.skip("games may differ on machines with other sines")
     kept = cv2.imread(str(DOCS / "pictures" / f"{name}.png"))
     made = pictures()[name]()[..., ::-1]
     assert kept is not None
@@ -189,7 +188,7 @@ def films() -> dict[str, list[str]]:
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
 @pytest.mark.parametrize("name", films())
 def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
-    """To renew one: the command of the page."""
+    """To update one: the command of the page."""
     command = films()[name]
     assert main([*command[:-1], str(tmp_path / "frames"), "--quiet"]) == 0
     frames = [cv2.imread(str(file)) for file in sorted((tmp_path / "frames").iterdir())]
@@ -202,7 +201,7 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
 
 
 def test_figures_of_training_show_the_kept_results() -> None:
-    """To renew them: outlast plot docs/results --out docs/training"""
+    """To update them: outlast plot docs/results --out docs/training"""
     image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
     figures = pytest.importorskip("outlast.training.paper.figures", reason="needs matplotlib: outlast[plot]")
     groups = group_runs(load_runs([DOCS / "results"]))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from outlast.ecs import kernel
 from outlast.ecs.jit import entry_point
 from outlast.systems.inner import geometry
-from tests import naive
+from tests.helpers import naive_geometry as naive
 
 COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
 TOLERANCE = 1e-5

@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from tests import reference, twin_faces, twins
-from tests.reference_dice import scattered
-from tests.reference_physics import move
+from tests import twin_faces, twins
+from tests.reference.episodes import MOTION
+from tests.reference.physics import move
+from tests.reference.random_numbers import scattered
 from tests.twin_doubts import noting
 from tests.twin_scenes import COUNT, KINDS, disagreements, play
 from tests.twin_world import TOLERANCE
@@ -80,7 +81,7 @@ def test_bodies_move_as_in_a_box2d_world_of_all_of_them(kind: str) -> None:
         with noting():
             want = twins.tick(tick.before, tick.actions, move, scattered, twin_faces.see)
         pairs = zip(tick.after.of("agent", "box"), want.of("agent", "box"), strict=True)
-        gaps += [max(abs(getattr(a, c) - getattr(b, c)) for c in reference.MOTION) for a, b in pairs if b.here]
+        gaps += [max(abs(getattr(a, c) - getattr(b, c)) for c in MOTION) for a, b in pairs if b.here]
     assert sum(gap > 1e-6 for gap in gaps) <= 0.01 * len(gaps)
     assert len(gaps) > COUNT
 

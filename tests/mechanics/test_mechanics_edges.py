@@ -10,9 +10,9 @@ from hypothesis import given, settings
 
 from outlast import make_vec, variant
 from outlast.systems.box2d.scene import LONGEST
-from tests import reference
 from tests.conftest import COMPILED, scaled
-from tests.reference import Told, facts
+from tests.reference import episodes as reference
+from tests.reference.episodes import Outcome, facts
 from tests.twin_edges import CASES, SLOTS, Sketch, build, sketches
 from tests.twin_scenes import TEXT, moved_as_in
 from tests.twin_world import TOLERANCE, read
@@ -26,24 +26,24 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "teams as written": ("teams_4", AS_WRITTEN | {"health_limit": 100, "cameras_mode": "masked"}),
 }
 SOME = settings(max_examples=200 if COMPILED else 20, deadline=None, derandomize=True)
-EVENTS: dict[str, Callable[[Told, Told], bool]] = {
+EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
     "several at the same place": lambda got, want: len(set(places(want))) < len(places(want)),
     "nobody lives": lambda got, want: not any(agent.here for agent in got.world.of("agent")),
     "a full bag": lambda got, want: any(len(agent.bag) == SLOTS for agent in got.world.of("agent")),
     "the void": lambda got, want: got.world.zone[2] == 0,
     "a death": lambda got, want: bool(got.world.deaths),
     "a blow": lambda got, want: any(agent.losses[-1:] and agent.source >= 0 for agent in want.world.of("agent")),
-    "a close call": lambda got, want: bool(want.doubts),
+    "an ambiguous case": lambda got, want: bool(want.ambiguous),
     "a box broke": lambda got, want: any(box.broken for box in got.world.of("box")),
     "an item was used": lambda got, want: bool(want.world.used),
 }
 
 
-def places(told: Told) -> list[tuple[float, float]]:
-    return [(thing.x, thing.y) for thing in told.world.things if thing.here]
+def places(outcome: Outcome) -> list[tuple[float, float]]:
+    return [(thing.x, thing.y) for thing in outcome.world.things if thing.here]
 
 
-def played(sketch: Sketch, name: str) -> tuple[Told, Told, bool]:
+def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
     """What the engine and what the twins make of a tick; and whether all stayed on the grid.
 
     Contacts move agents off it, and what the dead drop lies anywhere.
@@ -53,7 +53,7 @@ def played(sketch: Sketch, name: str) -> tuple[Told, Told, bool]:
     before = read(stage.env, 0)
     wishes = [dict(zip(reference.KEYS, (0, 0, 0, *agent.acts), strict=True)) for agent in sketch.agents]
     observations, *_ = stage.env.step(np.array([[(1, 1, 1, *agent.acts) for agent in sketch.agents]]))
-    got = reference.seen(stage.env, 0, observations)
+    got = reference.read_outcome(stage.env, 0, observations)
     want = reference.step(before, wishes, moved_as_in(got.world))
     still = all((a.x, a.y) == (b.x, b.y) for a, b in zip(before.of("agent"), got.world.of("agent"), strict=True))
     return got, want, still and not want.world.fallen
@@ -83,13 +83,13 @@ def test_what_comes_out_of_this_world_is_what_the_twins_say(words: str, name: st
     check(got, want, on_grid=True)
 
 
-def check(got: Told, want: Told, on_grid: bool) -> list[str]:
+def check(got: Outcome, want: Outcome, on_grid: bool) -> list[str]:
     """Whole numbers are equal on the grid, or where nothing was close; what is told, in the latter case only."""
     events = [event for event, happened in EVENTS.items() if happened(got, want)]
-    if on_grid or not want.doubts:
+    if on_grid or not want.ambiguous:
         assert facts(got, want) == []
         events.append("facts were compared")
-    if not want.doubts:
+    if not want.ambiguous:
         events.append("what is told was compared")
         for key, value in want.observation.items():
             np.testing.assert_allclose(got.observation[key], value, atol=TOLERANCE, err_msg=key)

@@ -7,7 +7,7 @@ import pytest
 import outlast
 from outlast.components import Body, Guard, Shape, Side
 from tests.conftest import scaled
-from tests.reference_dice import identity, uniform2, words
+from tests.reference.random_numbers import draw_index, philox, uniform2
 from tests.twin_scenes import RUNS
 from tests.twin_world import TOLERANCE, World, read
 
@@ -39,7 +39,7 @@ def cells(world: World) -> list[tuple[float, float]]:
     side, size = world.numbers["spawn_cells"], world.numbers["room_size"]
     left, places = list(range(side**2)), []
     for k, thing in enumerate(world.of("agent", "box", "heal")):
-        pick = k + (words(world, "spawn.place", identity(thing))[0] * (side**2 - k) >> 64)
+        pick = k + (philox(world, "spawn.place", draw_index(thing))[0] * (side**2 - k) >> 64)
         left[k], left[pick] = left[pick], left[k]
         places.append(tuple(size * ((index + 0.5) / side - 0.5) for index in (left[k] % side, left[k] // side)))
     return places
@@ -47,7 +47,7 @@ def cells(world: World) -> list[tuple[float, float]]:
 
 def normal(world: World, index: int) -> float:
     """Box and Muller's, of the first two words."""
-    first, second, *_ = words(world, "boxes.shape_boxes", index)
+    first, second, *_ = philox(world, "boxes.shape_boxes", index)
     distance, turn = ((first >> 11) + 1) / 2**53, (second >> 11) / 2**53
     return math.sqrt(-2 * math.log(distance)) * math.cos(2 * math.pi * turn)
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from outlast.ecs import kernel
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.systems.inner import broad, geometry, sweep
-from tests import naive
 from tests.conftest import COMPILED
+from tests.helpers import naive_geometry as naive
 
 GROUPS = 3
 ROWS = GROUPS * SIMD_WIDTH - 5  # the last group is not full

@@ -16,7 +16,7 @@ from outlast.envs.errors import ActionError, NotResetError, RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.recording.container import RECORDS
 from tests.conftest import COMPILED, draw_actions
-from tests.histories import digest_of_episode
+from tests.helpers.model import digest_of_episode
 
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
 

@@ -1,4 +1,4 @@
-"""The folder of machine code: shared by processes at once, damaged, full, or not to be written."""
+"""The compile cache: filled by several processes at once, damaged, on a full disk, or not writable."""
 
 import os
 import subprocess
@@ -14,23 +14,23 @@ from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="there is no machine code")
-DIGEST = 3  # the last word of what a process says
+DIGEST = 3  # the index of the digest in the output of a process
 Warm = tuple[dict[Path, tuple[bytes, int]], str]
 
 
 @pytest.mark.nightly
 def test_processes_fill_a_cold_cache_at_once(tmp_path: Path) -> None:
-    """Three that begin together agree, and leave code that a fourth one takes."""
-    told: list[list[str]] = []
-    threads = [threading.Thread(target=lambda: told.append(in_process(tmp_path))) for _ in range(3)]
+    """Three that start together agree, and leave code that a fourth one loads."""
+    outputs: list[list[str]] = []
+    threads = [threading.Thread(target=lambda: outputs.append(in_process(tmp_path))) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     later = in_process(tmp_path)
-    assert len(told) == 3
-    assert {one[DIGEST] for one in told} == {later[DIGEST]}
-    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # at the latest now, as the fourth may have compiled again
+    assert len(outputs) == 3
+    assert {one[DIGEST] for one in outputs} == {later[DIGEST]}
+    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # at the latest now: the fourth may have compiled again
     assert not [path for path in tmp_path.rglob("*") if path.suffix == ".tmp" or ".tmp." in path.name]
 
 
@@ -64,7 +64,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Warm:
 @pytest.mark.nightly
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) -> None:
-    """As a full disk or a power cut leave them."""
+    """Files as a full disk or a power cut leaves them."""
     files, digest = warm
     pattern, change = DAMAGE[damage]
     for path, (content, age) in files.items():
@@ -73,11 +73,11 @@ def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) ->
         target.write_bytes(change(content) if path.match(pattern) else content)
         os.utime(target, ns=(age, age))
     assert in_process(tmp_path)[DIGEST] == digest
-    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # taken from the folder now
+    assert in_process(tmp_path)[:3] == ["1", "0", "True"]  # now loaded from the folder
 
 
 def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
-    """A process that does `before` it makes its worlds."""
+    """A process that runs the code `before` and makes worlds."""
     script = before + SCRIPT.format(game=str(ROOT), root=str(ROOT), module="tests.toy")
     environment = os.environ | {"OUTLAST_CACHE_DIR": str(cache)}
     return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
@@ -93,7 +93,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
 def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
-    """The largest file that may be written is smaller than the code, so that it fails in the middle of it."""
+    """The largest allowed file is smaller than the code, so that writing it fails midway."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
     done = failing(tmp_path, limit)
     assert done.returncode == 0, done.stderr
@@ -102,7 +102,7 @@ def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
 
 @pytest.fixture
 def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user without a folder for caches; the folder of temporary files."""
+    """A user without a cache folder; returns the folder of temporary files."""
     (tmp_path / "file").write_text("")
     monkeypatch.delenv("OUTLAST_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
@@ -110,7 +110,7 @@ def homeless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other variables say where caches are")
+@pytest.mark.skipif(sys.platform != "linux", reason="other variables set the cache folder")
 def test_without_a_home_the_cache_is_among_temporary_files(homeless: Path) -> None:
     folder = cache_folder()
     assert folder.parent == homeless
@@ -118,7 +118,7 @@ def test_without_a_home_the_cache_is_among_temporary_files(homeless: Path) -> No
     assert cache_folder() == folder
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other variables say where caches are")
+@pytest.mark.skipif(sys.platform != "linux", reason="other variables set the cache folder")
 @pytest.mark.parametrize("planted", ["writable", "link"])
 def test_what_others_may_write_to_is_not_run(homeless: Path, planted: str) -> None:
     folder = cache_folder()

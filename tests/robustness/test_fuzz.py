@@ -1,4 +1,4 @@
-"""The fuzzer finds what it must find, and nothing in the loaders. Very many files: `python -m tests.fuzz`."""
+"""A few hostile files for each loader, and the fuzzer on files with known effects. More: `python -m tests.fuzz`."""
 
 import importlib.util
 from pathlib import Path
@@ -6,9 +6,9 @@ from random import Random
 
 import pytest
 
-from tests import fuzz
 from tests.conftest import COMPILED, scaled
-from tests.fuzz_traps import DEEDS, Traps
+from tests.fuzz import __main__ as fuzz
+from tests.fuzz.traps import BEHAVIOURS, Traps
 
 FILES = {"states": 150, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 120}
 NEEDED = ("torch", "stable_baselines3", "tensorboard", "matplotlib")
@@ -21,15 +21,17 @@ LOADERS = [
 
 @pytest.mark.parametrize("loader", LOADERS)
 def test_a_few_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) -> None:
-    """In this process; those of the seed 1 that the command begins with."""
+    """In this process; the first files of seed 1."""
     task, path = fuzz.Task(loader, scaled(FILES[loader], 2), 1, 0), tmp_path / "file"
     target, refused = task.target, 0
     for k in range(task.files):
         path.write_bytes(target.mutate(Random(f"{task.seed} {k}")))
-        no, told = fuzz.used(target, path)
-        assert not told, f"file {k}: {told}"
-        refused += no
-    assert not COMPILED or 0.2 < refused / task.files < 0.95  # some are accepted, or nothing behind that is tried
+        was_refused, failure = fuzz.use_file(target, path)
+        assert not failure, f"file {k}: {failure}"
+        refused += was_refused
+    assert (
+        not COMPILED or 0.2 < refused / task.files < 0.95
+    )  # some must be accepted, or nothing after loading is tested
 
 
 @pytest.mark.nightly
@@ -39,23 +41,23 @@ def test_many_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) -> 
 
 
 def test_crashes_exceptions_and_greed_are_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """And files that do none of it are not; what is found is kept, with what happened."""
-    deeds = dict(enumerate(Traps().mutate(Random(f"14 {k}")) for k in range(8)))
-    assert set(deeds.values()) == set(DEEDS)
+    """And nothing else; files and tracebacks are kept."""
+    behaviours = dict(enumerate(Traps().mutate(Random(f"14 {k}")) for k in range(8)))
+    assert set(behaviours.values()) == set(BEHAVIOURS)
     reasons = {
         b"raises": "KeyError",
         b"crashes": "-11",
         b"eats": "Unable to allocate",
         b"eats and refuses": "StateError",
     }
-    bad = {k: reasons[deed] for k, deed in deeds.items() if deed in reasons}
+    bad = {k: reasons[behaviour] for k, behaviour in behaviours.items() if behaviour in reasons}
     assert fuzz.main(["traps", "--files", "8", "--seed", "14", "--out", str(tmp_path)]) == 1
     assert {path.name for path in tmp_path.glob("*.file")} == {f"traps-14-{k}.file" for k in bad}
     for k, reason in bad.items():
-        assert (tmp_path / f"traps-14-{k}.file").read_bytes() == deeds[k]
+        assert (tmp_path / f"traps-14-{k}.file").read_bytes() == behaviours[k]
         assert reason in (tmp_path / f"traps-14-{k}.txt").read_text()
-    told = capsys.readouterr().out
-    assert f"traps, seed 14: 8 files, 1 refused, 3 accepted\n{len(bad)} findings" in told
+    output = capsys.readouterr().out
+    assert f"traps, seed 14: 8 files, 1 refused, 3 accepted\n{len(bad)} findings" in output
 
 
 def test_a_file_of_a_seed_is_always_the_same() -> None:

@@ -1,4 +1,4 @@
-"""Hostile recordings, their checksums right: worlds that would take all memory or all time, and names that are none."""
+"""Hostile recordings with correct checksums: worlds that would need all memory or time, and invalid headers."""
 
 from pathlib import Path
 
@@ -8,8 +8,8 @@ from outlast import systems
 from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
-from tests.fuzz_mutations import within
-from tests.fuzz_worlds import Recordings
+from tests.fuzz.mutations import memory_limit
+from tests.fuzz.worlds import Recordings
 
 
 @pytest.fixture(scope="module")
@@ -25,10 +25,7 @@ ABSURD = {
     "bags": ({"inventory_slots": 60_000}, "a world would have 5.* bytes of state: at most 4194304 is possible"),
     "bodies": ({"agents_count": 600, "spawn_cells": 100}, "604 bodies that take part in contacts"),
     "others": ({"agents_count": 3}, "agents are 2 there and 3 here"),
-    "substeps": (
-        {"physics_substeps": 2**31 - 1},
-        "physics_substeps is 2147483647: of a file, at most 1000 is",
-    ),
+    "substeps": ({"physics_substeps": 2**31 - 1}, "physics_substeps is 2147483647: of a file, at most 1000 is"),
     "iterations": ({"physics_velocity_iterations": 10**9}, "of a file, at most 10000 is accepted"),
 }
 
@@ -39,19 +36,19 @@ def test_recordings_of_absurd_worlds_are_refused_before_anything_is_made(
 ) -> None:
     changes, reason = ABSURD[what]
     (tmp_path / "a.rec").write_bytes(recordings.changed(recordings.valid, **changes))
-    with within(2**23), pytest.raises(RecordingError, match=reason):
+    with memory_limit(2**23), pytest.raises(RecordingError, match=reason):
         Recording.open(tmp_path / "a.rec")
     (tmp_path / "a.rec").write_bytes(recordings.changed(recordings.valid))
     assert len(Recording.open(tmp_path / "a.rec"))
 
 
 def test_many_worlds_in_few_bytes_are_refused(tmp_path: Path, recordings: Recordings) -> None:
-    """Four kilobytes that ask for 3 GB."""
+    """Four kilobytes that request 3 GB."""
     large = recordings.changed(recordings.valid, {"worlds": 1000}, inventory_slots=40_000)
     (tmp_path / "a.rec").write_bytes(large)
     with pytest.raises(RecordingError, match=r"its worlds would take 33\d{8} bytes: 1\d{9} are given to"):
         Recording.open(tmp_path / "a.rec")
-    many = recordings.changed(recordings.valid, {"worlds": 10_000})  # which is not too large, but not there
+    many = recordings.changed(recordings.valid, {"worlds": 10_000})  # not too large, but more than there are
     (tmp_path / "a.rec").write_bytes(many)
     with pytest.raises(RecordingError, match="is damaged"):
         Recording.open(tmp_path / "a.rec")
@@ -85,7 +82,7 @@ def test_headers_that_could_not_be_shown_or_computed_with_are_refused(
 def test_worlds_that_cannot_be_played_are_refused(
     tmp_path: Path, recordings: Recordings, left: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Mechanics of outlast's own, but without those that they need."""
+    """Mechanics of outlast without others that they need."""
     path = tmp_path / "a.rec"
     path.write_bytes(recordings.valid)
     head = Recording.open(path).header

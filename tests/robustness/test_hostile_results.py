@@ -1,4 +1,4 @@
-"""Hostile logs, kept results and what runs say of themselves: `outlast plot` draws them, or says why it does not."""
+"""Hostile logs, kept results and run.json files: `outlast plot` draws them, or refuses them with a reason."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/r
 
 
 def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> list[results.RunResult]:
-    """What is read of a run of that name and log."""
+    """The results read from a run of that name and log."""
     given = {"preset": "paper", "seed": 0} | plan
     scenario = fingerprint(preset("paper").scenario(variant("ffa_2"))) | {"name": name}
     (folder / "log.csv").write_text(text)

@@ -1,4 +1,4 @@
-"""Hostile checkpoints: nothing is executed, and nothing is believed."""
+"""Hostile checkpoints: nothing is executed, and everything is checked."""
 
 import io
 import json
@@ -26,7 +26,7 @@ from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import preset  # noqa: E402
 from outlast.training.safe_torch import BROKEN, load_tensors  # noqa: E402
-from tests.fuzz_mutations import unzipped, within, zipped  # noqa: E402
+from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 Files = dict[str, bytes]
@@ -41,7 +41,7 @@ def model() -> SharedPPO:
 
 @pytest.fixture(scope="module")
 def files(model: SharedPPO) -> Files:
-    """Of a run that has learnt something."""
+    """The files of a checkpoint after one update."""
     model.set_logger(Logger(None, []))
     model.collect()
     model.train()
@@ -76,7 +76,7 @@ def flat(content: Any) -> list[Any]:
 
 
 class Opens:
-    """A pickle of this makes a file."""
+    """Unpickling creates a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -86,7 +86,7 @@ class Opens:
 
 
 class Large:
-    """A pickle of this asks for a terabyte."""
+    """Unpickling allocates a terabyte."""
 
     def __reduce__(self) -> Any:
         return bytearray, (10**12,)
@@ -107,10 +107,10 @@ def put(old: bytes, new: bytes) -> Callable[[bytes], bytes]:
 
 
 def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
-    """A hundred numbers in 400 bytes, of which a pickle says all sorts of things."""
+    """A hundred numbers in 400 bytes, which a pickle describes wrongly."""
     plain = saved(torch.zeros(100))
     for evil, reason in ((Opens(tmp_path / "made"), "the name .* open"), (Large(), "the name .* bytearray")):
-        with within(2**20), pytest.raises(BROKEN, match=reason):
+        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
             load_tensors(with_pickle(plain, lambda _, evil=evil: pickle.dumps(evil, 2)))
     assert not (tmp_path / "made").exists()
     size = b"Kd\x85"  # a tuple of 100
@@ -128,14 +128,14 @@ def test_pickles_name_nothing_but_tensors(tmp_path: Path) -> None:
         (lambda _: pickle.dumps([1] * 9, 4), "the instruction"),
     )
     for change, reason in changes:
-        with within(2**20), pytest.raises(BROKEN, match=reason):
+        with memory_limit(2**20), pytest.raises(BROKEN, match=reason):
             load_tensors(with_pickle(plain, change))
     for content in (b"", b"x" * 99, pickle.dumps(1), zipped({"a/b": b""})):
         with pytest.raises(BROKEN):
             load_tensors(content)
 
 
-# ---- what a run goes on with
+# ---- the state of a run
 
 
 def rest_with(files: Files, change: Callable[[Any], Any]) -> Files:
@@ -171,12 +171,9 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
 @pytest.mark.parametrize("what", RESTS)
 def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files, what: str) -> None:
     before = [weight.clone() for weight in model.policy.parameters()], model.generator.get_state()
-    change, reason = RESTS[what]
+    (change, reason), whole = RESTS[what], what in ("nothing", "a list")
     with pytest.raises(TrainingError, match=reason):
-        checkpoint.restore(
-            model,
-            rest_with(files, lambda rest: change(rest) if what in ("nothing", "a list") else (change(rest), rest)[1]),
-        )
+        checkpoint.restore(model, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
     assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
     assert torch.equal(before[1], model.generator.get_state())
     checkpoint.restore(model, files)
@@ -190,10 +187,7 @@ def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -
         ([1], "does not hold the weights of this policy"),
         (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.pt of the checkpoint is .*\(3,\)"),
         (weights | {"actor.first.weight": weights["actor.first.weight"] * 1e38}, "beyond 1000, or that are none"),
-        (
-            weights | {"actor.first.weight": weights["actor.first.weight"] * float("nan")},
-            "beyond 1000, or that are none",
-        ),
+        (weights | {"actor.first.weight": weights["actor.first.weight"] * np.nan}, "beyond 1000, or that are none"),
         (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
     ):
         with pytest.raises(TrainingError, match=reason):
@@ -225,7 +219,7 @@ def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what
     changes, reason = HEADERS[what]
     header = json.loads(files["run.json"]) | changes
     checkpoint.write_checkpoint(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
-    with within(2**22), pytest.raises(TrainingError, match=reason) as caught:
+    with memory_limit(2**22), pytest.raises(TrainingError, match=reason) as caught:
         Player(tmp_path / "a.zip")
     assert str(tmp_path / "a.zip") in str(caught.value)
 

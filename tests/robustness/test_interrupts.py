@@ -1,6 +1,6 @@
-"""Ctrl-C at any moment: a call has not begun, or is whole, or the environment asks for a reset; nothing hangs.
+"""Ctrl-C at any moment: a call has not begun, is complete, or the environment demands a reset; nothing hangs.
 
-And a step that a fault cuts short: it is whole for all other worlds.
+A step that a fault interrupts is complete for all other worlds.
 """
 
 import contextlib
@@ -17,7 +17,8 @@ from outlast.components import Body
 from outlast.envs.errors import FaultError, NotResetError
 from outlast.envs.snapshots.state import State
 from tests.conftest import COMPILED, scaled
-from tests.histories import digest_of_episode
+from tests.helpers.execution_modes import equal
+from tests.helpers.model import digest_of_episode
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
@@ -27,8 +28,9 @@ import collections, os, signal, threading, time
 import numpy as np
 import outlast
 from outlast.envs.errors import NotResetError
-from tests.histories import digest_of_episode
+from tests.helpers.model import digest_of_episode
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by the background processes of a shell
 times, worlds, threads, autoreset = {times}, {worlds}, {threads}, {autoreset!r}
 rng = np.random.default_rng(1)
 scenario = outlast.variant("ffa_3").replace(agents_health=20, ending_limit=5)
@@ -36,7 +38,7 @@ env = outlast.make_vec(scenario, worlds, seed=0, threads=threads, autoreset_mode
 actions = [rng.integers(0, env.action_sizes, (worlds, 2, 6)) for _ in range(12)]
 
 
-def calls(t):  # each with what it leads to: the number of steps since the reset
+def calls(t):  # each with the number of steps since the reset to which it leads
     yield lambda: env.step(actions[t]), t + 1
     yield lambda: (env.send(actions[t]), env.recv()), t + 1
     yield lambda: env.reset(seed=0), 0
@@ -69,7 +71,7 @@ while sum(seen.values()) < times:
     found = digest_of_episode(env.worlds)
     if env.get_state().arrays["started"].all():
         assert found in (expected[t], expected[then]), (t, then, seen, found in expected)
-        seen["whole" if found == expected[then] else "not begun"] += 1
+        seen["complete" if found == expected[then] else "not begun"] += 1
         t = then if found == expected[then] else t
         continue
     try:
@@ -77,12 +79,12 @@ while sum(seen.values()) < times:
         raise AssertionError("it can be stepped")
     except NotResetError as error:
         assert "interrupted" in str(error)
-    seen["cut short"] += 1
+    seen["interrupted"] += 1
     env.reset(seed=0)
     t = 0
     assert digest_of_episode(env.worlds) == expected[0], seen
 env.close()
-assert seen["cut short"] and seen["whole"], seen
+assert seen["interrupted"] and seen["complete"], seen
 """
 
 
@@ -112,41 +114,41 @@ def test_a_fault_in_one_world_keeps_no_other_from_ending(autoreset: str) -> None
             env.step(idle)
         env.reset(seed=5, options={"reset_mask": np.array([False, True, False])})
     for _ in range(3):
-        told = [env.step(idle)[0] for env in envs]
-        assert all(np.array_equal(told[0][key], told[1][key]) for key in told[0])
+        one, other = (env.step(idle)[0] for env in envs)
+        assert equal(one, other)
     assert digest_of_episode(envs[0].worlds) == digest_of_episode(envs[1].worlds)
 
 
 class Interrupting(dict[str, Any]):
-    """Arrays at whose reading so many times Ctrl-C is pressed."""
+    """Arrays that raise KeyboardInterrupt at the n-th access."""
 
-    def __init__(self, arrays: dict[str, Any], left: int) -> None:
+    def __init__(self, arrays: dict[str, Any], countdown: int) -> None:
         super().__init__(arrays)
-        self.left = left
+        self.countdown = countdown
 
     def __getitem__(self, name: str) -> Any:
-        self.left -= 1
-        if self.left == 0:
+        self.countdown -= 1
+        if self.countdown == 0:
             raise KeyboardInterrupt
         return super().__getitem__(name)
 
 
 def test_half_of_a_state_leaves_no_trace() -> None:
-    """Wherever set_state is interrupted: the worlds are as they were, or are refused and start afresh."""
+    """Wherever set_state is interrupted: the worlds are unchanged, or refused until a reset."""
     envs = [make_vec("teams_3", 4, seed=k) for k in range(3)]
     for env in envs:
         env.reset()
         for _ in range(scaled(60, least=3)):
             env.step(np.ones((4, 4, 6), int))
     env, other, clean = envs
-    state, before, left, refused = other.get_state([0, 1]), digest_of_episode(env.worlds), 1, 0
+    state, before, accesses, refused = other.get_state([0, 1]), digest_of_episode(env.worlds), 1, 0
     clean.reset(seed=9)
-    while left:
-        kept, broken = env.get_state(), State(state.scenario, Interrupting(state.arrays, left))
+    while accesses:
+        kept, broken = env.get_state(), State(state.scenario, Interrupting(state.arrays, accesses))
         with contextlib.suppress(KeyboardInterrupt):
             env.set_state(broken, [1, 2])
             break
-        left += 1
+        accesses += 1
         if env.get_state().arrays["started"].all():
             assert digest_of_episode(env.worlds) == before
             continue

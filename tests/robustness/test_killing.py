@@ -1,4 +1,4 @@
-"""Whoever is killed, stopped or short of disk leaves files that open, and commands that go on: see killing."""
+"""Commands that are killed, interrupted or out of disk space leave files that open, and can be run again."""
 
 import signal
 from pathlib import Path
@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import COMPILED
-from tests.killing import NOTHING, Trial, Writer, drafts, main, run, shares, tried, writers
-from tests.killing_process import Moment
+from tests.killing.__main__ import Trial, kill_repeatedly, kills_per_writer, main, run, writers
+from tests.killing.process import Moment
+from tests.killing.writer import COMPLETE, NOTHING, Writer, temporary_files
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="the same files, written slower")
 for library in ("torch", "stable_baselines3", "tensorboard", "matplotlib", "pyarrow", "minari", "imageio_ffmpeg"):
@@ -36,21 +37,21 @@ DISK = {  # bytes that a file may have: too few for the largest that is written
 
 @pytest.mark.parametrize(("name", "times"), [pytest.param("train", 1, marks=pytest.mark.nightly), ("replay shards", 1)])
 def test_who_is_killed_leaves_what_opens_and_goes_on(tmp_path: Path, name: str, times: int) -> None:
-    assert tried(KNOWN[name], times, tmp_path).failures == []
+    assert kill_repeatedly(KNOWN[name], times, tmp_path).failures == []
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for name, writer in KNOWN.items() if not writer.costly])
+@pytest.mark.parametrize("name", [name for name, writer in KNOWN.items() if not writer.slow])
 def test_who_is_killed_at_other_moments(tmp_path: Path, name: str) -> None:
     """Fifty kills together."""
-    tally = tried(KNOWN[name], 4 if name == "train" else 3, tmp_path, seed=1)
+    tally = kill_repeatedly(KNOWN[name], 4 if name == "train" else 3, tmp_path, seed=1)
     assert tally.failures == []
     assert tally.late < tally.kills
 
 
 @pytest.mark.nightly
 def test_a_cache_that_was_being_filled_is_filled_again(tmp_path: Path) -> None:
-    assert tried(KNOWN["compiled tick"], 2, tmp_path).failures == []
+    assert kill_repeatedly(KNOWN["compiled tick"], 2, tmp_path).failures == []
 
 
 CARELESS = """
@@ -61,32 +62,32 @@ with open(sys.argv[1], "w", 1) as file:
 
 
 class Careless(Writer):
-    """What writes in place, bit by bit."""
+    """A writer that writes in place, line by line."""
 
     name = "careless"
 
-    def words(self, place: Path, again: bool = False) -> list[str]:
-        code = CARELESS.strip().replace("sys.argv[1]", repr(str(place / "a.txt")))
+    def command(self, folder: Path, resume: bool = False) -> list[str]:
+        code = CARELESS.strip().replace("sys.argv[1]", repr(str(folder / "a.txt")))
         return ["timeit", "-n", "1", "-r", "1", "-s", "", code]
 
-    def check(self, place: Path, whole: Path) -> str:
-        if not (place / "a.txt").exists():
+    def check(self, folder: Path, reference: Path) -> str:
+        if not (folder / "a.txt").exists():
             return NOTHING
-        assert (place / "a.txt").read_text() == (whole / "a.txt").read_text()
-        return "whole"
+        assert (folder / "a.txt").read_text() == (reference / "a.txt").read_text()
+        return COMPLETE
 
-    def same(self, place: Path, whole: Path) -> None:
-        self.check(place, whole)
+    def check_resumed(self, folder: Path, reference: Path) -> None:
+        self.check(folder, reference)
 
 
 def test_what_is_written_carelessly_is_found_out(tmp_path: Path) -> None:
-    tally = tried(Careless(), 6, tmp_path)
+    tally = kill_repeatedly(Careless(), 6, tmp_path)
     assert tally.kills == 6
     assert any("killed at" in failure for failure in tally.failures)
 
 
 def test_kills_are_shared_out() -> None:
-    found = shares(KNOWN.values(), 200)
+    found = kills_per_writer(KNOWN.values(), 200)
     assert 190 <= sum(found.values()) <= 210
     assert min(found.values()) >= 1
     assert found[KNOWN["compiled tick"]] < found[KNOWN["train"]]
@@ -104,18 +105,18 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", DISK)
 def test_a_full_disk_is_told_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str) -> None:
-    """No file may grow beyond so many bytes; with more of them, the same command goes on."""
+    """Files are limited to that many bytes; without the limit, the same command goes on."""
     trial = Trial(KNOWN[name], tmp_path, np.random.default_rng(0))
-    place = trial._place("full")
-    ended = run(trial.writer, place, limit=DISK[name])
-    assert ended.status == 2, ended.err
-    assert len(ended.err.strip().splitlines()) == 1, ended.err
-    assert ended.err.startswith("outlast: ")
-    assert any(words in ended.err for words in ("File too large", "File size limit exceeded", "is the disk full"))
-    assert drafts(place) == []
-    trial.writer.check(place, trial.whole)
-    assert run(trial.writer, place, again=True).status == 0
-    trial.writer.same(place, trial.whole)
+    folder = trial._new_folder("full")
+    outcome = run(trial.writer, folder, limit=DISK[name])
+    assert outcome.status == 2, outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1, outcome.err
+    assert outcome.err.startswith("outlast: ")
+    assert any(command in outcome.err for command in ("File too large", "File size limit exceeded", "is the disk full"))
+    assert temporary_files(folder) == []
+    trial.writer.check(folder, trial.reference)
+    assert run(trial.writer, folder, resume=True).status == 0
+    trial.writer.check_resumed(folder, trial.reference)
 
 
 # ---- Ctrl-C
@@ -139,11 +140,11 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing_corrupt(tmp_path: Pa
     ids=str,
 )
 def test_ctrl_c_is_one_line_and_status_130(tmp_path: Path, name: str, moment: Moment) -> None:
-    """At its first operations on files, while libraries load, and at work; without what was half there."""
+    """While libraries load, at its first file operations and at work; no temporary file is left."""
     writer = KNOWN[name]
     writer.prepare(tmp_path)
-    ended = run(writer, tmp_path, moment)
-    assert ended.status == 130, ended.err
-    assert len(ended.err.strip().splitlines()) == 1, ended.err
-    assert "stopped" in ended.err
-    assert drafts(tmp_path) == []
+    outcome = run(writer, tmp_path, moment)
+    assert outcome.status == 130, outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1, outcome.err
+    assert "stopped" in outcome.err
+    assert temporary_files(tmp_path) == []

@@ -1,5 +1,6 @@
-"""The mutation test in small: it tells a mutant that a test notices from one that none can."""
+"""The mutation test: it distinguishes a mutant that a test detects from an equivalent one."""
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -8,20 +9,24 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("cosmic_ray", reason="needs cosmic-ray: outlast[mutation]")
-from tests.mutants import LEFT_OUT, chosen
-from tests.mutants_made import ROOT, Mutant, mutants, sampled
+from tests.mutants.selection import FIRST, LEFT_OUT, LEFT_OUT_TESTS, NAIVE, NUMBERS, ROOT, chosen, path
+
+HAVE_COSMIC_RAY = importlib.util.find_spec("cosmic_ray") is not None
+needs_cosmic_ray = pytest.mark.skipif(not HAVE_COSMIC_RAY, reason="needs cosmic-ray: outlast[mutation]")
+if HAVE_COSMIC_RAY:
+    from tests.mutants.operators import Mutant, mutants, sampled
 
 NOTICED = "- if push(bag, item, e, thing):\n+ if not push(bag, item, e, thing):"
-EQUIVALENT = "- body.ApplyAngularImpulse(float(row[JTURN]), True)"  # to wake a body up that is awake
+EQUIVALENT = "- body.ApplyAngularImpulse(float(row[JTURN]), True)"  # wakes a body that is awake
 
 
-def found(file: str, difference: str) -> Mutant:
+def found(file: str, difference: str) -> "Mutant":
     return next(mutant for mutant in mutants(file) if mutant.difference.startswith(difference))
 
 
+@needs_cosmic_ray
 def test_what_is_noticed_and_what_survives(tmp_path: Path) -> None:
-    """The report of an earlier run names them both, so that a run again takes just these."""
+    """--again runs exactly the two mutants of an earlier report."""
     pair = found("systems/pickup.py", NOTICED), found("systems/box2d/portable.py", EQUIVALENT)
     before, after = tmp_path / "before.json", tmp_path / "after.json"
     before.write_text(json.dumps([asdict(mutant) | {"outcome": "survived"} for mutant in pair]))
@@ -36,6 +41,7 @@ def test_what_is_noticed_and_what_survives(tmp_path: Path) -> None:
     assert done.returncode == 1  # too few
 
 
+@needs_cosmic_ray
 def test_a_sample_is_the_same_for_a_seed_and_takes_of_every_file() -> None:
     files = ["systems/pickup.py", "systems/record.py", "systems/drop_last.py"]
     some = sampled(files, 12, 1)
@@ -45,11 +51,18 @@ def test_a_sample_is_the_same_for_a_seed_and_takes_of_every_file() -> None:
     assert all(mutant.possible for mutant in some)
 
 
+@needs_cosmic_ray
 def test_what_cannot_matter_is_left_alone() -> None:
-    """Decorators, docstrings and imports; and files that have a mutation test of their own."""
+    """Decorators, docstrings and imports; and files with a mutation test of their own."""
     lines = (ROOT / "systems/drop_last.py").read_text().splitlines()
     changed = {lines[mutant.line - 1].strip() for mutant in mutants("systems/drop_last.py")}
     assert "offset: float = number(1.0, low=0)  # metres from the agent's centre" in changed
     assert not any(line.startswith(("@", '"""', "def ", "from ")) for line in changed)
     assert "systems/box2d/native.py" in chosen(["systems/**/*.py"], compiled=True)
     assert not set(LEFT_OUT) & {*chosen(["systems/**/*.py"], False), *chosen(["systems/**/*.py"], True)}
+
+
+def test_files_and_tests_that_are_named_exist() -> None:
+    assert FIRST.keys() <= {Path(file).stem for file in chosen(["systems/**/*.py"], compiled=False)}
+    for name in {*" ".join((*FIRST.values(), NAIVE, NUMBERS)).split(), *LEFT_OUT_TESTS}:
+        assert (ROOT / path(name).partition("::")[0]).exists()

@@ -1,4 +1,4 @@
-"""Other processes and threads: however work is spread, the same seeds give the same bits."""
+"""Processes and threads: however work is distributed, the same seeds give the same bits."""
 
 import copy
 import functools
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 
 
 def go_on(env: SurvivalVectorEnv, seed: int) -> str:
-    """Digest after some steps from where it is."""
+    """Digest after some steps from its current state."""
     rng = np.random.default_rng(seed)
     for _ in range(STEPS):
         env.step(draw_actions(env, rng))
@@ -46,7 +46,7 @@ def play(seed: int, threads: int = 1) -> str:
 
 
 def made(pickled: bytes, state: bytes) -> str:
-    """Digest after some steps of the environment that a pickle makes, from a state that another one holds."""
+    """Digest after some steps of an environment, from a pickle of its maker and one of its state."""
     env = pickle.loads(pickled)()
     env.set_state(pickle.loads(state))
     return go_on(env, 1)
@@ -57,14 +57,14 @@ def made(pickled: bytes, state: bytes) -> str:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_workers_of_every_kind_compute_the_same(method: str) -> None:
-    """After this process has used threads of its own, which a fork does not inherit."""
+    """After this process has used threads, which a fork does not inherit."""
     expected = [play(seed, threads=2) for seed in SEEDS]
     with ProcessPoolExecutor(2, multiprocessing.get_context(method)) as pool:
         assert list(pool.map(play, SEEDS, [2, 2])) == expected
 
 
 def in_fork(call: Callable[[], str]) -> str:
-    """What the call returns in a fork of this process, which is killed if it hangs."""
+    """The result of a call in a fork of this process, which is killed if it hangs."""
     reading, writing = os.pipe()
     if (child := os.fork()) == 0:
         signal.alarm(60)
@@ -76,13 +76,13 @@ def in_fork(call: Callable[[], str]) -> str:
             os._exit(0)
     os.close(writing)
     with os.fdopen(reading) as pipe:
-        told = pipe.read()
+        result = pipe.read()
     os.waitpid(child, 0)
-    return told
+    return result
 
 
 def used(**options: Any) -> SurvivalVectorEnv:
-    """An environment whose threads have all worked."""
+    """An environment whose threads have been used."""
     env = outlast.make_vec("ffa_1", WORLDS, seed=3, threads=2, **options)
     env.reset()
     env.send(np.ones((WORLDS, 2, 6), int))
@@ -92,7 +92,7 @@ def used(**options: Any) -> SurvivalVectorEnv:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_goes_on_with_the_environment() -> None:
-    """Also in the background; what it does does not show here."""
+    """Also with send and recv; without effect on this process."""
     env = used()
 
     def sending() -> str:
@@ -123,15 +123,15 @@ def test_a_fork_does_not_wait_for_a_step_that_it_did_not_send() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("pickler", [pickle, cloudpickle])
-def test_what_makes_an_environment_can_be_pickled(method: str, pickler: Any) -> None:
-    """A variant by its name, or a scenario; and the state where to go on."""
+def test_what_makes_an_environment_can_be_pickled(method: str) -> None:
+    """A variant by its name, or a scenario; and the state to continue from."""
     env = used()
     makers = [functools.partial(outlast.make_vec, each, WORLDS, seed=9) for each in ("ffa_1", env.scenario)]
-    state = pickler.dumps(env.get_state())
+    state, picklers = env.get_state(), (pickle, cloudpickle)
+    pickles = [(pickler.dumps(make), pickler.dumps(state)) for pickler in picklers for make in makers]
     with ProcessPoolExecutor(1, multiprocessing.get_context(method)) as pool:
-        found = list(pool.map(made, [pickler.dumps(make) for make in makers], [state] * 2))
-    assert found == [go_on(env, 1)] * 2
+        found = list(pool.map(made, *zip(*pickles, strict=True)))
+    assert found == [go_on(env, 1)] * 4
 
 
 @pytest.mark.parametrize("way", [pickle.dumps, cloudpickle.dumps, copy.copy, copy.deepcopy])
@@ -152,11 +152,11 @@ def test_gymnasium_spreads_single_environments_over_processes(method: str) -> No
     outcomes = []
     for kind in kinds:
         envs = kind([make, make])
-        told = [envs.reset(seed=SEEDS)[0]]
+        arrays = [envs.reset(seed=SEEDS)[0]]
         for _ in range(STEPS):
             observations, reward, *_ = envs.step(np.ones((2, 6), int))
-            told += [observations, reward]
-        outcomes.append(copy.deepcopy(told))
+            arrays += [observations, reward]
+        outcomes.append(copy.deepcopy(arrays))
         envs.close()
     np.testing.assert_equal(*outcomes)
 
@@ -182,9 +182,9 @@ def test_one_environment_from_changing_threads() -> None:
 
 
 def test_one_environment_from_several_threads_at_once() -> None:
-    """Who comes while another thread is in a call is refused; what went through is as if it came one by one."""
-    env, twin = (outlast.make_vec("ffa_1", 500 if COMPILED else 20, seed=3) for _ in range(2))
-    for each in (env, twin):
+    """A call is refused while another thread is in one; the others have the same effect as one after another."""
+    env, other = (outlast.make_vec("ffa_1", 500 if COMPILED else 20, seed=3) for _ in range(2))
+    for each in (env, other):
         each.reset()
     actions, done = np.ones((env.num_worlds, 2, 6), int), [0] * 4
     refused: list[str] = []
@@ -205,8 +205,8 @@ def test_one_environment_from_several_threads_at_once() -> None:
     assert refused
     assert all("another thread is in a call" in words for words in refused)
     for _ in range(sum(done)):
-        twin.step(actions)
-    assert digest(env.worlds) == digest(twin.worlds)
+        other.step(actions)
+    assert digest(env.worlds) == digest(other.worlds)
 
 
 def test_while_a_thread_is_in_a_call_no_other_call_is_let_in() -> None:

@@ -1,4 +1,4 @@
-"""The long run, made short; and that it notices what it is for."""
+"""A short soak test, and a check that it detects leaks and violations."""
 
 import gc
 import mmap
@@ -21,17 +21,17 @@ ONES = 1000
 def test_a_short_soak_holds(capfd: pytest.CaptureFixture[str]) -> None:
     sizes = (4096, 100, 8) if COMPILED else (160, 8, 2)
     options = [f"--{name}={size}" for name, size in zip(soak.PARTS, sizes, strict=True)]
-    soak.main([*options, "--quiet"])  # its exit code does not matter: so short a run may grow
-    told = capfd.readouterr().out
+    soak.main([*options, "--quiet"])  # the exit code is ignored: memory may grow in so short a run
+    output = capfd.readouterr().out
     for name, size in zip(soak.PARTS, sizes, strict=True):
-        assert f"{size:,} {name}: " in told
-    assert told.splitlines()[-1] in ("all held", "not all held")
+        assert f"{size:,} {name}: " in output
+    assert output.splitlines()[-1] in ("all held", "not all held")
 
 
 def leaking(kind: str, kept: list[Any]) -> Iterator[int]:
     while True:
         if kind == "memory":
-            kept.append(mmap.mmap(-1, 2**16))  # pages of its own: malloc may have some left over from other tests
+            kept.append(mmap.mmap(-1, 2**16))  # pages of its own: malloc may reuse those of other tests
             kept[-1].write(b"1" * 2**16)
         elif kind == "files":
             kept.append(os.open(os.devnull, os.O_RDONLY))
@@ -50,20 +50,20 @@ def test_leaks_are_noticed(kind: str, words: str) -> None:
     try:
         found = soak.soak(kind, leaking(kind, kept), 20 if kind == "threads" else ONES, quiet=True).faults()
     finally:
-        for thing in kept:
+        for item in kept:
             if kind == "files":
-                os.close(thing)
+                os.close(item)
             elif kind == "threads":
-                thing.set()
+                item.set()
     assert [words in fault for fault in found] == ([True] if words else [])
 
 
 def test_what_does_not_hold_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def harm(walk: Any) -> None:
         walk.env.worlds[Health].points[0, 0] = 0
-        walk.guard.check(walk.env.observe())
+        walk.checker.check(walk.env.observe())
 
-    monkeypatch.setattr(soak.Walk, "step", harm)
+    monkeypatch.setattr(soak.CheckedPlay, "step", harm)
     monkeypatch.setattr(soak, "SCENARIOS", ["ffa_1"])
     with pytest.raises(AssertionError):
         next(soak.steps())

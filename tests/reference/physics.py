@@ -1,4 +1,4 @@
-"""Physics by pybox2d's public interface: all bodies of a world are built, pushed, stepped and read, in every tick."""
+"""Physics by pybox2d's public interface: in every tick all bodies of a world are created, pushed, stepped and read."""
 
 from typing import Any
 
@@ -9,16 +9,16 @@ from tests.twin_world import Thing, World
 
 
 def move(world: World, actions: twins.Actions) -> None:
-    """Two substeps of a Box2D world in which everything stands that can be touched. Nothing is kept between ticks."""
+    """The substeps of a new Box2D world that holds everything that can be touched."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]
-    bodies = [(thing, build(box2d, thing, numbers)) for thing in world.live("agent", "box", "wall")]
+    bodies = [(thing, create_body(box2d, thing, numbers)) for thing in world.live("agent", "box", "wall")]
     agents = [(body, actions[thing.index]) for thing, body in bodies if thing.kind == "agent"]
     evenly = numbers["motors_give"] == "evenly"
-    pushes = [push(body, wish, numbers) for body, wish in agents]
+    given = [impulses(body, action, numbers) for body, action in agents]
     for substep in range(numbers["physics_substeps"]):
         if evenly or substep == 0:
-            for (body, _), (force, turn) in zip(agents, pushes, strict=True):
+            for (body, _), (force, turn) in zip(agents, given, strict=True):
                 share = 1 / numbers["physics_substeps"] if evenly else 1
                 body.ApplyLinearImpulse((force.x * share, force.y * share), body.worldCenter, True)
                 body.ApplyAngularImpulse(turn * share, True)
@@ -30,8 +30,8 @@ def move(world: World, actions: twins.Actions) -> None:
             (thing.vx, thing.vy), thing.omega = body.linearVelocity, body.angularVelocity
 
 
-def build(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
-    """The thing as a body with one fixture."""
+def create_body(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
+    """The entity as a body with one fixture."""
     moves = thing.kind == "agent" or (thing.kind == "box" and numbers["boxes_dynamic"])
     body = (box2d.CreateDynamicBody if moves else box2d.CreateStaticBody)(
         position=(thing.x, thing.y),
@@ -49,7 +49,7 @@ def build(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
     return body
 
 
-def push(body: Any, wish: dict[str, int], numbers: dict[str, Any]) -> tuple[Any, float]:
-    """What motors give in a tick: an impulse in the world's frame, and one that turns."""
-    ahead, left = numbers["motors_ahead"] * wish["ahead"], numbers["motors_left"] * wish["left"]
-    return body.GetWorldVector((ahead, left)), numbers["motors_turn"] * wish["turn"]
+def impulses(body: Any, action: dict[str, int], numbers: dict[str, Any]) -> tuple[Any, float]:
+    """The impulses of the motors in a tick: a linear one in the world's frame, and an angular one."""
+    ahead, left = numbers["motors_ahead"] * action["ahead"], numbers["motors_left"] * action["left"]
+    return body.GetWorldVector((ahead, left)), numbers["motors_turn"] * action["turn"]

@@ -1,4 +1,4 @@
-"""Files that must be findings, so that one sees that the fuzzer finds: crashes, exceptions, greed; some work."""
+"""Files with known effects (crash, exception, excessive memory, none), as a test of the fuzzer itself."""
 
 import os
 import signal
@@ -10,17 +10,17 @@ import numpy as np
 
 from outlast.envs.errors import StateError
 
-DEEDS = (b"works", b"refuses", b"raises", b"crashes", b"eats", b"eats and refuses")
+BEHAVIOURS = (b"works", b"refuses", b"raises", b"crashes", b"eats", b"eats and refuses")
 
 
 class Traps:
-    """File k does what its content says."""
+    """A file has the effect that its content names."""
 
     refusals: ClassVar = (StateError,)
     valid = b"works"
 
-    def mutate(self, dice: Random) -> bytes:
-        return dice.choice(DEEDS)
+    def mutate(self, rng: Random) -> bytes:
+        return rng.choice(BEHAVIOURS)
 
     def use(self, path: Path) -> None:
         match path.read_bytes():

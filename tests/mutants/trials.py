@@ -1,4 +1,4 @@
-"""Runs tests on mutants, in copies of the tree and of a process that has imported already what takes long."""
+"""Run tests on mutants, in copies of the tree and in forks of a process that has imported the slow libraries."""
 
 import compileall
 import contextlib
@@ -19,25 +19,29 @@ import hypothesis
 import numba
 import pytest
 
-from tests.mutants_made import ROOT, Mutant
+from tests.mutants.operators import Mutant
+from tests.mutants.selection import ROOT
 
 TREE = (".src", "components", "docs/examples", "ecs", "envs", "systems", "tests", "training", "pyproject.toml")
-WARM = ("Box2D", "cv2", "gymnasium", "hypothesis.strategies", "pettingzoo", "platformdirs", "tqdm")
-Tests = dict[Mutant | None, list[list[str]]]  # lists of arguments for pytest, one call each; None: of no mutant
+PRELOADED = ("Box2D", "cv2", "gymnasium", "hypothesis.strategies", "pettingzoo", "platformdirs", "tqdm")
+Tests = dict[Mutant | None, list[list[str]]]  # lists of arguments for pytest, one call each; None: no mutant
 KILLED, SURVIVED, TIMED_OUT = "killed", "survived", "timed out"
-LONG, COMPILING = 8, 60  # seconds of processor time for one test: those here take less than 4, or than 15 compiled
+TEST_SECONDS, COMPILED_TEST_SECONDS = (
+    8,
+    60,
+)  # seconds of processor time for a test: most take up to 4, or 15 compiled
 OUTCOMES = {0: SURVIVED, -signal.SIGVTALRM: TIMED_OUT}  # by exit status; any other is a test that failed
-QUICK = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # nobody asks for the smallest example
+PHASES = (hypothesis.Phase.explicit, hypothesis.Phase.generate)  # without shrinking
 
 
 @dataclass(frozen=True)
-class First:
-    """A plugin for pytest that ends the process at the first test that fails, or takes too long."""
+class StopAtFirstFailure:
+    """A pytest plugin that ends the process at the first test that fails or takes too long."""
 
-    long: float  # seconds of processor time
+    seconds: float  # seconds of processor time
 
     def pytest_runtest_logstart(self) -> None:
-        signal.setitimer(signal.ITIMER_VIRTUAL, self.long)  # ends a kernel, too; other processes do not count
+        signal.setitimer(signal.ITIMER_VIRTUAL, self.seconds)  # also interrupts a kernel; other processes do not count
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
@@ -52,19 +56,19 @@ class First:
 
 @dataclass
 class Trial:
-    """A child process at work on a mutant."""
+    """A child process that tests a mutant."""
 
     mutant: Mutant | None  # None: the tree as it is
     tree: Path
-    end: float  # of its time, time.monotonic
+    end: float  # when it is timed out, by time.monotonic
 
     @property
-    def told(self) -> str:
-        return (self.tree / "told").read_text()
+    def output(self) -> str:
+        return (self.tree / "output").read_text()
 
 
 def copies(folder: Path, count: int) -> list[Path]:
-    """Copies of the tree as it is now, with bytecode that is valid for its very source, whenever that was written."""
+    """Copies of the tree, with bytecode that is checked by the hash of its source instead of the time."""
     first, *others = trees = [folder / str(k) for k in range(count)]
     for name in TREE:
         target = first / name
@@ -79,9 +83,9 @@ def copies(folder: Path, count: int) -> list[Path]:
     return trees
 
 
-def warm() -> None:
-    """Import what mutants do not change; what is imported before a fork costs nothing after it."""
-    for name in WARM:
+def preload() -> None:
+    """Import libraries that mutants do not change before the forks."""
+    for name in PRELOADED:
         with contextlib.suppress(ImportError):
             importlib.import_module(name)
     assert not any(name.split(".")[0] == "outlast" for name in sys.modules)
@@ -92,38 +96,38 @@ def outcomes(
     trees: list[Path],
     tests: Tests,
     compiled: bool,
-    patience: float,
+    timeout: float,
 ) -> Iterator[tuple[Mutant | None, str, str]]:
-    """Each mutant, how it ended and what was said, in the order in which they end; as many at once as there are trees.
+    """(mutant, outcome, output) in the order in which they end; as many run at once as there are trees.
 
-    tests: of each, in the order in which they run. patience: seconds for all tests of one mutant.
+    tests: of each mutant, in the order in which they run. timeout: seconds for all tests of one mutant.
     """
     waiting, free, running = list(mutants), list(trees), dict[int, Trial]()
     try:
         while waiting or running:
             while free and waiting:
-                trial = Trial(waiting.pop(0), free.pop(), time.monotonic() + patience)
+                trial = Trial(waiting.pop(0), free.pop(), time.monotonic() + timeout)
                 running[start(trial, tests[trial.mutant], compiled)] = trial
-            pid, outcome = ended(running)
+            pid, outcome = wait_for_one(running)
             trial = running.pop(pid)
             free.append(trial.tree)
             if trial.mutant:
                 shutil.copy2(ROOT / trial.mutant.file, trial.tree / trial.mutant.file)
-            yield trial.mutant, outcome, trial.told
+            yield trial.mutant, outcome, trial.output
     finally:
         for pid in running:
             os.killpg(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
 
 
-def ended(running: dict[int, Trial]) -> tuple[int, str]:
-    """The first child to end, or to be out of time; and how."""
+def wait_for_one(running: dict[int, Trial]) -> tuple[int, str]:
+    """The first child to end or to time out, and its outcome."""
     while True:
         for pid, trial in running.items():
             done, status = os.waitpid(pid, os.WNOHANG)
             if done:
                 with contextlib.suppress(ProcessLookupError):
-                    os.killpg(pid, signal.SIGKILL)  # whom it started
+                    os.killpg(pid, signal.SIGKILL)  # its own children
                 return pid, OUTCOMES.get(os.waitstatus_to_exitcode(status), KILLED)
             if time.monotonic() > trial.end:
                 os.killpg(pid, signal.SIGKILL)
@@ -133,13 +137,13 @@ def ended(running: dict[int, Trial]) -> tuple[int, str]:
 
 
 def start(trial: Trial, tests: list[list[str]], compiled: bool) -> int:
-    """Write the mutant, and run the tests in a child; its process id, which is that of its group too."""
+    """Write the mutant and run the tests in a child; its process id, which is also its group's."""
     if trial.mutant:
         (trial.tree / trial.mutant.file).write_text(trial.mutant.source)
     sys.stdout.flush()
     if pid := os.fork():
         with contextlib.suppress(PermissionError, ProcessLookupError):
-            os.setpgid(pid, pid)  # here as well as there: whoever comes first
+            os.setpgid(pid, pid)  # in parent and child, whichever runs first
         return pid
     with contextlib.suppress(PermissionError):
         os.setpgid(0, 0)
@@ -152,8 +156,8 @@ def start(trial: Trial, tests: list[list[str]], compiled: bool) -> int:
 
 
 def child(tree: Path, tests: list[list[str]], compiled: bool) -> NoReturn:
-    """Become the process that tests the mutant in `tree`."""
-    out = os.open(tree / "told", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    """Test the mutant in `tree`; never returns."""
+    out = os.open(tree / "output", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(out, 1)
     os.dup2(out, 2)
     os.chdir(tree)
@@ -165,11 +169,11 @@ def child(tree: Path, tests: list[list[str]], compiled: bool) -> NoReturn:
     for name in [name for name in sys.modules if name.split(".")[0] == "tests"]:
         del sys.modules[name]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    hypothesis.settings.register_profile("mutants", derandomize=True, database=None, deadline=None, phases=QUICK)
+    hypothesis.settings.register_profile("mutants", derandomize=True, database=None, deadline=None, phases=PHASES)
     hypothesis.settings.load_profile("mutants")
     options = ["-q", "-p", "no:cacheprovider", "--tb=short", "--timeout=0", "--rootdir", str(tree)]
-    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # of what is imported already
-    first = First(COMPILING if compiled else LONG)
+    options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # about modules that are imported already
+    first = StopAtFirstFailure(COMPILED_TEST_SECONDS if compiled else TEST_SECONDS)
     for arguments in tests:
         if pytest.main([*options, *arguments], plugins=[first]) != pytest.ExitCode.OK:
             os._exit(1)

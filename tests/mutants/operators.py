@@ -1,10 +1,10 @@
-"""Mutants of systems/: one small change each, made by cosmic-ray's operators; which of them are worth a trial.
+"""Mutants of systems/: one small change each, made by cosmic-ray's operators.
 
-Left out, as no test could or need tell them apart:
-* decorators: uncompiled kernels have none in truth, and what `@NAME.system` does is tested where it is defined, in ecs;
+Excluded, as no test could or should detect them:
+* decorators: they have no effect on uncompiled kernels, and `@NAME.system` is tested in ecs;
 * annotations, docstrings, and f-strings, which are messages here;
-* all but one or two replacements of an operator: twelve would weigh the same line twelve times;
-* -1 for the index 0: most columns that are asked for it have one entry;
+* all but one or two replacements of an operator: twelve would count the same line twelve times;
+* -1 for the index 0: most columns indexed so have one entry;
 * changes that Python does not compile.
 """
 
@@ -12,7 +12,6 @@ import difflib
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -20,7 +19,8 @@ import cosmic_ray.plugins
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests.mutants.selection import ROOT
+
 BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul FloorDiv_Mul Mod_FloorDiv Pow_Mul RShift_LShift LShift_RShift "
 BINARY += "BitOr_BitAnd BitAnd_BitOr BitXor_BitAnd"
 COMPARISON = "Eq_NotEq NotEq_Eq Lt_LtE Lt_GtE LtE_Lt LtE_Gt Gt_GtE Gt_LtE GtE_Gt GtE_Lt Is_IsNot IsNot_Is"
@@ -52,7 +52,7 @@ class Mutant:
 
     @property
     def possible(self) -> bool:
-        """Whether it is another file, and Python."""
+        """Whether it changes the file, and compiles."""
         try:
             compile(self.source, self.file, "exec", dont_inherit=True)
         except (SyntaxError, ValueError):
@@ -80,23 +80,23 @@ def changed(source: str, operator: str, occurrence: int) -> str:
 
 
 def mutants(file: str) -> Iterator[Mutant]:
-    """All that are worth a trial if Python compiles them, by operator."""
+    """All mutants of a file, by operator; some may not compile."""
     source = (ROOT / file).read_text()
     nodes = list(ast_nodes(get_ast(source)))
     for name in OPERATORS:
         operator = cosmic_ray.plugins.get_operator(f"core/{name}")()
         places = ((node, start) for node in nodes for start, _ in operator.mutation_positions(node))
         for occurrence, (node, (line, _)) in enumerate(places):
-            if not untested(node) and not (is_first(node) and name == "NumberReplacer" and occurrence % 2):
+            if not is_untested(node) and not (is_index_zero(node) and name == "NumberReplacer" and occurrence % 2):
                 yield Mutant(file, name, occurrence, line)
 
 
-def is_first(node: Any) -> bool:
+def is_index_zero(node: Any) -> bool:
     """Whether it is the 0 of `[0]`."""
     return node.parent.type == "trailer" and node.parent.children[0].value == "[" and node.get_code().strip() == "0"
 
 
-def untested(node: Any) -> bool:
+def is_untested(node: Any) -> bool:
     """Whether it is part of a decorator, an annotation, a message or a list of parameters."""
     child = node
     while (parent := child.parent) is not None:

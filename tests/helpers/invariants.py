@@ -1,4 +1,4 @@
-"""What holds after every step of every world, whatever anybody does; and scenarios in which it might not."""
+"""Invariants that hold after every step of every world; and scenarios that try to violate them."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "three teams": ("teams_4", CROWD | {"sides_count": 3, "ending_rule": "all dead", "rewards_posthumous": False}),
     "as written": ("teams_4", {"melee_blocked": False, "melee_cooldown": 5, "pickup_touch": True, "inventory_slots": 1,
                                "boxes_offset": 0.0, "drop_scatter": "disc", "give_nearest": "suitable"}),
-    "mended": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "sides_count": 3, "rewards_alive": 1.0,
+    "ablations": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "sides_count": 3, "rewards_alive": 1.0,
                                                          "rewards_dead": -1.0}),
     "steered": ("ffa_2+health_cap+bounty+steering", {"n_agents": 4}),
 }  # fmt: skip
@@ -48,8 +48,8 @@ def scenario(name: str, **numbers: Any) -> outlast.Scenario:
     return outlast.variant(variant).replace(**own | numbers)
 
 
-class Watch:
-    """Follows all worlds of an environment and checks, after each call that moves some of them, what must hold."""
+class InvariantChecker:
+    """Checks the invariants of all worlds of an environment after each call that changes some of them."""
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
         self.env, self.numbers = env, env.scenario.numbers()
@@ -58,7 +58,7 @@ class Watch:
         self.everybody_alive = np.zeros((env.num_worlds, env.num_agents), bool)
 
     def check(self, observation: dict[str, Array], ran: Array | None = None) -> None:
-        """After any step or reset. ran: the worlds that it moved, bool (worlds,); all of them if not given."""
+        """Check after a step or reset. ran: the worlds that it changed, bool (worlds,); all if not given."""
         ran = np.ones(self.env.num_worlds, bool) if ran is None else ran
         alive = self.env.worlds[Entity].alive.astype(bool)
         self._numbers_are_finite(observation)
@@ -71,10 +71,10 @@ class Watch:
         self._statistics_fit(alive[:, self.agents])
 
     def memory(self, where: Any) -> tuple[Array, Array]:
-        """What it remembers of the worlds `where`, for `recall` when they are put back."""
+        """What it remembers of the worlds `where`, for `restore` when their state is restored."""
         return self.returns[where].copy(), self.everybody_alive[where].copy()
 
-    def recall(self, memory: tuple[Array, Array], where: Any) -> None:
+    def restore(self, memory: tuple[Array, Array], where: Any) -> None:
         self.returns[where], self.everybody_alive[where] = memory
 
     def _numbers_are_finite(self, observation: dict[str, Array]) -> None:
@@ -86,14 +86,14 @@ class Watch:
             assert np.isfinite(column).all()
 
     def _agents_are_inside(self, alive: Array) -> None:
-        """Their centres; who is pushed hard may sink a little into a wall."""
+        """Their centres are; a body that is pushed hard may sink a little into a wall."""
         body, size, thin = self.env.worlds[Body], self.numbers["room_size"], self.numbers["room_thickness"]
         inner = size / 2 - size * thin / 2
         for place in (body.x, body.y):
             assert np.abs(place[:, self.agents][alive[:, self.agents]]).max(initial=0) < inner
 
     def _items_are_in_one_place(self, alive: Array) -> None:
-        """On the ground, in exactly one bag, or for box items: as a box that stands or has just broken; or consumed."""
+        """On the ground, in exactly one bag, or consumed; a box item also as a box that stands or has just broken."""
         worlds = self.env.worlds
         bag, holder = worlds[Bag], worlds[Item].holder
         carried = np.zeros(alive.shape, int)
@@ -120,18 +120,18 @@ class Watch:
             assert (there == 1).all()
 
     def _health_and_life_agree(self, alive: Array, ran: Array) -> None:
-        """Who lives has health, or lost it after this step's check; who does not has none, and stays dead."""
+        """The living have health, or lost it after this step's check; the dead have none and stay dead."""
         health, tick = self.env.worlds[Health], self.env.worlds[Clock].tick
         points, doomed = health.points[:, self.agents], health.doomed[:, self.agents]
         assert ((points > 0) | (doomed == tick.astype(np.int64)) | ~alive).all()
         assert ((points <= 0) | alive).all()
         if limit := self.numbers["health_limit"]:
             assert (points <= limit).all()
-        went_on = ran & (tick[:, 0] > 0)
+        stepped = ran & (tick[:, 0] > 0)
         assert alive[tick[:, 0] == 0].all()
-        assert not (alive & ~self.everybody_alive)[went_on].any()
+        assert not (alive & ~self.everybody_alive)[stepped].any()
         died = self.everybody_alive & ~alive
-        assert (died[went_on] == self.env.worlds[Death].now[:, self.agents][went_on].astype(bool)).all()
+        assert (died[stepped] == self.env.worlds[Death].now[:, self.agents][stepped].astype(bool)).all()
         assert (alive == self.everybody_alive)[~ran].all()
         self.everybody_alive = alive.copy()
 
@@ -142,8 +142,8 @@ class Watch:
             assert (np.maximum(np.abs(x), np.abs(y)) + radius <= size / 2 + 1e-4).all()
 
     def _rewards_are_right(self, alive: Array) -> None:
-        """The formula of the paper and of the fixes, from who lives and who killed whom."""
-        worlds, pay = self.env.worlds, self.numbers
+        """By the formula of the paper and of the ablations, from who lives and who killed whom."""
+        worlds, numbers = self.env.worlds, self.numbers
         side, death = worlds[Side].side[:, self.agents], worlds[Death]
         now, killer = death.now[:, self.agents].astype(bool), death.source[:, self.agents]
         sides = range(worlds.dims["sides"])
@@ -151,14 +151,14 @@ class Watch:
         died_out = np.stack([(now & (side == s)).any(1) for s in sides], 1) & ~lives
         total = np.zeros(side.shape)
         for s in sides:
-            paid = lives[:, s] | pay["rewards_posthumous"]
+            gets_kills = lives[:, s] | numbers["rewards_posthumous"]
             share = lives[:, s].astype(float)
-            if pay["rewards_basis"] == "members":
+            if numbers["rewards_basis"] == "members":
                 share = (alive & (side == s)).sum(1) / (side == s).sum(1)
-            reward = share * pay["rewards_alive"] + (1 - share) * pay["rewards_dead"]
-            reward += (now & (killer == s) & (side != s)).sum(1) * paid * pay["rewards_kill"]
-            reward += died_out.sum(1) * lives[:, s] * pay["rewards_outlive"]
-            reward += (now & (side == s)).sum(1) * pay["rewards_death"]
+            reward = share * numbers["rewards_alive"] + (1 - share) * numbers["rewards_dead"]
+            reward += (now & (killer == s) & (side != s)).sum(1) * gets_kills * numbers["rewards_kill"]
+            reward += died_out.sum(1) * lives[:, s] * numbers["rewards_outlive"]
+            reward += (now & (side == s)).sum(1) * numbers["rewards_death"]
             total[side == s] = np.broadcast_to(reward[:, None], side.shape)[side == s]
         total[self._fresh] = 0
         np.testing.assert_allclose(worlds[Reward].reward, total, rtol=1e-6, atol=1e-6)
@@ -190,21 +190,21 @@ class Watch:
 
     @property
     def _fresh(self) -> Array:
-        """Worlds whose episode has just begun."""
+        """Worlds at the start of an episode."""
         return self.env.worlds[Clock].tick[:, 0] == 0
 
 
-class Walk:
-    """Random play with all checks. Now and then somebody is brought close to death, to see many of them."""
+class CheckedPlay:
+    """Random play with all checks. Now and then an agent's health is lowered, so that many die."""
 
     def __init__(self, env: SurvivalVectorEnv, seed: int) -> None:
-        self.env, self.guard, self.deaths = env, Watch(env), 0
+        self.env, self.checker, self.deaths = env, InvariantChecker(env), 0
         self._rng = np.random.default_rng(seed)
-        self.guard.check(env.reset()[0])
+        self.checker.check(env.reset()[0])
 
     def step(self) -> None:
         weak = self._rng.random((self.env.num_worlds, self.env.num_agents)) < 0.01
-        points = self.env.worlds[Health].points[:, self.guard.agents]
+        points = self.env.worlds[Health].points[:, self.checker.agents]
         points[weak & (points > 10)] = 10
-        self.guard.check(self.env.step(draw_actions(self.env, self._rng))[0])
-        self.deaths += int(self.env.worlds[Death].now[:, self.guard.agents].sum())
+        self.checker.check(self.env.step(draw_actions(self.env, self._rng))[0])
+        self.deaths += int(self.env.worlds[Death].now[:, self.checker.agents].sum())

@@ -1,4 +1,4 @@
-"""A model of an environment that knows no rules: all that a world is follows from its seed, episode and actions."""
+"""A model of an environment without rules: a world is a function of its seed, number, episode and actions."""
 
 import hashlib
 from typing import Any, NamedTuple
@@ -12,13 +12,13 @@ from outlast.components import Told
 from outlast.ecs import Action, Clock, Worlds
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.envs.snapshots.state import State
-from tests.watch import Watch
+from tests.helpers.invariants import InvariantChecker
 
 Array = np.ndarray[Any, Any]
 
 
 class History(NamedTuple):
-    """What made a world what it is. acts: numbers of the actions since its episode began (see `Player.actions`)."""
+    """The inputs that determine a world. acts: numbers of the actions of its episode (see `ModelledEnv.actions`)."""
 
     seed: int
     world: int
@@ -28,43 +28,43 @@ class History(NamedTuple):
     def then(self, act: int) -> "History":
         return self._replace(acts=(*self.acts, act))
 
-    def afresh(self) -> "History":
+    def next_episode(self) -> "History":
         return self._replace(episode=self.episode + 1, acts=())
 
 
-class Memory(dict[Any, Any]):
-    """What was seen of each history. Seen again, anywhere, it must be the same."""
+class Outcomes(dict[Any, Any]):
+    """What was seen after each history. Seen again, in any environment, it must be the same."""
 
     def note(self, history: Any, what: str, value: Any) -> None:
         assert self.setdefault((history, what), value) == value, f"{what} after {history}"
 
 
-class Saved(NamedTuple):
-    """A state, and what the model and the watch know of it."""
+class SavedState(NamedTuple):
+    """A state, with the histories and the memory of the invariant checker that belong to it."""
 
     state: State
     histories: list[History | None]
-    watched: tuple[Array, Array]
+    memory: tuple[Array, Array]
     scenario: outlast.Scenario
 
 
-class Player:
-    """An environment, and beside it the history of each of its worlds; None: has not started."""
+class ModelledEnv:
+    """An environment and the history of each of its worlds; None before its first reset."""
 
-    def __init__(self, memory: Memory, scenario: outlast.Scenario, worlds: int, seed: int, **options: Any) -> None:
+    def __init__(self, memory: Outcomes, scenario: outlast.Scenario, worlds: int, seed: int, **options: Any) -> None:
         self.env = outlast.make_vec(scenario, worlds, seed=seed, **options)
-        self.memory, self.scenario, self.guard = memory, scenario, Watch(self.env)
+        self.memory, self.scenario, self.checker = memory, scenario, InvariantChecker(self.env)
         self.histories: list[History | None] = [None] * worlds
         self.keys = [History(seed, self.env.first_world + w, 0) for w in range(worlds)]  # of the next resets
-        self.moved = np.zeros(worlds, bool)  # since the watch has looked
+        self.moved = np.zeros(worlds, bool)  # since the invariants were checked
 
     @property
     def started(self) -> bool:
         return None not in self.histories
 
     @property
-    def over(self) -> Array:
-        """Which worlds have ended, as was seen in the step that ended them."""
+    def done(self) -> Array:
+        """Which worlds have ended, according to the step that ended them."""
         return np.array([self.memory.get((history, "end"), (False, False)) != (False, False) for history in self.all])
 
     @property
@@ -72,14 +72,14 @@ class Player:
         return [(self.scenario.name, history) for history in self.histories]
 
     def actions(self, act: int) -> Array:
-        """Of all agents: those of a world follow from `act` and from the tick of its episode."""
+        """Actions of all agents: a function of `act` and of the tick of the world's episode."""
         sizes = self.env.single_action_space.nvec
         ticks = [len(history.acts) if history else 0 for history in self.histories]
         drawn = {tick: np.random.default_rng((act, tick)).integers(0, sizes) for tick in set(ticks)}
         return np.stack([drawn[tick] for tick in ticks])
 
     def reset(self, seed: Any = None, mask: Array | None = None) -> None:
-        told, info = self.env.reset(seed=seed, options=None if mask is None else {"reset_mask": mask})
+        observations, info = self.env.reset(seed=seed, options=None if mask is None else {"reset_mask": mask})
         assert info.keys() == {"alive"}
         assert info["alive"][slice(None) if mask is None else mask].all()
         count = self.env.num_worlds
@@ -90,15 +90,15 @@ class Player:
         for w in np.flatnonzero(np.ones(count, bool) if mask is None else mask):
             self.keys[w] = self.keys[w] if seed is None else keys[w]
             self._begin(w)
-        self._look(told)
+        self._look(observations)
 
     def step(self, act: int, sent: bool = False) -> None:
-        """One step, or one in the background. What cannot be stepped must say so."""
-        before, actions, mode = self.over, self.actions(act), self.env.autoreset_mode
+        """One step, or one by send and recv. Worlds that cannot be stepped must be refused."""
+        before, actions, mode = self.done, self.actions(act), self.env.autoreset_mode
         if not self.started or (mode is AutoresetMode.DISABLED and before.any()):
             self.refused(lambda: self.env.step(actions), NotResetError)
             return
-        told, reward, terminated, truncated, info = self._sent(actions) if sent else self.env.step(actions)
+        observations, reward, terminated, truncated, info = self._sent(actions) if sent else self.env.step(actions)
         for w in range(self.env.num_worlds):
             if before[w]:
                 self._begin(w)
@@ -109,7 +109,7 @@ class Player:
             self.memory.note(self.all[w], "end", (bool(terminated[w]), bool(truncated[w])))
         self.moved[:] = True
         self._ended(info)
-        self._look(told)
+        self._look(observations)
 
     def _sent(self, actions: Array) -> Any:
         env = self.env
@@ -119,55 +119,57 @@ class Player:
                 call()
         return env.recv()
 
-    def get(self, where: Array) -> Saved:
-        kept = self.guard.memory(where)
-        return Saved(self.env.get_state(where), [self.histories[w] for w in where], kept, self.scenario)
+    def get_state(self, where: Array) -> SavedState:
+        memory = self.checker.memory(where)
+        return SavedState(self.env.get_state(where), [self.histories[w] for w in where], memory, self.scenario)
 
-    def put(self, saved: Saved, where: Array) -> None:
-        told = self.env.set_state(saved.state, where)
-        self.guard.recall(saved.watched, where)
+    def set_state(self, saved: SavedState, where: Array) -> None:
+        observations = self.env.set_state(saved.state, where)
+        self.checker.restore(saved.memory, where)
         for k, w in enumerate(where):
             self.histories[w] = history = saved.histories[k if len(saved.histories) > 1 else 0]
             self.moved[w] = history is not None and not history.acts
             self.keys[w] = history or History(*self._clock(w)[:3])
-        self._look(told)
+        self._look(observations)
 
     def refused(self, call: Any, *errors: type[Exception]) -> None:
-        """It raises one of these, and changes nothing."""
-        before = self.everything()
+        """The call raises one of these errors, and changes nothing."""
+        before = self.state_digest()
         with pytest.raises(errors):
             call()
-        assert self.everything() == before
+        assert self.state_digest() == before
 
-    def everything(self) -> str:
+    def state_digest(self) -> str:
         state = self.env.get_state()
         return hashlib.blake2b(b"".join(state.arrays[name].tobytes() for name in sorted(state.arrays))).hexdigest()
 
     def _begin(self, w: int) -> None:
-        self.keys[w] = self.keys[w].afresh()
+        self.keys[w] = self.keys[w].next_episode()
         self.histories[w], self.moved[w] = self.keys[w], True
 
     def _ended(self, info: dict[str, Any]) -> None:
-        """Statistics of just those worlds that ended; under SAME_STEP they show their last observations, and begin."""
-        over = self.over
-        assert ("statistics" in info) == over.any()
-        for w in np.flatnonzero(over):
-            assert info["_statistics"].tolist() == over.tolist()
+        """Check the statistics of the worlds that ended; under SAME_STEP they start their next episode here."""
+        done = self.done
+        assert ("statistics" in info) == done.any()
+        for w in np.flatnonzero(done):
+            assert info["_statistics"].tolist() == done.tolist()
             values = [np.asarray(info["statistics"][key][w]).tobytes() for key in sorted(info["statistics"])]
             self.memory.note(self.all[w], "statistics", values)
             if self.env.autoreset_mode is AutoresetMode.SAME_STEP:
-                self.memory.note(self.all[w], "told", _bytes(info["final_obs"][w]))
+                self.memory.note(self.all[w], "observations", _bytes(info["final_obs"][w]))
                 self._begin(w)
 
-    def _look(self, told: dict[str, Array]) -> None:
-        """Compare all worlds with their histories, and check what must hold."""
+    def _look(self, observations: dict[str, Array]) -> None:
+        """Compare all worlds with what was seen after their histories, and check the invariants."""
         for w, history in enumerate(self.histories):
             if history is not None:
                 assert self._clock(w) == [*history[:3], len(history.acts)]
-                self.memory.note(self.all[w], "told", _bytes({key: array[w] for key, array in told.items()}))
+                self.memory.note(
+                    self.all[w], "observations", _bytes({key: array[w] for key, array in observations.items()})
+                )
                 self.memory.note(self.all[w], "state", digest_of_episode(self.env.worlds, w))
         if self.started:
-            self.guard.check(told, ran=self.moved)
+            self.checker.check(observations, ran=self.moved)
             self.moved[:] = False
 
     def _clock(self, w: int) -> list[int]:
@@ -176,7 +178,7 @@ class Player:
 
 
 def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
-    """Of the worlds `where`, but without what a reset leaves as it was: actions, and which observations were filled."""
+    """A digest of the worlds `where`, without what a reset does not write: actions and observation masks."""
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
         if not component.packed and not issubclass(component, (Action, Told)):
@@ -185,9 +187,9 @@ def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
     return total.hexdigest()
 
 
-def alone(memory: Memory, scenario: outlast.Scenario, history: History) -> None:
-    """Live through a history again, in an environment of one world."""
-    player = Player(memory, scenario, 1, history.seed, first_world=history.world, autoreset_mode="Disabled")
+def replay_alone(memory: Outcomes, scenario: outlast.Scenario, history: History) -> None:
+    """Play a history again in an environment of one world."""
+    player = ModelledEnv(memory, scenario, 1, history.seed, first_world=history.world, autoreset_mode="Disabled")
     for _ in range(history.episode):
         player.reset()
     for act in history.acts:
@@ -196,5 +198,5 @@ def alone(memory: Memory, scenario: outlast.Scenario, history: History) -> None:
     player.env.close()
 
 
-def _bytes(told: dict[str, Array]) -> list[bytes]:
-    return [told[key].tobytes() for key in sorted(told)]
+def _bytes(observations: dict[str, Array]) -> list[bytes]:
+    return [observations[key].tobytes() for key in sorted(observations)]

@@ -1,4 +1,4 @@
-"""What is fuzzed of training: checkpoints that runs go on from, saved policies, logs and kept results."""
+"""Fuzz targets: checkpoints that runs resume from, saved policies, logs and kept results."""
 
 import dataclasses
 import json
@@ -23,8 +23,8 @@ from outlast.training.player import Player
 from outlast.training.ppo import SharedPPO
 from outlast.training.presets import preset
 from outlast.training.run import TrainingConfig, TrainingRun
-from tests.fuzz_mutations import Dice, mutated, mutated_json, mutated_npy, mutated_zip, text, unzipped, zipped
-from tests.fuzz_worlds import folder_of
+from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
+from tests.fuzz.worlds import folder_of
 
 SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
 CONFIG = TrainingConfig(
@@ -32,44 +32,44 @@ CONFIG = TrainingConfig(
 )
 
 
-def spoiled(content: bytes, dice: Dice) -> bytes:
-    """A checkpoint with something wrong in it, or in one of the files in it."""
+def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
+    """A mutated checkpoint: the archive itself, or one of the files in it."""
     files = unzipped(content)
-    match dice.randrange(10):
+    match rng.randrange(10):
         case 0:
-            return mutated(content, dice)
+            return mutated(content, rng)
         case 1:
-            return mutated_zip(content, dice)
+            return mutated_zip(content, rng)
         case 2 | 3 | 4:
-            files["run.json"] = text(mutated_json(json.loads(files["run.json"]), dice))
+            files["run.json"] = to_json(mutated_json(json.loads(files["run.json"]), rng))
         case 5 | 6:
-            name = dice.choice(("policy.pt", "rest.pt"))
-            files[name] = mutated_zip(files[name], dice)
+            name = rng.choice(("policy.pt", "rest.pt"))
+            files[name] = mutated_zip(files[name], rng)
         case 7 | 8:
-            name = dice.choice(("policy.pt", "rest.pt"))
+            name = rng.choice(("policy.pt", "rest.pt"))
             inner = unzipped(files[name])
-            part = dice.choice([*inner, *[part for part in inner if part.endswith(".pkl")] * 20])
-            files[name] = zipped(inner | {part: dice.choice((mutated, _pickled))(inner[part], dice)})
+            part = rng.choice([*inner, *[part for part in inner if part.endswith(".pkl")] * 20])
+            files[name] = zipped(inner | {part: rng.choice((mutated, mutated_pickle))(inner[part], rng)})
         case _:
             inner = unzipped(files["worlds.npz"])
-            part = dice.choice([*inner])
-            files["worlds.npz"] = zipped(inner | {part: mutated_npy(inner[part], dice)})
+            part = rng.choice([*inner])
+            files["worlds.npz"] = zipped(inner | {part: mutated_npy(inner[part], rng)})
     return zipped(files)
 
 
-def _pickled(content: bytes, dice: Dice) -> bytes:
-    """A pickle in which something else is named or made: code, memory, tensors larger than what is there."""
+def mutated_pickle(content: bytes, rng: Random) -> bytes:
+    """A pickle that names other globals or sizes: code to execute, huge buffers, tensors larger than their storage."""
     here = bytes("ctorch._utils\n_rebuild_tensor_v2\n", "ascii")
     forms: tuple[Callable[[], bytes], ...] = (
-        lambda: pickle.dumps(dice.choice((_Evil("exit 7"), _Large(10**12), [1] * 9, {"a": 1}, None, "x" * 999)), 2),
-        lambda: content.replace(here, dice.choice((b"cbuiltins\nbytearray\n", b"cos\nsystem\n", b"ctorch\ntensor\n"))),
-        lambda: content.replace(b"FloatStorage", dice.choice((b"DoubleStorage", b"ByteStorage", b"HalfStorage"))),
-        lambda: _renumbered(content, dice),
+        lambda: pickle.dumps(rng.choice((_Executes("exit 7"), _Large(10**12), [1] * 9, {"a": 1}, None, "x" * 999)), 2),
+        lambda: content.replace(here, rng.choice((b"cbuiltins\nbytearray\n", b"cos\nsystem\n", b"ctorch\ntensor\n"))),
+        lambda: content.replace(b"FloatStorage", rng.choice((b"DoubleStorage", b"ByteStorage", b"HalfStorage"))),
+        lambda: _other_number(content, rng),
     )
-    return dice.choice(forms)()
+    return rng.choice(forms)()
 
 
-class _Evil:
+class _Executes:
     def __init__(self, command: str) -> None:
         self.command = command
 
@@ -77,24 +77,24 @@ class _Evil:
         return os.system, (self.command,)
 
 
-class _Large(_Evil):
+class _Large(_Executes):
     def __reduce__(self) -> Any:
         return bytearray, (self.command,)
 
 
-def _renumbered(content: bytes, dice: Dice) -> bytes:
-    """One of its numbers is another one of the same length."""
+def _other_number(content: bytes, rng: Random) -> bytes:
+    """One of its integers is replaced by another one of the same length."""
     spots = [at for at, byte in enumerate(content[:-5]) if byte in b"JKM"]
     if not spots:
         return b""
-    at = dice.choice(spots)
+    at = rng.choice(spots)
     size = {"J": 4, "K": 1, "M": 2}[chr(content[at])]
-    number = dice.choice((0, 1, 2, 255, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**32 - 2, dice.randrange(2**16)))
+    number = rng.choice((0, 1, 2, 255, 2**16 - 1, 2**31 - 1, 2**32 - 1, 2**32 - 2, rng.randrange(2**16)))
     return content[: at + 1] + (number % 256**size).to_bytes(size, "little") + content[at + 1 + size :]
 
 
 class Checkpoints:
-    """Checkpoints from which a run goes on: a rollout and an update."""
+    """Checkpoints that a run resumes from, for one rollout and one update."""
 
     refusals: ClassVar = (StateError, TrainingError)
 
@@ -106,15 +106,15 @@ class Checkpoints:
         self.model.start()
         first = checkpoint.capture(self.model, CONFIG.header())
         self._go_on()
-        self.files = [_archived(files) for files in (first, checkpoint.capture(self.model, CONFIG.header()))]
+        self.files = [_zip_bytes(files) for files in (first, checkpoint.capture(self.model, CONFIG.header()))]
         self.valid = self.files[1]
 
-    def mutate(self, dice: Dice) -> bytes:
+    def mutate(self, rng: Random) -> bytes:
         """A hostile checkpoint."""
-        return spoiled(dice.choice(self.files), dice)
+        return mutated_checkpoint(rng.choice(self.files), rng)
 
     def use(self, path: Path) -> None:
-        """Go on from it; sometimes as `outlast train --resume` does."""
+        """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
             checkpoint.restore(self.model, checkpoint.read_checkpoint(path))
             self._go_on()
@@ -128,13 +128,13 @@ class Checkpoints:
     def _go_on(self) -> None:
         try:
             self.model.collect()
-        except FaultError:  # bodies at places that physics cannot take
+        except FaultError:  # positions that physics refuses
             return
         self.model.train()
 
 
 class Policies:
-    """Saved policies, which are asked for actions."""
+    """Saved policies, which compute actions."""
 
     refusals: ClassVar = (TrainingError,)
 
@@ -144,19 +144,19 @@ class Policies:
         for name in ("original", "scaled"):
             model = SharedPPO(SMALL, preset(name), worlds=2, steps=16, batch_size=16)
             model.start()
-            self.files.append(_archived(checkpoint.capture(model, CONFIG.header())))
+            self.files.append(_zip_bytes(checkpoint.capture(model, CONFIG.header())))
         self.valid = self.files[0]
 
-    def mutate(self, dice: Dice) -> bytes:
+    def mutate(self, rng: Random) -> bytes:
         """A hostile checkpoint."""
-        return spoiled(dice.choice(self.files), dice)
+        return mutated_checkpoint(rng.choice(self.files), rng)
 
     def use(self, path: Path) -> None:
-        """Ask for actions, given observations like those of which the file tells."""
+        """Compute actions for observations of the shapes that the file declares."""
         player, rng = Player(path), np.random.default_rng(0)
-        told = {key: rng.random((2, 3, *shape)).astype(np.float32) for key, shape in player.shapes.items()}
-        told |= {key: np.rint(values) for key, values in told.items() if key.endswith("_mask")}
-        actions = player(told)
+        observations = {key: rng.random((2, 3, *shape)).astype(np.float32) for key, shape in player.shapes.items()}
+        observations |= {key: np.rint(values) for key, values in observations.items() if key.endswith("_mask")}
+        actions = player(observations)
         sizes = np.array(player.header["actions"])
         assert actions.shape == (2, 3, len(sizes))
         assert ((actions >= 0) & (actions < sizes)).all()
@@ -164,7 +164,7 @@ class Policies:
 
 
 class Results:
-    """Logs of runs, what these say of themselves, and kept results: put into tables and figures."""
+    """Logs and run.json of runs, and kept results: made into tables and figures."""
 
     refusals: ClassVar = (TrainingError,)
 
@@ -182,28 +182,28 @@ class Results:
         (found,) = results.load_runs([self.folder])
         self.valid = found.text().encode()
 
-    def mutate(self, dice: Dice) -> bytes:
+    def mutate(self, rng: Random) -> bytes:
         """A hostile log, kept result or run.json."""
-        match dice.randrange(5):
+        match rng.randrange(5):
             case 0:
-                return dice.choice((mutated, _rewritten))(self.log, dice)
+                return rng.choice((mutated, _changed_cell))(self.log, rng)
             case 1:
-                whole = text(mutated_json(json.loads(self.header), dice))
-                return dice.choice((whole, whole, mutated(self.header, dice), self.header))
+                whole = to_json(mutated_json(json.loads(self.header), rng))
+                return rng.choice((whole, whole, mutated(self.header, rng), self.header))
             case 2:
                 first, _, rest = self.valid.partition(b"\n")
-                return b"# " + text(mutated_json(json.loads(first[2:]), dice)) + b"\n" + rest
+                return b"# " + to_json(mutated_json(json.loads(first[2:]), rng)) + b"\n" + rest
             case _:
-                return dice.choice((mutated, _rewritten))(self.valid, dice)
+                return rng.choice((mutated, _changed_cell))(self.valid, rng)
 
     def use(self, path: Path) -> None:
-        """A table, and sometimes figures."""
-        begin, place = path.read_bytes()[:1], path
-        if begin in (b"t", b"{"):
-            place = self.folder
-            (place / "log.csv").write_bytes(path.read_bytes() if begin == b"t" else self.log)
-            (place / "run.json").write_bytes(path.read_bytes() if begin == b"{" else self.header)
-        (group,) = results.group_runs(results.load_runs([place]))
+        """Make a table, and sometimes figures."""
+        first, source = path.read_bytes()[:1], path
+        if first in (b"t", b"{"):
+            source = self.folder
+            (source / "log.csv").write_bytes(path.read_bytes() if first == b"t" else self.log)
+            (source / "run.json").write_bytes(path.read_bytes() if first == b"{" else self.header)
+        (group,) = results.group_runs(results.load_runs([source]))
         for name in (group.name, group.runs[0].name):
             assert Path(name).name == name, f"{name} would be written elsewhere"
         assert len(group.runs[0].text()) > len(end_values.markdown(group) + end_values.csv_table([group])) / 9
@@ -214,11 +214,11 @@ class Results:
 TAGS = ("rollout/reward0", "rollout/reward1", "rollout/kills0", "rollout/kills1", "rollout/steps", "train/loss")
 
 
-def _rewritten(content: bytes, dice: Dice) -> bytes:
-    """One cell of the table, or a row, is something else."""
+def _changed_cell(content: bytes, rng: Random) -> bytes:
+    """The table with one cell replaced."""
     rows = [line.split(b",") for line in content.split(b"\n")]
-    row = dice.choice(rows[1:])
-    row[dice.randrange(len(row))] = dice.choice(CELLS)
+    row = rng.choice(rows[1:])
+    row[rng.randrange(len(row))] = rng.choice(CELLS)
     return b"\n".join(b",".join(row) for row in rows)
 
 
@@ -228,7 +228,7 @@ CELLS = (
 )
 
 
-def _archived(files: dict[str, bytes]) -> bytes:
+def _zip_bytes(files: dict[str, bytes]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.write_checkpoint(Path(folder, "a.zip"), files)
         return Path(folder, "a.zip").read_bytes()

@@ -1,11 +1,11 @@
-"""Plain-Python twins of the kernels: float64, one entity at a time, derived another way, obviously right."""
+"""Naive forms of the geometry kernels: float64, one entity at a time, derived in another way."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-MISS = 2.0
+MISS = 2.0  # no hit
 Point = tuple[float, float]
 
 

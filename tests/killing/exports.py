@@ -1,4 +1,4 @@
-"""What `killing` kills: exports of a recording, and what each may leave."""
+"""Writers of exports of a recording; what each may leave when it is killed."""
 
 import contextlib
 from collections.abc import Callable
@@ -8,19 +8,18 @@ import numpy as np
 
 from outlast import make_vec, record
 from outlast.envs.storage.atomic_write import is_temporary
-from tests.killing import Writer
-from tests.killing_films import Whole, same_bytes
+from tests.killing.writer import AtomicOutput, Writer, same_bytes
 
 
-class Export(Whole):
-    """outlast replay, of a recording that is made first. Data sets overwrite nothing."""
+class Export(AtomicOutput):
+    """outlast replay, of a recording that is made first. Datasets are not overwritten."""
 
     @property
-    def once(self) -> bool:  # type: ignore[override]
+    def keeps_existing(self) -> bool:  # type: ignore[override]
         return "--data" in self.arguments
 
-    def prepare(self, place: Path) -> None:
-        with contextlib.closing(make_vec("teams_3", 32, seed=5)) as env, record(env, place / "a.rec"):
+    def prepare(self, folder: Path) -> None:
+        with contextlib.closing(make_vec("teams_3", 32, seed=5)) as env, record(env, folder / "a.rec"):
             rng = np.random.default_rng(0)
             env.reset()
             for _ in range(150):
@@ -28,8 +27,8 @@ class Export(Whole):
 
 
 def replayed(name: str, product: str, option: str, equal: Callable[[Path, Path], None], *more: str) -> Export:
-    words = ("outlast", "replay", "{place}/a.rec", option, "{out}", "--quiet", *more)
-    return Export(f"replay {name}", product, words, equal)
+    command = ("outlast", "replay", "{folder}/a.rec", option, "{out}", "--quiet", *more)
+    return Export(f"replay {name}", product, command, equal)
 
 
 def same_parquet(path: Path, expected: Path) -> None:
@@ -52,15 +51,15 @@ class Minari(Export):
     """outlast replay --data minari:NAME-v0."""
 
     def __init__(self) -> None:
-        words = ("outlast", "replay", "{place}/a.rec", "--data", "minari:duel-v0", "--worlds", "0,1", "--quiet")
-        super().__init__("replay minari", "minari/duel-v0", words, same_minari)
+        command = ("outlast", "replay", "{folder}/a.rec", "--data", "minari:duel-v0", "--worlds", "0,1", "--quiet")
+        super().__init__("replay minari", "minari/duel-v0", command, same_minari)
 
-    def prepare(self, place: Path) -> None:
-        super().prepare(place)
-        (place / "minari").mkdir()
+    def prepare(self, folder: Path) -> None:
+        super().prepare(folder)
+        (folder / "minari").mkdir()
 
-    def environment(self, place: Path) -> dict[str, str]:
-        return {"MINARI_DATASETS_PATH": str(place / "minari")}
+    def environment(self, folder: Path) -> dict[str, str]:
+        return {"MINARI_DATASETS_PATH": str(folder / "minari")}
 
 
 def same_minari(path: Path, expected: Path) -> None:

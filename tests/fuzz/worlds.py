@@ -1,4 +1,4 @@
-"""What is fuzzed of worlds: saved states and recordings, made hostile also behind their checksums, loaded and used."""
+"""Fuzz targets: saved states and recordings, mutated also behind correct checksums."""
 
 import contextlib
 import hashlib
@@ -23,21 +23,21 @@ from outlast.envs.recording import Recording, recorder
 from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_stored
 from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
-from tests.fuzz_mutations import (
+from tests.fuzz.mutations import (
     INTEGERS,
-    Dice,
+    Random,
     mutated,
     mutated_json,
     mutated_npy,
     mutated_zip,
     npy,
-    text,
+    to_json,
     unzipped,
     zipped,
 )
 
-TICKS = (0, 3, 40, 150)  # after which states are taken
-REALS = (0, -1, 1e-45, 1e-3, 0.5, 12, 25, 1e4, 9.9e5, 1e6, 3e38, -9.9e5, -3e38, np.inf, -np.inf, np.nan)
+TICKS = (0, 3, 40, 150)  # after which states are saved
+FLOATS = (0, -1, 1e-45, 1e-3, 0.5, 12, 25, 1e4, 9.9e5, 1e6, 3e38, -9.9e5, -3e38, np.inf, -np.inf, np.nan)
 SMALL = outlast.variant("teams_3").replace(n_heals=4, n_boxes=3)
 
 
@@ -55,36 +55,36 @@ class States:
 
     def __init__(self) -> None:
         self.env, self.rng = outlast.make_vec(SMALL, 3, seed=0, render_mode="ansi"), np.random.default_rng(0)
-        self.seeds = [self.env.get_state(slice(2))]  # of worlds that have not started
+        self.states = [self.env.get_state(slice(2))]  # of worlds before their first reset
         self.env.reset()
         for tick in range(max(TICKS) + 1):
             if tick in TICKS:
-                self.seeds.append(self.env.get_state(slice(2)))
+                self.states.append(self.env.get_state(slice(2)))
             self.env.step(draw_actions(self.env, self.rng))
-        self.files = [_file(state.scenario, state.arrays) for state in self.seeds]
+        self.files = [_file(state.scenario, state.arrays) for state in self.states]
         self.valid = self.files[-1]
 
-    def mutate(self, dice: Dice) -> bytes:
-        """A hostile file; most have numbers that cannot be, behind a checksum that fits."""
-        state, content = dice.choice([*zip(self.seeds, self.files, strict=True)])
-        match dice.randrange(8):
+    def mutate(self, rng: Random) -> bytes:
+        """A hostile file; most have impossible numbers behind a correct checksum."""
+        state, content = rng.choice([*zip(self.states, self.files, strict=True)])
+        match rng.randrange(8):
             case 0:
-                return mutated(content, dice)
+                return mutated(content, rng)
             case 1:
-                return mutated_zip(content, dice)
+                return mutated_zip(content, rng)
             case 2:
                 entries = unzipped(content)
-                name = dice.choice([*entries])
-                return zipped(entries | {name: mutated_npy(entries[name], dice)})
+                name = rng.choice([*entries])
+                return zipped(entries | {name: mutated_npy(entries[name], rng)})
             case 3:
-                return self._header(content, dice)
+                return self._header(content, rng)
         arrays = {name: array.copy() for name, array in state.arrays.items()}
-        for _ in range(dice.choice((1, 1, 2, 5))):
-            self._spoil(arrays, dice)
+        for _ in range(rng.choice((1, 1, 2, 5))):
+            self._corrupt(arrays, rng)
         return _file(state.scenario, arrays)
 
     def use(self, path: Path) -> None:
-        """Put it into worlds and let them go on."""
+        """Restore it and step the worlds."""
         state, before = State.load(path), digest(self.env.worlds)
         if len(state) not in (1, 2):
             return
@@ -102,54 +102,54 @@ class States:
                 self.env.reset()
         self.env.render()
 
-    def _header(self, content: bytes, dice: Dice) -> bytes:
+    def _header(self, content: bytes, rng: Random) -> bytes:
         entries = unzipped(content)
         header = json.loads(entries[f"{HEADER}.npy"][128:])
-        entries[f"{HEADER}.npy"] = npy(np.frombuffer(text(mutated_json(header, dice)), np.uint8))
+        entries[f"{HEADER}.npy"] = npy(np.frombuffer(to_json(mutated_json(header, rng)), np.uint8))
         return zipped(entries)
 
-    def _spoil(self, arrays: dict[str, Any], dice: Dice) -> None:
-        """A number of some column of the worlds, or all of them; rarely of an array beside, or its shape."""
-        name = dice.choice(("world",) * 9 + tuple(arrays))
+    def _corrupt(self, arrays: dict[str, Any], rng: Random) -> None:
+        """Change one entry, or one row, of a column of the worlds; rarely of another array, or its shape."""
+        name = rng.choice(("world",) * 9 + tuple(arrays))
         column = arrays[name]
-        if name == "world" and column.shape[1:] == self.seeds[0].arrays[name].shape[1:]:
-            layout, kinds = self.env.worlds.layout, dice.choice(("iu", "iu", "biuf"))
+        if name == "world" and column.shape[1:] == self.states[0].arrays[name].shape[1:]:
+            layout, kinds = self.env.worlds.layout, rng.choice(("iu", "iu", "biuf"))
             packed = [place for place in layout.places if place.offset >= 0]
-            place = dice.choice([p for p in packed if p.component.columns[p.name].dtype.kind in kinds])
+            place = rng.choice([p for p in packed if p.component.columns[p.name].dtype.kind in kinds])
             column = getattr(layout.columns(column, place.component), place.name)
-        elif dice.random() < 0.2:
-            shape = dice.choice([(0,), (1,), (3,), (2, 0), (2, 9)])
-            arrays[name] = np.zeros(shape, dice.choice((column.dtype, "f8", "i4", "u1")))
+        elif rng.random() < 0.2:
+            shape = rng.choice([(0,), (1,), (3,), (2, 0), (2, 9)])
+            arrays[name] = np.zeros(shape, rng.choice((column.dtype, "f8", "i4", "u1")))
             return
-        spot = tuple(dice.randrange(max(1, size)) for size in column.shape)
-        spot = dice.choice((spot, spot, (spot[0],)))
+        spot = tuple(rng.randrange(max(1, size)) for size in column.shape)
+        spot = rng.choice((spot, spot, (spot[0],)))
         if column.size and column.dtype.kind == "f":
-            column[spot] = dice.choice(REALS)
+            column[spot] = rng.choice(FLOATS)
         elif column.size:
             column = column.view(np.uint8) if column.dtype == bool else column
-            number, size = dice.choice((*INTEGERS, *(dice.randrange(-3, 60) for _ in INTEGERS))), column.itemsize
+            number, size = rng.choice((*INTEGERS, *(rng.randrange(-3, 60) for _ in INTEGERS))), column.itemsize
             column[spot] = np.frombuffer((number % 256**size).to_bytes(size, "little"), column.dtype)[0]
 
 
 def _file(scenario: dict[str, Any], arrays: dict[str, Any]) -> bytes:
-    """A saved state of these arrays, checksum and all."""
+    """A saved state of these arrays, with a correct checksum."""
     header = {"version": VERSION, "scenario": scenario, "checksum": _checksum(arrays)}
     head = npy(np.frombuffer(json.dumps(header).encode(), np.uint8))
     return zipped({f"{HEADER}.npy": head, **{f"{name}.npy": npy(array) for name, array in arrays.items()}})
 
 
 class Recordings:
-    """Recordings of two worlds, in several chunks; replayed, shown as a page and made data of."""
+    """Recordings of two worlds, in several chunks; replayed, and exported as a page, a dataset and pictures."""
 
     refusals: ClassVar = (RecordingError,)
 
     def __init__(self) -> None:
         self.folder = folder_of(self)
         limit, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 400
-        self.seeds = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
+        self.files = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
         recorder.MAX_PENDING_BYTES = limit
-        self.valid = self.seeds[0]
-        self.ready: dict[Any, bool] = {}
+        self.valid = self.files[0]
+        self.compiled: dict[Any, bool] = {}
 
     def _recorded(self, scenario: outlast.Scenario, k: int) -> bytes:
         env, path = SurvivalVectorEnv(scenario.replace(ending_limit=9), 2, seed=k), self.folder / f"{k}.rec"
@@ -160,76 +160,76 @@ class Recordings:
         env.close()
         return path.read_bytes()
 
-    def _ready(self, recording: Recording) -> bool:
-        """Whether machine code for its tick is there."""
+    def _is_compiled(self, recording: Recording) -> bool:
+        """Whether its tick is in the compile cache."""
         key = (*recording.header["modules"], recording.scenario.numbers().get("physics_bridge"))
-        if key not in self.ready:
-            self.ready[key] = Worlds(recording.scenario.modules, 1).compiled
-        return self.ready[key]
+        if key not in self.compiled:
+            self.compiled[key] = Worlds(recording.scenario.modules, 1).compiled
+        return self.compiled[key]
 
-    def mutate(self, dice: Dice) -> bytes:
-        """A hostile file; most have checksums that fit."""
-        content = dice.choice(self.seeds)
+    def mutate(self, rng: Random) -> bytes:
+        """A hostile file; most have correct checksums."""
+        content = rng.choice(self.files)
         parts = [*_parts(content)]
-        k = dice.randrange(len(parts))
+        k = rng.randrange(len(parts))
         tag, inner, ticks, first = parts[k]
-        match dice.randrange(9):
+        match rng.randrange(9):
             case 0:
-                return mutated(content, dice)
+                return mutated(content, rng)
             case 1:
-                parts = [dice.choice(parts) for _ in range(dice.randrange(9))]
+                parts = [rng.choice(parts) for _ in range(rng.randrange(9))]
             case 2:
-                parts[k] = (tag, mutated(inner, dice), ticks, first)
+                parts[k] = (tag, mutated(inner, rng), ticks, first)
             case 3:
-                parts[k] = (dice.choice((HEAD, RECORDS, b"DONE", b"WHAT")), inner, dice.choice(INTEGERS) % 2**32, first)
+                parts[k] = (rng.choice((HEAD, RECORDS, b"DONE", b"WHAT")), inner, rng.choice(INTEGERS) % 2**32, first)
             case 4:
-                return _refitted(content, dice)
+                return _with_chunk_fields(content, rng)
             case 5:
-                parts[0] = (HEAD, text(mutated_json(json.loads(parts[0][1]), dice)), 0, 0)
+                parts[0] = (HEAD, to_json(mutated_json(json.loads(parts[0][1]), rng)), 0, 0)
             case _:
                 head = json.loads(parts[0][1])
                 numbers = head["scenario"]["numbers"]
-                for name in dice.sample([*numbers], dice.choice((1, 1, 2, 6))):
-                    numbers[name] = dice.choice((*REALS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
-                parts[0] = (HEAD, text(head), 0, 0)
+                for name in rng.sample([*numbers], rng.choice((1, 1, 2, 6))):
+                    numbers[name] = rng.choice((*FLOATS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
+                parts[0] = (HEAD, to_json(head), 0, 0)
         return MAGIC + b"".join(encode_chunk(*part) for part in parts)
 
     def changed(self, content: bytes, changes: dict[str, Any] | None = None, **numbers: Any) -> bytes:
-        """A recording with another header, and other numbers of its scenario."""
+        """A recording with changes to its header and to the numbers of its scenario."""
         first, *rest = _parts(content)
         head = json.loads(first[1]) | (changes or {})
         head["scenario"]["numbers"] |= numbers
-        return MAGIC + b"".join(encode_chunk(*part) for part in [(HEAD, text(head), 0, 0), *rest])
+        return MAGIC + b"".join(encode_chunk(*part) for part in [(HEAD, to_json(head), 0, 0), *rest])
 
     def use(self, path: Path) -> None:
-        """Replay it, as `outlast replay` does; some of them as a page, as data or as pictures."""
-        if not self._ready(Recording.open(path)):
-            return  # it would have to be compiled first
+        """Run `outlast replay` on it, for some with an export to a page, a dataset or pictures."""
+        if not self._is_compiled(Recording.open(path)):
+            return  # compiling would take too long
         out = self.folder / "out"
         product = {1: ["--html", f"{out}.html"], 2: ["--data", str(out)], 3: ["--out", f"{out}.apng", "--size", "64"]}
         extra = product.get(path.stat().st_size % 16, [])
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as told:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as output:
             status = main(["replay", str(path), "--quiet", *extra])
         for left in self.folder.glob("out*"):
             shutil.rmtree(left) if left.is_dir() else left.unlink()
-        assert "allocate" not in told.getvalue(), told.getvalue()
+        assert "allocate" not in output.getvalue(), output.getvalue()
         if status == 2:
-            raise RecordingError(told.getvalue())
+            raise RecordingError(output.getvalue())
 
 
 def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int]]:
-    """The chunks of a recording as what `encode_chunk` makes them of."""
+    """The chunks of a recording, as arguments of `encode_chunk`."""
     file = io.BytesIO(content)
     for chunk in read_chunks(file, "", len(content)):
         yield chunk.tag, zlib.decompress(read_stored(file, "", chunk)), chunk.ticks, chunk.first
 
 
-def _refitted(content: bytes, dice: Dice) -> bytes:
-    """The recording with a number in the fields of a chunk that cannot be, their checksum right."""
-    at = dice.choice([*read_chunks(io.BytesIO(content), "", len(content))]).offset
+def _with_chunk_fields(content: bytes, rng: Random) -> bytes:
+    """The recording with a wrong number in the header of one chunk, whose checksum is correct."""
+    at = rng.choice([*read_chunks(io.BytesIO(content), "", len(content))]).offset
     fields = list(FIELDS.unpack_from(content, at))
-    k = dice.choice((1, 2, 3, 4))
-    fields[k] = dice.choice((fields[k] + 1, *INTEGERS)) % 2 ** (64 if k == 4 else 32)
+    k = rng.choice((1, 2, 3, 4))
+    fields[k] = rng.choice((fields[k] + 1, *INTEGERS)) % 2 ** (64 if k == 4 else 32)
     packed = FIELDS.pack(*fields)
     check = hashlib.blake2b(packed, digest_size=8).digest()
     return content[:at] + packed + check + content[at + len(packed + check) :]

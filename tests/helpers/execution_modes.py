@@ -1,0 +1,171 @@
+"""Modes of execution that must give the same bits, and how they are compared tick by tick."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from outlast import Scenario, make_vec, variant
+from outlast.components import Body
+from outlast.ecs import Entity
+from outlast.envs.errors import FaultError
+from tests.conftest import digest, scaled
+from tests.digests import SEED, numbered_actions
+
+BATCH = scaled(1024, least=14)
+FEW = 7
+SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 80 ticks
+    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
+}  # fmt: skip
+PROBABILITY = 0.03  # per tick, of an intervention
+Actions = np.ndarray[Any, Any]
+
+
+def short(name: str) -> Scenario:
+    """A variant whose episodes are short."""
+    return variant(name).replace(**SHORT)
+
+
+def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """The same arrays by the same names."""
+    return one.keys() == other.keys() and all(np.array_equal(one[key], other[key]) for key in one)
+
+
+class ExecutionMode:
+    """A way to run some worlds of a batch, which all start from the same seed.
+
+    world_numbers: which worlds; the first `compared` of them are compared. `step` takes the actions of the whole batch.
+    """
+
+    compared_from = 0  # tick
+
+    def __init__(
+        self, scenario: Scenario, world_numbers: Sequence[int], compared: int | None = None, **options: Any
+    ) -> None:
+        self.world_numbers, self.rng = np.array(world_numbers), np.random.default_rng(SEED)
+        self.env = make_vec(scenario, len(world_numbers), first_world=int(world_numbers[0]), **options)
+        self.compared = self.world_numbers[:compared]
+        self.env.reset(seed=SEED)
+
+    def step(self, actions: Actions) -> None:
+        self.env.step(actions[self.world_numbers])
+
+    def digest(self) -> str:
+        return digest(self.env.worlds, slice(0, len(self.compared)))
+
+
+class AfterOtherEpisodes(ExecutionMode):
+    """Another seed was played before. Right after a reset, the dirty flags of observation buffers may differ."""
+
+    compared_from = 1
+
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
+        self.env.reset(seed=SEED + 1)
+        for tick in range(scaled(150, least=5)):
+            self.env.step(numbered_actions(self.env, tick + 1000))
+        self.env.reset(seed=SEED)
+
+
+class Reordered(ExecutionMode):
+    """The worlds are in another order in the batch."""
+
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
+        self.world_numbers = self.compared = self.rng.permutation(self.world_numbers)
+        self.env.set_state(self.env.get_state()[self.world_numbers])
+
+
+class Restored(ExecutionMode):
+    """Now and then it plays other actions and is restored, or another environment continues from its state."""
+
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, world_numbers)
+        self.other = ExecutionMode(scenario, world_numbers, threads=2).env
+
+    def step(self, actions: Actions) -> None:
+        if self.rng.random() < PROBABILITY:
+            state = self.env.get_state()
+            for tick in range(self.rng.integers(4)):
+                self.env.step(numbered_actions(self.env, tick))
+            if self.rng.random() < 0.5:
+                self.env, self.other = self.other, self.env
+            self.env.set_state(state)
+        super().step(actions)
+
+
+class BesideNaN(ExecutionMode):
+    """Now and then a number of the last world, which is not compared, becomes NaN; then that world is reset."""
+
+    def __init__(self, scenario: Scenario, world_numbers: Sequence[int]) -> None:
+        super().__init__(scenario, [*world_numbers, world_numbers[-1] + 1], compared=len(world_numbers))
+        self.harmed, self.may_harm = np.arange(len(self.world_numbers)) == len(world_numbers), False
+
+    def step(self, actions: Actions) -> None:
+        if self.may_harm and self.rng.random() < PROBABILITY:
+            self._harm()
+        try:
+            *_, terminated, truncated, _ = self.env.step(actions[self.world_numbers])
+            self.may_harm = not (terminated | truncated)[-1]  # or the next step would reset it
+        except FaultError:
+            self.env.reset(options={"reset_mask": self.harmed})
+
+    def _harm(self) -> None:
+        """Harm an agent that lives, as the dead are not checked."""
+        alive = self.env.worlds[Entity].alive[-1, self.env.worlds.span("agent")]
+        column = getattr(self.env.worlds[Body], self.rng.choice(["x", "vy", "omega"]))
+        column[-1, alive.argmax()] = np.nan
+
+
+def shuffled(scenario: Scenario) -> Scenario:
+    """Its modules in another order."""
+    order = np.random.default_rng(1).permutation(len(scenario.modules))
+    return dataclasses.replace(scenario, modules=tuple(scenario.modules[k] for k in order))
+
+
+def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
+    """All modes by name, on worlds of a batch of BATCH."""
+    few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
+    portable = scenario.replace(physics_bridge="portable")
+    return {
+        "the first world alone": ExecutionMode(scenario, [0]),
+        "a world alone": ExecutionMode(scenario, [BATCH // 2 + 1]),
+        "the last world alone": ExecutionMode(scenario, [BATCH - 1]),
+        "another run": ExecutionMode(scenario, few),
+        "two threads": ExecutionMode(scenario, few, threads=2),
+        "three threads": ExecutionMode(scenario, middle, threads=3),
+        "five threads": ExecutionMode(scenario, few, threads=5),
+        "modules in another order": ExecutionMode(shuffled(scenario), few),
+        "the portable backend": ExecutionMode(portable, few),
+        "after other episodes": AfterOtherEpisodes(scenario, few),
+        "worlds in another order": Reordered(scenario, few),
+        "saved and restored": Restored(scenario, few),
+        "beside a world with NaN": BesideNaN(scenario, few),
+    }
+
+
+def lockstep(scenario: Scenario, ticks: int) -> None:
+    """Run all modes beside one large batch; after each tick they are equal to the bit."""
+    batch, runs = ExecutionMode(scenario, range(BATCH)), execution_modes(scenario)
+    for tick in range(ticks):
+        if tick:
+            actions = numbered_actions(batch.env, tick)
+            for mode in (batch, *runs.values()):
+                mode.step(actions)
+        whole: dict[bytes, str] = {}  # digests of worlds of the batch, by their numbers
+        for name, mode in ((name, mode) for name, mode in runs.items() if tick >= mode.compared_from):
+            key = mode.compared.tobytes()
+            if key not in whole:
+                whole[key] = digest(batch.env.worlds, mode.compared)
+            assert mode.digest() == whole[key], f"{name}, tick {tick}: {first_difference(batch, mode)}"
+
+
+def first_difference(batch: ExecutionMode, mode: ExecutionMode) -> str:
+    """Which column of which component differs, if it is one."""
+    for component in batch.env.worlds.components:
+        for column in component.columns:
+            whole, own = (getattr(each.env.worlds[component], column) for each in (batch, mode))
+            if whole[mode.compared].tobytes() != own[: len(mode.compared)].tobytes():
+                return f"{component.__name__}.{column} differs"
+    return "some byte between the columns differs"
