@@ -162,7 +162,7 @@ class Recordings:
 
     def _ready(self, recording: Recording) -> bool:
         """Whether machine code for its tick is there."""
-        key = (*recording.header["modules"], recording.scenario.numbers().get("physics_bridge"))
+        key = (*recording.header["modules"], recording.scenario.numbers().get("physics_backend"))
         if key not in self.ready:
             self.ready[key] = Worlds(recording.scenario.modules, 1).compiled
         return self.ready[key]

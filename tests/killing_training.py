@@ -12,7 +12,7 @@ import numpy as np
 from tests.killing import NOTHING, Writer, drafts, visible
 from tests.killing_films import same_bytes
 
-SETS = ("zone_harm=50", "zone_stand=10", "zone_shrink=5")
+SETS = ("safe_zone_damage=50", "safe_zone_stand=10", "safe_zone_shrink=5")
 QUICK = tuple(word for number in SETS for word in ("--set", number))
 
 
@@ -20,7 +20,7 @@ class Train(Writer):
     """outlast train, which goes on with --resume."""
 
     name = "train"
-    sets = ("agents_health=10", "zone_radii=(9.0,)", "zone_stand=10", "zone_shrink=10")
+    sets = ("agents_health=10", "safe_zone_radii=(9.0,)", "safe_zone_stand=10", "safe_zone_shrink=10")
 
     def words(self, place: Path, again: bool = False) -> list[str]:
         numbers = ("--worlds", "8", "--rollout", "192", "--steps", "9600", "--every", "1536", "--threads", "1")
@@ -32,7 +32,7 @@ class Train(Writer):
             "--set",
             "agents_health=10",
             "--set",
-            "zone_stand=10",
+            "safe_zone_stand=10",
             "--quiet",
         ]
         words += ["--ppo", "n_epochs=2", "--ppo", "batch_size=64", "--out", str(place / "run")]

@@ -6,8 +6,8 @@ tests that go through that file, the most pertinent first, until one fails. A mu
 line is not pinned, or it is equivalent, as `<=` for `<` where equality cannot be. The exit status is 1 if less than
 85 % are killed.
 
-Kernels run as plain Python, so that nothing is compiled; the native bridge, which only runs compiled, is tried by
---compiled. Left out: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_bridge.py is their
+Kernels run as plain Python, so that nothing is compiled; the native backend, which only runs compiled, is tried by
+--compiled. Left out: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_backends.py is their
 mutation test: it changes every number that they hold.
 """
 
@@ -30,42 +30,45 @@ from tests.mutants_run import KILLED, SURVIVED, TIMED_OUT, Tests, copies, outcom
 
 BAR = 0.85
 UNTRIED = "untried"
-COMPILED = [f"systems/box2d/{name}.py" for name in ("arena", "impact", "island", "native")]
+COMPILED = [f"systems/box2d/{name}.py" for name in ("workspace", "impact", "island", "native")]
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 
-# Which tests run first, the quickest of them ahead; TWINS follow. Names are those of tests/*/test_NAME.py.
-TWINS = "mechanics_edges mechanics_faces mechanics_bodies"
+# Which tests run first, the quickest of them ahead; NAIVE follow. Names are those of tests/*/test_NAME.py.
+NAIVE = "mechanics_edges mechanics_observations mechanics_bodies"
 REFUSED = "bad_input.py::test_scenarios_are_refused"
 FIRST = {
-    "agents": "mechanics_edges mechanics_faces fidelity",
+    "agents": "mechanics_edges mechanics_observations fidelity",
     "boxes": "mechanics_edges mechanics_reset fidelity_rules",
     "cameras": "mechanics_edges fidelity mechanics_crowd",
-    "drop": "fidelity_items",
+    "death_drop": "fidelity_items",
     "drop_last": "mechanics_world",
     "ending": "mechanics_edges vector_ends",
-    "give": "fidelity_items",
+    "give_last": "fidelity_items",
     "heals": "fidelity_items",
-    "health": f"fixes fidelity_rules {REFUSED}",
+    "mortality": f"fixes fidelity_rules {REFUSED}",
     "inventory": "fidelity_items",
     "melee": "fidelity_rules",
     "motors": "fixes mechanics_world fidelity",
     "physics": f"mechanics_flight fidelity {REFUSED}",
     "pickup": "fidelity_items",
-    "record": "mechanics_faces vector_ends",
+    "record": "mechanics_observations vector_ends",
     "rewards": "fixes fidelity_rules",
     "room": "mechanics_reset fidelity",
-    "sides": f"mechanics_reset {REFUSED}",
-    "spawn": f"mechanics_reset mechanics_world {REFUSED}",
-    "zone": f"mechanics_reset fidelity_rules {REFUSED}",
-    "broad": "mechanics_sweeps fidelity",
-    "geometry": "geometry",
-    "sweep": "mechanics_sweeps",
+    "steering": "fixes mechanics_world",
+    "teams": f"mechanics_reset {REFUSED}",
+    "spawn_grid": f"mechanics_reset mechanics_world {REFUSED}",
+    "safe_zone": f"mechanics_reset fidelity_rules {REFUSED}",
+    "broad_phase": "mechanics_culling fidelity",
+    "points": "geometry",
+    "rays": "geometry",
+    "aabb": "mechanics_culling",
+    "blocks": "mechanics_culling",
     "portable": "mechanics_flight fidelity box2d",
-    "scene": "mechanics_flight box2d fidelity",
-    "staging": "fidelity",
+    "batch": "mechanics_flight box2d fidelity",
+    "transfer": "fidelity",
 }
 NUMBERS = "mechanics_numbers scenario"  # where a number of a module is declared
-BRIDGE = "box2d"
+BACKEND = "box2d"
 LEFT_OUT_TESTS = (  # the first three are slow, the last one starts a process that finds the installed outlast
     "fixes.py::test_scripted_agents_can_steer",
     "fidelity_rules.py::test_the_longest_life_without_heals",
@@ -124,10 +127,10 @@ def read(file: Path) -> tuple[Report, list[Mutant]]:
 def tests_of(mutant: Mutant) -> list[list[str]]:
     """Arguments for pytest, which is called once for each list until a test fails: collecting them all takes long."""
     if mutant.file in COMPILED:
-        first, others = BRIDGE.split(), []
+        first, others = BACKEND.split(), []
     else:
         first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
-        others = [name for name in TWINS.split() if name not in first]
+        others = [name for name in NAIVE.split() if name not in first]
     without = [f"--deselect={path(name)}" for name in LEFT_OUT_TESTS]
     return [[*map(path, names), *without] for names in (first, others) if names]
 
@@ -178,9 +181,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = ArgumentParser("python -m tests.mutants", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--sample", type=int, default=300, help="how many, spread over the files; 0: all (300)")
     parser.add_argument("--seed", type=int, default=0, help="which ones (0)")
-    parser.add_argument("--files", action="append", metavar="GLOB", help='as "systems/inner/*.py"; may be repeated')
+    parser.add_argument("--files", action="append", metavar="GLOB", help='as "systems/geometry/*.py"; may be repeated')
     parser.add_argument("--tests", nargs="+", metavar="TEST", help="for pytest, in the place of those chosen here")
-    parser.add_argument("--compiled", action="store_true", help="of the native bridge, compiled")
+    parser.add_argument("--compiled", action="store_true", help="of the native backend, compiled")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at once (one a core)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write all of it there, as JSON")
     told = "go on with what --out wrote: only what was not noticed there is tried"

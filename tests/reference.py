@@ -1,6 +1,6 @@
-"""A slow reference: it plays whole episodes by itself, with the twins, numpy's dice and pybox2d.
+"""A slow reference: it plays whole episodes by itself, with the naive forms, numpy's random numbers and pybox2d.
 
-It begins with what a reset made and never looks at the engine again. Where a hair's breadth decided, it notes so and
+It begins with what a reset made and never looks at the engine again. Where rounding may have decided, it notes so and
 goes on with its own answer.
 
     python -m tests.reference [VARIANT ...] [--policy NAME] [--episodes N] [--seed N]
@@ -20,12 +20,12 @@ from outlast import Scenario, make_vec, variant
 from outlast.components.score import End, Reward
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import POLICIES
-from tests import twin_faces, twins
+from tests import naive_mechanics, naive_observations
+from tests.ambiguity import collecting
 from tests.digests import numbered_actions
-from tests.reference_dice import scattered
+from tests.naive_world import TOLERANCE, World, differences, read
 from tests.reference_physics import move
-from tests.twin_doubts import noting
-from tests.twin_world import TOLERANCE, World, differences, read
+from tests.reference_random import scattered
 
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 FACTS = {  # whole numbers of each kind of thing
@@ -36,36 +36,42 @@ MOTION = ("x", "y", "angle", "vx", "vy", "omega")
 
 
 @dataclass
-class Told:
+class Outcome:
     """What comes out of a tick: the world, what each agent observes and is paid, the end; and what was a close call."""
 
     world: World
     observation: dict[str, np.ndarray[Any, Any]]
     reward: list[float]
     end: tuple[bool, bool]
-    doubts: list[str] = field(default_factory=list)
+    ambiguities: list[str] = field(default_factory=list)
 
 
-def play(world: World, actions: Iterable[twins.Actions]) -> list[Told]:
+def play(world: World, actions: Iterable[naive_mechanics.Actions]) -> list[Outcome]:
     """The ticks of an episode that begins with `world`, until it is over or there are no more actions."""
-    told: list[Told] = []
+    outcomes: list[Outcome] = []
     for wishes in actions:
-        told.append(step(world, wishes))
-        world = told[-1].world
-        if any(told[-1].end):
+        outcomes.append(step(world, wishes))
+        world = outcomes[-1].world
+        if any(outcomes[-1].end):
             break
-    return told
+    return outcomes
 
 
-def step(world: World, actions: twins.Actions, physics: twins.Move = move) -> Told:
+def step(world: World, actions: naive_mechanics.Actions, physics: naive_mechanics.Move = move) -> Outcome:
     """One tick."""
-    with noting() as doubts:
-        after = twins.tick(world, actions, physics, scattered, twin_faces.see)
-    after.statistics = twin_faces.statistics(after, world.statistics)
+    with collecting() as ambiguities:
+        after = naive_mechanics.tick(world, actions, physics, scattered, naive_observations.see)
+    after.statistics = naive_observations.statistics(after, world.statistics)
     agents = range(len(after.of("agent")))
-    rows = [twin_faces.observe(after, i) for i in agents]
+    rows = [naive_observations.observe(after, i) for i in agents]
     observation = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
-    return Told(after, observation, [twin_faces.reward(after, i) for i in agents], twin_faces.end(after), doubts)
+    return Outcome(
+        after,
+        observation,
+        [naive_observations.reward(after, i) for i in agents],
+        naive_observations.end(after),
+        ambiguities,
+    )
 
 
 def held(env: SurvivalVectorEnv, seed: int) -> Any:
@@ -79,8 +85,8 @@ class Episode:
     """What the engine made of one episode: how it began, what agents did, and what came out of each tick."""
 
     start: World
-    actions: list[twins.Actions] = field(default_factory=list)
-    ticks: list[Told] = field(default_factory=list)
+    actions: list[naive_mechanics.Actions] = field(default_factory=list)
+    ticks: list[Outcome] = field(default_factory=list)
 
 
 def record(
@@ -103,15 +109,15 @@ def record(
     return episodes
 
 
-def seen(env: SurvivalVectorEnv, w: int, observations: dict[str, np.ndarray[Any, Any]]) -> Told:
+def seen(env: SurvivalVectorEnv, w: int, observations: dict[str, np.ndarray[Any, Any]]) -> Outcome:
     """What came out of the engine's last tick in world `w`."""
     end = env.worlds[End]
-    told = {key: array[w].astype(float) for key, array in observations.items()}
+    observed = {key: array[w].astype(float) for key, array in observations.items()}
     over = bool(end.terminated[w, 0]), bool(end.truncated[w, 0])
-    return Told(read(env, w), told, env.worlds[Reward].reward[w].tolist(), over)
+    return Outcome(read(env, w), observed, env.worlds[Reward].reward[w].tolist(), over)
 
 
-def facts(got: Told, want: Told) -> list[str]:
+def facts(got: Outcome, want: Outcome) -> list[str]:
     """Where whole numbers differ, in words: of things, deaths, rewards, the end and the statistics."""
     found = [
         words for kind, columns in FACTS.items() for words in differences(got.world, want.world, (kind,), *columns)
@@ -129,7 +135,7 @@ def facts(got: Told, want: Told) -> list[str]:
     return found
 
 
-def distance(got: Told, want: Told) -> float:
+def distance(got: Outcome, want: Outcome) -> float:
     """How far agents and boxes have drifted apart: the largest difference of any number in MOTION."""
     pairs = zip(got.world.of("agent", "box"), want.world.of("agent", "box"), strict=True)
     return max((abs(getattr(a, c) - getattr(b, c)) for a, b in pairs if b.here for c in MOTION), default=0.0)
@@ -142,21 +148,21 @@ class Comparison:
     ticks: int
     drift: float  # the largest, before that
     parted: int = 0
-    compared: int = 0  # ticks in which all that agents are told was compared
+    compared: int = 0  # ticks in which all observations were compared
 
 
 def compare(episode: Episode) -> Comparison:
-    """AssertionError where both differ though nothing was a close call and the drift is less than a hair's breadth."""
+    """AssertionError where both differ though nothing was a close call and the drift is less than the tolerance."""
     want = play(episode.start, episode.actions)
     result = Comparison(len(episode.ticks), 0.0)
     for k, (got, own) in enumerate(zip(episode.ticks, want, strict=False), 1):
-        close = own.doubts or result.drift > TOLERANCE
+        close = own.ambiguities or result.drift > TOLERANCE
         if found := facts(got, own):
             assert close, f"tick {k}: {'; '.join(found[:5])}"
             result.parted = k
             return result
         result.drift = max(result.drift, distance(got, own))
-        if not own.doubts and result.drift <= TOLERANCE:
+        if not own.ambiguities and result.drift <= TOLERANCE:
             result.compared += 1
             for key, value in own.observation.items():
                 np.testing.assert_allclose(got.observation[key], value, atol=2 * TOLERANCE, err_msg=f"{key}, tick {k}")

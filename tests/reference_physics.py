@@ -4,11 +4,11 @@ from typing import Any
 
 import Box2D
 
-from tests import twins
-from tests.twin_world import Thing, World
+from tests import naive_mechanics
+from tests.naive_world import Thing, World
 
 
-def move(world: World, actions: twins.Actions) -> None:
+def move(world: World, actions: naive_mechanics.Actions) -> None:
     """Two substeps of a Box2D world in which everything stands that can be touched. Nothing is kept between ticks."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]

@@ -101,7 +101,7 @@ class Stage:
     def death(self, agent: int) -> tuple[str, int]:
         """What killed it, and which side."""
         death = self.column(Death)
-        return self.env.worlds.layout.damage_types[death.cause[0, agent]], int(death.source[0, agent])
+        return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:
         """The mask that it is told."""

@@ -16,7 +16,8 @@ from tests.digests import SEED, numbered_actions
 BATCH = scaled(1024, least=14)
 FEW = 7
 SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 80 ticks
-    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
+    "agents_health": 10, "safe_zone_radii": (9.0, 4.0), "safe_zone_stand": 10, "safe_zone_shrink": 10,
+    "ending_limit": 60,
 }  # fmt: skip
 CHANCE = 0.03  # that something is done to a world in a tick, beside playing it
 Actions = np.ndarray[Any, Any]
@@ -125,7 +126,7 @@ def shuffled(scenario: Scenario) -> Scenario:
 def ways(scenario: Scenario) -> dict[str, Way]:
     """All of them, on worlds of a batch of BATCH."""
     few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
-    portable = scenario.replace(physics_bridge="portable")
+    portable = scenario.replace(physics_backend="portable")
     return {
         "the first world alone": Way(scenario, [0]),
         "a world alone": Way(scenario, [BATCH // 2 + 1]),
@@ -135,7 +136,7 @@ def ways(scenario: Scenario) -> dict[str, Way]:
         "three threads": Way(scenario, middle, threads=3),
         "five threads": Way(scenario, few, threads=5),
         "modules in another order": Way(shuffled(scenario), few),
-        "the portable bridge": Way(portable, few),
+        "the portable backend": Way(portable, few),
         "after other episodes": Used(scenario, few),
         "worlds in another order": Reordered(scenario, few),
         "saved and restored": Restored(scenario, few),

@@ -8,6 +8,7 @@ from typing import Any
 
 from outlast.envs.errors import ScenarioError, TrainingError
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
+from outlast.envs.scenarios.renamed import NUMBERS, current
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
@@ -158,6 +159,7 @@ def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
     """Numbers other than those of the paper's variant as agents of the preset see it."""
     scenario: Scenario = preset(of).scenario(variant(base(name)))
     own = fingerprint(scenario)["numbers"]
+    numbers = current(numbers, NUMBERS, own)
     keys = sorted(own.keys() | numbers.keys())
     pairs = {key: (numbers.get(key, LACKING), own.get(key, LACKING)) for key in keys}
     return {key: its for key, (its, usual) in pairs.items() if its != usual}
@@ -167,9 +169,9 @@ def _of_kept(path: Path) -> Result:
     """The run of a kept file."""
     about, curves = read_kept(path)
     try:
-        result = Result(path, variant(about["variant"]).name, about["plan"], about["changed"], curves)
+        result = Result(path, variant(about["variant"]).name, about["plan"], current(about["changed"], NUMBERS), curves)
         preset(result.plan["preset"])
-    except (KeyError, TypeError, ScenarioError) as error:
+    except (AttributeError, KeyError, TypeError, ScenarioError) as error:
         raise TrainingError(f"{path} does not hold the curves of a run: {error}") from error
     return _checked(result)
 

@@ -46,7 +46,7 @@ class Watch:
     def after(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         death = self.core.worlds[Death]
-        now, cause = death.now[:, self.agents] != 0, death.cause[:, self.agents]
+        now, cause = death.now[:, self.agents] != 0, death.damage_type[:, self.agents]
         self.totals["life"] += self.core.worlds[Score].alive[:, self.sides] > 0
         if now.any():
             for k, name in enumerate(self.core.worlds.layout.damage_types):

@@ -27,7 +27,7 @@ from .envs.errors import (
     StateError,
     TrainingError,
 )
-from .systems.box2d.scene import IncompatibleBox2D
+from .systems.box2d.batch import IncompatibleBox2D
 
 __all__ = [
     "ActionError",

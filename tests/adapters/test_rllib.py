@@ -68,7 +68,7 @@ def test_it_is_world_0_of_a_batch(variant, dead):
 
 def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
     """In tick 12 those outside of the zone die, and the time is up (as in the tests of the batch)."""
-    numbers = {"agents_health": 11, "zone_radii": (8.0,), "ending_limit": 12}
+    numbers = {"agents_health": 11, "safe_zone_radii": (8.0,), "ending_limit": 12}
     mixed = 0
     for seed in range(20):
         env = SurvivalMultiAgentEnv({"scenario": "teams_3", **numbers})

@@ -15,7 +15,7 @@ from tests.stage import CORNERS, Stage
 CHECKS = json.loads((Path(__file__).parents[1] / "data" / "check-values.json").read_text())
 FREE = ("forward", "left_at_45deg", "random_motion")  # nothing touches anything
 FREE_TOLERANCE, CONTACT_TOLERANCE = 2e-4, 2e-2
-WIDE = {"room_size": 8000.0, "zone_harm": 0}  # where nobody meets a wall
+WIDE = {"room_size": 8000.0, "safe_zone_damage": 0}  # where nobody meets a wall
 
 
 def perform(stage: Stage, check: dict[str, Any]) -> list[tuple[int, list[list[float]]]]:

@@ -108,7 +108,7 @@ def test_two_who_give_to_each_other(first: str, second: str, first_after: str, s
 
 
 def test_unless_it_passes_on_who_has_nothing_gives_nothing() -> None:
-    stage = duel(Stage(give_passes_on=False), 1.5)
+    stage = duel(Stage(give_last_passes_on=False), 1.5)
     stage.hand(0, "heal", 0)
     stage.step({0: "give", 1: "give"})
     assert (stage.bag(0), stage.bag(1)) == ([], [stage.row("heal", 0)])

@@ -198,7 +198,7 @@ def test_the_box_of_a_dead_owner_is_indestructible() -> None:
 @pytest.mark.skipif(not COMPILED, reason="1500 steps")
 def test_the_longest_life_without_heals() -> None:
     """The zone is void from the end of step 1400, hurts from 1401, and the last agent is removed in 1501."""
-    stage = Stage("ffa_1", zone_centres="middle")
+    stage = Stage("ffa_1", safe_zone_centres="middle")
     stage.put("agent", 0, 0, 0)
     stage.step(times=1400)
     assert (stage.health(0), stage.zone) == (100, [0] * 6)
@@ -243,7 +243,7 @@ def test_teams_are_paid_for_the_kills_of_their_dead() -> None:
 
 def test_a_death_in_the_zone_is_nobodys_kill() -> None:
     """Also of an agent that a melee left with a single point."""
-    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage = duel(Stage("ffa_4", safe_zone_radii=(1.0,)))
     stage.wound(1, 6)
     stage.step({0: "attack"})
     assert stage.health(1) == 0
@@ -253,7 +253,7 @@ def test_a_death_in_the_zone_is_nobodys_kill() -> None:
 
 def test_who_strikes_the_doomed_in_a_later_step_gets_no_credit() -> None:
     """Unlike the original (rules, section 7, point 6)."""
-    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage = duel(Stage("ffa_4", safe_zone_radii=(1.0,)))
     stage.wound(1, 1)
     assert stage.step().health(1) == 0
     assert stage.step({0: "attack"}).rewards == [1, -101]

@@ -15,7 +15,7 @@ from outlast.systems import Motors, Steering
 from tests.conftest import COMPILED
 from tests.stage import Stage
 
-UNTOUCHED = {"health_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
+UNTOUCHED = {"mortality_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
 
 
 @pytest.mark.parametrize("name", outlast.VARIANTS)
@@ -37,7 +37,7 @@ def test_every_flaw_of_the_paper_can_be_mended() -> None:
 def test_names_are_put_together_in_any_order() -> None:
     assert variant("2v2_heals_mid+steering+health_cap").name == "teams_2+health_cap+steering"
     assert variant("teams_2+steering+health_cap") == variant("teams_2+health_cap+steering")
-    assert variant("ffa_2+health_cap").replace(health_limit=0).numbers() == variant("ffa_2").numbers()
+    assert variant("ffa_2+health_cap").replace(mortality_limit=0).numbers() == variant("ffa_2").numbers()
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_a_capped_health_loses_what_is_above() -> None:
 
 
 def test_a_cap_below_the_health_at_birth_is_refused() -> None:
-    with pytest.raises(NumberError, match="agents are born with 100"):
-        make_vec(variant("ffa_1").replace(health_limit=99), 1)
+    with pytest.raises(NumberError, match="agents begin with 100"):
+        make_vec(variant("ffa_1").replace(mortality_limit=99), 1)
 
 
 def paid(name: str, *dead: int) -> list[float]:

@@ -1,4 +1,4 @@
-"""One tick of degenerate worlds, which hypothesis makes up, against the twins; on a grid, where nothing is rounded."""
+"""One tick of degenerate worlds, made by hypothesis, against the naive forms; on a grid, where nothing is rounded."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 
 from outlast import make_vec, variant
-from outlast.systems.box2d.scene import LONGEST
+from outlast.systems.box2d.batch import LONGEST
 from tests import reference
 from tests.conftest import COMPILED, scaled
-from tests.reference import Told, facts
-from tests.twin_edges import CASES, SLOTS, Sketch, build, sketches
-from tests.twin_scenes import TEXT, moved_as_in
-from tests.twin_world import TOLERANCE, read
+from tests.edge_cases import CASES, SLOTS, Sketch, build, sketches
+from tests.naive_world import TOLERANCE, read
+from tests.random_worlds import TEXT, moved_as_in
+from tests.reference import Outcome, facts
 
 KEEP = ("agents_count", "boxes_count", "heals_count", "inventory_slots", "rewards_kill", "rewards_death")
 AS_WRITTEN = {key: value for key, value in TEXT.items() if key not in KEEP} | {"boxes_least": 0.003}
@@ -23,28 +23,28 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "ffa as run": ("ffa_4", {}),
     "teams as run": ("teams_4", {}),
     "ffa as written": ("ffa_4", AS_WRITTEN),
-    "teams as written": ("teams_4", AS_WRITTEN | {"health_limit": 100, "cameras_mode": "masked"}),
+    "teams as written": ("teams_4", AS_WRITTEN | {"mortality_limit": 100, "cameras_mode": "masked"}),
 }
 SOME = settings(max_examples=200 if COMPILED else 20, deadline=None, derandomize=True)
-EVENTS: dict[str, Callable[[Told, Told], bool]] = {
+EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
     "several at the same place": lambda got, want: len(set(places(want))) < len(places(want)),
     "nobody lives": lambda got, want: not any(agent.here for agent in got.world.of("agent")),
     "a full bag": lambda got, want: any(len(agent.bag) == SLOTS for agent in got.world.of("agent")),
     "the void": lambda got, want: got.world.zone[2] == 0,
     "a death": lambda got, want: bool(got.world.deaths),
     "a blow": lambda got, want: any(agent.losses[-1:] and agent.source >= 0 for agent in want.world.of("agent")),
-    "a close call": lambda got, want: bool(want.doubts),
+    "a close call": lambda got, want: bool(want.ambiguities),
     "a box broke": lambda got, want: any(box.broken for box in got.world.of("box")),
     "an item was used": lambda got, want: bool(want.world.used),
 }
 
 
-def places(told: Told) -> list[tuple[float, float]]:
-    return [(thing.x, thing.y) for thing in told.world.things if thing.here]
+def places(outcome: Outcome) -> list[tuple[float, float]]:
+    return [(thing.x, thing.y) for thing in outcome.world.things if thing.here]
 
 
-def played(sketch: Sketch, name: str) -> tuple[Told, Told, bool]:
-    """What the engine and what the twins make of a tick; and whether all stayed on the grid.
+def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
+    """What the engine and what the naive forms make of a tick; and whether all stayed on the grid.
 
     Contacts move agents off it, and what the dead drop lies anywhere.
     """
@@ -60,7 +60,7 @@ def played(sketch: Sketch, name: str) -> tuple[Told, Told, bool]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_what_comes_out_of_degenerate_worlds_is_what_the_twins_say(name: str) -> None:
+def test_what_comes_out_of_degenerate_worlds_is_what_the_naive_forms_say(name: str) -> None:
     """All of these things must have happened, and often."""
     counts: Counter[str] = Counter()
 
@@ -77,20 +77,20 @@ def test_what_comes_out_of_degenerate_worlds_is_what_the_twins_say(name: str) ->
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("words", CASES)
-def test_what_comes_out_of_this_world_is_what_the_twins_say(words: str, name: str) -> None:
+def test_what_comes_out_of_this_world_is_what_the_naive_forms_say(words: str, name: str) -> None:
     """What hypothesis might not find: each hits an edge to the bit."""
     got, want, _ = played(CASES[words], name)
     check(got, want, on_grid=True)
 
 
-def check(got: Told, want: Told, on_grid: bool) -> list[str]:
+def check(got: Outcome, want: Outcome, on_grid: bool) -> list[str]:
     """Whole numbers are equal on the grid, or where nothing was close; what is told, in the latter case only."""
     events = [event for event, happened in EVENTS.items() if happened(got, want)]
-    if on_grid or not want.doubts:
+    if on_grid or not want.ambiguities:
         assert facts(got, want) == []
         events.append("facts were compared")
-    if not want.doubts:
-        events.append("what is told was compared")
+    if not want.ambiguities:
+        events.append("observations were compared")
         for key, value in want.observation.items():
             np.testing.assert_allclose(got.observation[key], value, atol=TOLERANCE, err_msg=key)
     return events

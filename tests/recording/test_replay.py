@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Fault, Health, Told
+from outlast.components import Body, Fault, Health, ObservationMasks
 from outlast.ecs import Action, Clock, Entity, Signal
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
@@ -28,7 +28,7 @@ def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Surv
 
 def state(worlds: Any) -> str:
     """Everything but the actions of worlds that took no step, and observation masks: they mean nothing any more."""
-    parts = [c for c in worlds.components if not c.packed and c is not Told and not issubclass(c, Action)]
+    parts = [c for c in worlds.components if not c.packed and c is not ObservationMasks and not issubclass(c, Action)]
     buffers = [column.tobytes() for c in parts for column in worlds[c]]
     return worlds.block.tobytes().hex() + b"".join(buffers).hex()
 

@@ -89,7 +89,7 @@ def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
 
 
 def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
-    stage = Stage("teams_3", zone_harm=50)
+    stage = Stage("teams_3", safe_zone_damage=50)
     assert words(stage, KillFeedLayer()) == []
     killed(stage, 2, 0)
     assert words(stage, KillFeedLayer()) == ["2 killed by side 0"]
@@ -116,7 +116,7 @@ def test_the_feed_has_no_more_than_fits_and_fades() -> None:
     assert brightness[-1] == int(draw(stage.env.worlds, 0, SIZE, []).max()) < brightness[-2]
     crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
     crowd.reset()
-    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].cause[0, :20] = 0, 0
+    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].damage_type[0, :20] = 0, 0
     xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeedLayer()]), draw(crowd.worlds, 0, SIZE, []))
     assert (3 if cv2.__version__ < "5" else 5) < xs.max() < ROOM + 0.2  # letters of OpenCV 4 are narrower
 

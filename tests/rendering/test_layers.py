@@ -80,7 +80,7 @@ def test_heals_boxes_and_broken_boxes() -> None:
     assert spot(image, -1.9, -0.1) == spot(empty, -1.9, -0.1) == colors.FLOOR  # across it
     assert spot(image, 4, -4) == colors.BOX
     for side in (0, 1):
-        stage.column(Guard).heeds[0, stage.env.worlds.span("box")] = side
+        stage.column(Guard).vulnerable_only_to[0, stage.env.worlds.span("box")] = side
         image = picture(stage)
         assert spot(image, -3, 1) == spot(image, 4, -4) == colors.of_box(side)
 

@@ -23,7 +23,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
     """What is kept of a checkpoint plays as that does, and is a run's no longer: it cannot be resumed."""
     folder, kept = tmp_path / "run", tmp_path / "kept"
     plan = Plan(
-        variant("ffa_1").replace(zone_harm=50, zone_stand=5),
+        variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=5),
         steps=4096,
         worlds=8,
         rollout=512,

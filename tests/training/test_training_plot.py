@@ -216,14 +216,18 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         pytest.importorskip(library, reason=f"needs {library}: outlast[train]")
     from outlast.training.train import Plan, Run
 
-    scenario = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
+    scenario = variant("ffa_1").replace(
+        agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10
+    )
     settings = {"batch_size": 64, "n_epochs": 1}
     for seed in (1, 2):
         plan = Plan(scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings)
         Run(plan, tmp_path / "runs" / str(seed)).go()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
     assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
-    unlike = "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
+    unlike = (
+        "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, safe_zone_radii = [9.0, 4.0]"
+    )
     assert f"Unlike the paper: {unlike}" in (tmp_path / "out/ends.md").read_text()
     shown = group(tmp_path / "kept")
     assert figures.digest(group(tmp_path / "runs")) == figures.digest(shown)

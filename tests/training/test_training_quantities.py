@@ -19,11 +19,17 @@ from outlast.training.watch import Watch  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
-SHORT = {"agents_health": 60, "heals_amount": 10, "zone_radii": (4.0,), "zone_stand": 30, "zone_shrink": 20}
+SHORT = {
+    "agents_health": 60,
+    "heals_amount": 10,
+    "safe_zone_radii": (4.0,),
+    "safe_zone_stand": 30,
+    "safe_zone_shrink": 20,
+}
 CLOSE = {
     "room_size": 8.0,
-    "give_reach": 4.0,
-    "give_nearest": "suitable",
+    "give_last_reach": 4.0,
+    "give_last_nearest": "suitable",
     "pickup_reach": 1.5,
     "n_boxes": 1,
     "rewards_death": -3.0,

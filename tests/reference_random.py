@@ -1,11 +1,11 @@
-"""The dice of a tick by numpy's own Philox: what chance decides, computed apart from the engine."""
+"""The random numbers of a tick by numpy's own Philox: what chance decides, computed apart from the engine."""
 
 import hashlib
 import math
 
 import numpy as np
 
-from tests.twin_world import Thing, World
+from tests.naive_world import Thing, World
 
 
 def number_of(name: str) -> int:
@@ -35,6 +35,6 @@ def uniform2(world: World, stream: str, index: int) -> tuple[float, float]:
 def scattered(world: World, item: Thing, agent: Thing) -> tuple[float, float]:
     """Where an item of a dead agent falls: on the rim of a circle around it, or anywhere inside."""
     direction, far = uniform2(world, "drop.scatter", identity(item))
-    share = math.sqrt(far) if world.numbers["drop_scatter"] == "disc" else 1.0
-    reach, turn = world.numbers["drop_radius"] * share, 2 * math.pi * direction
+    share = math.sqrt(far) if world.numbers["death_drop_scatter"] == "disc" else 1.0
+    reach, turn = world.numbers["death_drop_radius"] * share, 2 * math.pi * direction
     return agent.x + reach * math.cos(turn), agent.y + reach * math.sin(turn)
