@@ -1,4 +1,4 @@
-"""The nouns of the game. Reading this folder tells what exists; systems/ tells what happens to it."""
+"""The components of the game: its state. What changes it is in systems/."""
 
 from .agent import OthersView, SelfView, Side, Sides
 from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
@@ -10,7 +10,7 @@ from .melee import Attack, Weapon
 from .motor import Drive, Steer
 from .phase import Phase
 from .score import End, Episode, Reward, Score
-from .sight import Sight, Told
+from .sight import ObservationMasks, Sight
 from .zone import Zone, ZoneView
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "HealsUsed",
     "Health",
     "Item",
+    "ObservationMasks",
     "OthersView",
     "Phase",
     "Push",
@@ -50,7 +51,6 @@ __all__ = [
     "Solid",
     "Spawned",
     "Steer",
-    "Told",
     "Use",
     "Weapon",
     "Zone",

@@ -1,16 +1,16 @@
-"""Agents: who they are with, what they are told of themselves and of each other."""
+"""Agents: their sides, and how observations describe them."""
 
 from outlast.ecs import Array, Component, Observation, Singleton, column
 
 
 class Side(Component):
-    """Whom an agent fights for: its team, or in free-for-all itself. Written by sides at reset."""
+    """The side an agent belongs to: its team, or in free-for-all its own index."""
 
     side: Array = column("i4", fill=-1)
 
 
 class Sides(Singleton):
-    """Whether agents fight in teams. Brought by sides."""
+    """Whether agents play in teams."""
 
     teams: Array = column("u1")  # 1: sides are teams, 0: every agent for itself
 
@@ -22,7 +22,7 @@ class SelfView(Observation):
 
 
 class OthersView(Observation):
-    """The other agents in order of id, self left out; rows as in SelfView. Mask: 1 = seen."""
+    """The other agents in order of id, self left out; rows as in SelfView. Mask: 1 = visible."""
 
     others: Array = column("f4", "agents", "others", "features")
     others_mask: Array = column("f4", "agents", "others", low=0, high=1)

@@ -1,4 +1,4 @@
-"""Where things are, what they look like from outside, and how they move."""
+"""Where entities are, what shape they have, and how they move."""
 
 from typing import Any
 
@@ -10,12 +10,12 @@ ONE, ZERO = np.float32(1), np.float32(0)
 
 
 class Body(Component):
-    """Pose and velocity, world frame. Written by spawn, boxes and drop, by motors, and by physics in every tick."""
+    """Pose and velocity, world frame."""
 
     x: Array = column("f4")  # metres
     y: Array = column("f4")
     angle: Array = column("f4")  # radians, unwrapped; 0 faces +x, counter-clockwise
-    cosine: Array = column("f4", fill=1)  # of angle, kept in step with it
+    cosine: Array = column("f4", fill=1)  # of angle
     sine: Array = column("f4")
     vx: Array = column("f4")  # metres/second
     vy: Array = column("f4")
@@ -28,24 +28,24 @@ class Shape(Component):
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
-    bound: Array = column("f4")  # radius of the circle around all of it; written at reset
+    bound: Array = column("f4")  # radius of the circle around all of it, computed at reset
 
 
 class Solid(Component):
     """Takes part in contacts. Without it a body is intangible, as items are."""
 
-    dynamic: Array = column("u1")  # 1: can be pushed; 0: stands like a wall
+    dynamic: Array = column("u1")  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
-    mass: Array = column("f4")  # kilograms, of density and shape; written by physics at reset
+    mass: Array = column("f4")  # kilograms, of density and shape; computed at reset
     inertia: Array = column("f4")  # kilogram square metres about the centre; likewise
-    near: Array = column("u1")  # 1: may touch something in this tick; written by physics
-    reach: Array = column("f4")  # metres it may travel in this tick; written by physics
+    may_collide: Array = column("u1")  # 1: may touch something in this tick
+    max_travel: Array = column("f4")  # metres it may travel in this tick
 
 
 class Push(Component):
-    """The push of motors in this tick, world frame, which physics applies. Written by motors."""
+    """The impulse of motors in this tick, world frame, which physics applies."""
 
-    x: Array = column("f4")  # newton-seconds of the whole tick, shared out evenly over its substeps
+    x: Array = column("f4")  # newton-seconds of the whole tick, spread evenly over its substeps
     y: Array = column("f4")
     turn: Array = column("f4")
 
@@ -63,7 +63,7 @@ class Floor(Singleton):
 
 
 class Fault(Singleton):
-    """What went wrong in this world beyond repair; a face that finds it set raises. Written by physics."""
+    """An unrecoverable error in this world; an environment that finds it set raises."""
 
     physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)
 

@@ -1,4 +1,4 @@
-"""Boxes: breakable objects, and the items they turn into. Box k and box item k are the same thing in two states."""
+"""Boxes: breakable objects, and the items they turn into. Box k and box item k are one object in two states."""
 
 from outlast.ecs import Array, Component, Observation, Statistic, column
 
@@ -7,8 +7,8 @@ class Box(Component):
     """An intact box while alive."""
 
     broken: Array = column("u1")  # 1 for the one tick between box and item
-    placed: Array = column("u1")  # 1 once it was set up from its item
-    fresh: Array = column("u1")  # 1 in the tick in which it is set up, until boxes break
+    placed: Array = column("u1")  # 1 once it was placed from its item
+    fresh: Array = column("u1")  # 1 in the tick in which it is placed, until boxes break
 
 
 class BoxItem(Component):
@@ -18,7 +18,7 @@ class BoxItem(Component):
 
 
 class BoxView(Observation):
-    """Boxes: four vertices as if centred at the origin (8), x, y, angle. Mask: 1 = seen."""
+    """Boxes: four vertices as if centred at the origin (8), x, y, angle. Mask: 1 = visible."""
 
     boxes: Array = column("f4", "agents", "boxes", 11)
     boxes_mask: Array = column("f4", "agents", "boxes", low=0, high=1)

@@ -11,8 +11,8 @@ class Item(Component):
     A kind of item is an archetype with this component and a system in phase EFFECT that looks at `user`.
     """
 
-    holder: Array = column("i4", fill=-1)  # row of the agent that carries it, -1: nobody
-    user: Array = column("i4", fill=-1)  # row of the agent that uses it in this tick, -1: nobody
+    holder: Array = column("i4", fill=-1)  # row of the agent that carries it, -1: none
+    user: Array = column("i4", fill=-1)  # row of the agent that uses it in this tick, -1: none
 
 
 class Bag(Component):
@@ -23,9 +23,9 @@ class Bag(Component):
 
 
 class Gift(Component):
-    """To whom an agent gives in this tick. Written by give."""
+    """To whom an agent gives in this tick."""
 
-    taker: Array = column("i4", fill=-1)  # row of the taker, -1: nobody
+    taker: Array = column("i4", fill=-1)  # row of the taker, -1: none
 
 
 class Use(Action, order=2):
@@ -35,13 +35,13 @@ class Use(Action, order=2):
 
 
 class Give(Action, order=3):
-    """Give the last item of the bag to whoever is nearest."""
+    """Give the last item of the bag to the nearest agent."""
 
     give: Array = column("i1", "agents", low=0, high=1)
 
 
 class Drop(Action, order=4):
-    """Lay the last item of the bag on the ground."""
+    """Drop the last item of the bag on the ground."""
 
     drop: Array = column("i1", "agents", low=0, high=1)
 
@@ -53,13 +53,13 @@ def last(bag: Any, e: int) -> int:
 
 
 @kernel
-def push(bag: Any, item: Any, e: int, thing: int) -> bool:
-    """Put item `thing` into the bag of `e`; False, and nothing happens, if it is full."""
+def push(bag: Any, item: Any, e: int, row: int) -> bool:
+    """Put the item of row `row` into the bag of `e`; False, and nothing happens, if it is full."""
     if bag.count[e] >= bag.items.shape[1]:
         return False
-    bag.items[e, bag.count[e]] = thing
+    bag.items[e, bag.count[e]] = row
     bag.count[e] += 1
-    item.holder[thing] = e
+    item.holder[row] = e
     return True
 
 
@@ -69,14 +69,14 @@ def pop(bag: Any, item: Any, e: int) -> int:
     if bag.count[e] == 0:
         return -1
     bag.count[e] -= 1
-    thing = int(bag.items[e, bag.count[e]])
+    row = int(bag.items[e, bag.count[e]])
     bag.items[e, bag.count[e]] = -1
-    item.holder[thing] = -1
-    return thing
+    item.holder[row] = -1
+    return row
 
 
 @kernel
-def lay(body: Any, entities: Any, thing: int, x: float, y: float) -> None:
-    """Put item `thing` on the ground at (x, y)."""
-    body.x[thing], body.y[thing] = x, y
-    entities.alive[thing] = 1
+def place(body: Any, entities: Any, row: int, x: float, y: float) -> None:
+    """Put the entity of row `row` into the world at (x, y)."""
+    body.x[row], body.y[row] = x, y
+    entities.alive[row] = 1

@@ -10,7 +10,7 @@ class Attack(Action, order=1):
 
 
 class Weapon(Component):
-    """A melee. Written by melee."""
+    """A melee weapon."""
 
-    target: Array = column("i4", fill=-1)  # row that this tick's strike meets, -1: none
-    wait: Array = column("i4")  # ticks until it can strike again
+    target: Array = column("i4", fill=-1)  # row that this tick's strike hits, -1: none
+    cooldown: Array = column("i4")  # ticks until it can strike again

@@ -1,4 +1,4 @@
-"""What agents want of their motors: one of the two, as the mechanic that moves them has it."""
+"""Actions of movement: Drive with Motors, Steer with Steering."""
 
 from outlast.ecs import Action, Array, column
 

@@ -1,4 +1,4 @@
-"""The stations of a tick, in the order of the paper's experiments; each says what is true when it ends."""
+"""The phases of a tick, in the order of the paper's experiments; each states what is true when it ends."""
 
 from outlast import ecs
 from outlast.ecs import When
@@ -8,20 +8,20 @@ class Phase(ecs.Phase):
     """Order of events in one tick (and, where it says reset, in the tick that starts an episode)."""
 
     DRAW = When.RESET, "what is random in an episode is drawn"
-    SPAWN = When.RESET, "everybody stands on a cell of its own"
+    SPAWN = When.RESET, "every body stands on a cell of its own"
     RESPAWN = When.STEP, "what broke in the tick before lies on the ground as an item"
     DRIVE = When.STEP, "motors have pushed"
     USE = When.STEP, "used items have left their bags"
     EFFECT = When.STEP, "used items have had their effect"
     GIVE = When.STEP, "items have changed hands"
-    MELEE = When.STEP, "attacks have landed; nobody is removed yet"
+    MELEE = When.STEP, "attacks have landed; no entity is removed yet"
     MOVE = When.STEP, "bodies have moved and contacts are resolved"
     BREAK = When.STEP, "objects without health are gone"
-    SEE = When.ALWAYS, "cameras know who sees whom"
-    DIE = When.STEP, "agents without health are gone and their items lie around"
+    SEE = When.ALWAYS, "visibility is known"
+    DIE = When.STEP, "agents without health are gone and their items are dropped"
     PICKUP = When.STEP, "items in reach are in bags"
     ZONE = When.STEP, "who was outside of the safe zone is hurt, and the zone has moved on"
-    LOOK = When.ALWAYS, "it is settled whom each observation tells of"
+    LOOK = When.ALWAYS, "observation masks are computed"
     OBSERVE = When.ALWAYS, "observations show the world as it is"
     REWARD = When.ALWAYS, "rewards are paid"
     END = When.ALWAYS, "terminated and truncated are known"

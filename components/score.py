@@ -1,10 +1,10 @@
-"""Who is left, who is paid, and when it ends."""
+"""Scores by side, rewards, the end of an episode, and its statistics."""
 
 from outlast.ecs import Array, Signal, Singleton, Statistic, column
 
 
 class Score(Singleton):
-    """By side: members alive, and deaths and kills of this tick. Written by ending.count."""
+    """By side: members alive, and deaths and kills of this tick."""
 
     alive: Array = column("i4", "sides")
     deaths: Array = column("i4", "sides")

@@ -1,4 +1,4 @@
-"""What each agent sees, and what its observation tells of."""
+"""Which rows each agent sees, and which of them its observation shows."""
 
 from typing import Any
 
@@ -10,25 +10,25 @@ MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Who sees whom: sets of rows (see ecs.simd) by observer. Written by cameras; without, all see everything."""
+    """Visibility bitsets: one bit per entity (see ecs.simd), one row per observer. Without cameras all is visible."""
 
-    seen: Array = column("i4", "agents", "blocks")
+    visible: Array = column("i4", "agents", "blocks")
     mode: Array = column("i4", fill=OMNISCIENT)  # index into MODES
 
 
-class Told(Singleton, packed=False):
-    """Of whom the observations tell: sets of rows by observer. Written by agents.look.
+class ObservationMasks(Singleton, packed=False):
+    """Which rows of the observations to write: one bit per entity, one row per observer.
 
-    Lies beside the observations, which outlive an episode: only entries that tell of somebody, or did so in the tick
-    before, are written anew. All others are zero and stay so.
+    Stored beside the observations, which outlive an episode: only rows that are filled, or were in the tick before,
+    are written again. All others are zero and stay so.
     """
 
-    masks: Array = column("i4", "agents", "blocks")  # their mask is 1
-    filled: Array = column("i4", "agents", "blocks")  # their entry is filled, which in masked mode is the same
-    stale: Array = column("i4", "agents", "blocks")  # their entry must be written: it is filled, or was
+    mask: Array = column("i4", "agents", "blocks")  # the observation's mask is 1
+    filled: Array = column("i4", "agents", "blocks")  # the row holds numbers; in masked mode the same as `mask`
+    dirty: Array = column("i4", "agents", "blocks")  # the row must be written: it is filled, or was
 
 
 @kernel
-def told(sets: Any, i: int, e: int) -> int:
-    """Whether row `e` is in the set of observer number `i`, as 0 or 1."""
-    return int((sets[i, e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1)) & 1)
+def is_set(bitsets: Any, i: int, e: int) -> int:
+    """Bit of row `e` in bitset number `i`, as 0 or 1."""
+    return int((bitsets[i, e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1)) & 1)

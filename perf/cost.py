@@ -70,7 +70,7 @@ def resident() -> int:
 def start() -> Table:
     """New processes, one after the other, with a cache of their own."""
     table = Table("start", "first environment", "seconds", "of that, imports")
-    changed = 'outlast.variant("teams_3").replace(n_heals=9, n_boxes=5, melee_damage=7, zone_radii=(9.0, 2.0))'
+    changed = 'outlast.variant("teams_3").replace(n_heals=9, n_boxes=5, melee_damage=7, safe_zone_radii=(9.0, 2.0))'
     with tempfile.TemporaryDirectory() as folder:
         for name, made in (("cold", '"teams_3"'), ("warm", '"teams_3"'), ("warm, other numbers", changed)):
             script = f"""if True:

@@ -78,8 +78,8 @@ def crowd(agents: int) -> Scenario:
         n_boxes=2 * agents,
         room_size=numbers["room_size"] * wider,
         room_thickness=max(numbers["room_thickness"] / wider, 0.003),
-        spawn_cells=math.ceil(numbers["spawn_cells"] * wider),
-        zone_radii=tuple(radius * wider for radius in numbers["zone_radii"]),
+        spawn_grid_cells=math.ceil(numbers["spawn_grid_cells"] * wider),
+        safe_zone_radii=tuple(radius * wider for radius in numbers["safe_zone_radii"]),
     )
 
 

@@ -1,32 +1,35 @@
-"""The verbs of the game: one file a mechanic. A mechanic meets the others in components only."""
+"""The mechanics of the game, one per file. They share components, and do not import each other."""
+
+import warnings
+from typing import Any
 
 from .agents import Agents
 from .boxes import Boxes
 from .cameras import Cameras
-from .drop import DeathDrop
+from .death_drop import DeathDrop
 from .drop_last import DropLast
 from .ending import Ending
-from .give import GiveLast
+from .free_for_all import FreeForAll
+from .give_last import GiveLast
 from .heals import Heals
-from .health import Mortality
 from .inventory import Inventory
 from .melee import Melee
-from .motors import Motors, Steering
-from .physics import Contacts
-from .pickup import AutoPickup
+from .mortality import Mortality
+from .motors import Motors
+from .physics import Physics
+from .pickup import Pickup
 from .record import Record
 from .rewards import Rewards
 from .room import Room
-from .sides import FreeForAll, Teams
-from .spawn import SpawnGrid
-from .zone import SafeZone
+from .safe_zone import SafeZone
+from .spawn_grid import SpawnGrid
+from .steering import Steering
+from .teams import Teams
 
 __all__ = [
     "Agents",
-    "AutoPickup",
     "Boxes",
     "Cameras",
-    "Contacts",
     "DeathDrop",
     "DropLast",
     "Ending",
@@ -37,6 +40,8 @@ __all__ = [
     "Melee",
     "Mortality",
     "Motors",
+    "Physics",
+    "Pickup",
     "Record",
     "Rewards",
     "Room",
@@ -45,3 +50,12 @@ __all__ = [
     "Steering",
     "Teams",
 ]
+
+RENAMED = {"AutoPickup": "Pickup", "Contacts": "Physics"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn(f"outlast.systems.{name} is now outlast.systems.{RENAMED[name]}", DeprecationWarning, stacklevel=2)
+    return globals()[RENAMED[name]]

@@ -1,4 +1,4 @@
-"""Agents: round bodies that someone steers, and what they are told of themselves and each other."""
+"""Agents: round bodies controlled by a policy, and what they observe of themselves and each other."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -11,6 +11,7 @@ from outlast.components import (
     Body,
     Guard,
     Health,
+    ObservationMasks,
     OthersView,
     Phase,
     Push,
@@ -20,12 +21,12 @@ from outlast.components import (
     Sight,
     Solid,
     Spawned,
-    Told,
 )
 from outlast.components.health import MOST, Death
-from outlast.components.sight import MASKED, OMNISCIENT, told
+from outlast.components.sight import MASKED, OMNISCIENT
 from outlast.ecs import (
     Archetype,
+    Array,
     Bitset,
     Entity,
     Layout,
@@ -36,22 +37,23 @@ from outlast.ecs import (
     Scratch,
     Singleton,
     Write,
+    kernel,
     number,
 )
 from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
-from .inner.places import moved
-from .inner.sweep import row, span
+from .geometry.bounds import farthest_body
+from .observation_rows import write_rows
 
 
 @dataclass(frozen=True)
 class Agents(Module):
-    """Who plays: how many, how big, how healthy (paper, section 3.1)."""
+    """The agents: their number, size and health (paper, section 3.1)."""
 
     count: int = number(2, low=1)
     radius: float = number(0.5, low=0.002)  # metres
     density: float = number(1.0, above=0)  # kilograms per square metre
-    health: int = number(100, low=1, high=MOST)  # hit points at birth
+    health: int = number(100, low=1, high=MOST)  # hit points at the start
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)
@@ -59,7 +61,7 @@ class Agents(Module):
         return [Archetype("agent", (*parts, Health(points=self.health)), self.count)]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [SelfView(), OthersView(), Sight(), Told()]
+        return [SelfView(), OthersView(), Sight(), ObservationMasks()]
 
     def dims(self) -> dict[str, int | str]:
         return {"agents": self.count, "others": self.count - 1, "features": 8}
@@ -68,8 +70,8 @@ class Agents(Module):
         layout.check_count(Side, "agents")
 
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
-        """Health has no lowest value: the zone and others may take more than is left, and it is seen before death."""
-        far, most = moved(layout), layout.numbers("health").get("limit") or math.inf
+        """Health has no lower bound: damage may exceed what is left, and is observed before the check for deaths."""
+        far, most = farthest_body(layout), layout.numbers("mortality").get("limit") or math.inf
         sides = [layout.dims.get("sides", 1) - 1] * (layout.dims["features"] - 8)  # the team, if there are teams
         low = [0, *[0] * len(sides), -math.inf, -far, -far, *[-math.inf] * 4]
         high = [layout.dims["agents"] - 1, *sides, most, far, far, *[math.inf] * 4]
@@ -80,30 +82,30 @@ class Agents(Module):
 
 
 @Agents.system(Phase.LOOK)
-def look(
-    tell: Write[Told],
+def update_masks(
+    masks: Write[ObservationMasks],
     sight: Read[Sight],
     entities: Read[Entity],
     agents: Rows[Side],
     peers: Bitset[Side],
-    here: Scratch,
+    alive: Scratch,
 ) -> None:
-    """What the masks say, and which entries are filled.
+    """Set the masks of observations, and which rows are filled.
 
-    masked: both only for what the camera sees. revealed: the camera masks, entries of all that exists are filled.
-    omniscient: all that exists has both. A dead observer's masks are 0. Only masked mode hides other agents' entries.
+    masked: both only for what is visible. revealed: masks for what is visible, rows of all that exists are filled.
+    omniscient: all that exists has both. A dead observer's masks are 0. Only masked mode hides other agents' rows.
     """
     mode = sight.mode[0]
-    for g in range(peers.size):
-        here[g] = to_bits(load_flags(entities.alive, SIMD_WIDTH * g))
+    for b in range(peers.size):
+        alive[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b))
     for i in range(agents.size):
-        awake = -np.int32(entities.alive[agents[i]])  # all bits, or none
-        for g in range(peers.size):
-            mask = awake & here[g] if mode == OMNISCIENT else awake & here[g] & sight.seen[i, g]
-            filled = mask if mode == MASKED else here[g] | peers[g]
-            tell.stale[i, g] = tell.filled[i, g] | filled
-            tell.filled[i, g] = filled
-            tell.masks[i, g] = mask
+        living = -np.int32(entities.alive[agents[i]])  # all bits, or none
+        for b in range(peers.size):
+            mask = living & alive[b] if mode == OMNISCIENT else living & alive[b] & sight.visible[i, b]
+            filled = mask if mode == MASKED else alive[b] | peers[b]
+            masks.dirty[i, b] = masks.filled[i, b] | filled
+            masks.filled[i, b] = filled
+            masks.mask[i, b] = mask
 
 
 @Agents.system(Phase.OBSERVE)
@@ -131,28 +133,21 @@ def see_self(
             me[i, k:] = 0
 
 
+@kernel
+def fill_other(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
+    """The row of agent `e`, as it observes itself."""
+    own, index = tables
+    for f in range(own.shape[1]):
+        row[f] = own[index[e], f] if filled else 0
+
+
 @Agents.system(Phase.OBSERVE, after="agents.see_self")
 def see_others(
     view: Write[OthersView],
     own: Read[SelfView],
-    tell: Read[Told],
-    agents: Rows[Side],
+    masks: Read[ObservationMasks],
     peers: Bitset[Side],
     index: RowIndex[Side],
 ) -> None:
-    """The other agents' own rows, in order of id; a dead one's row is what it would see of itself."""
-    first, last = span(peers)
-    for i in range(agents.size):
-        for g in range(first, last):
-            left = tell.stale[i, g] & peers[g]
-            while left:
-                e = row(g, left)
-                left &= left - 1
-                j = index[e]
-                if i == j:
-                    continue
-                k = j - 1 if j > i else j
-                view.others_mask[i, k] = told(tell.masks, i, e)
-                filled = told(tell.filled, i, e)
-                for f in range(own.me.shape[1]):
-                    view.others[i, k, f] = own.me[j, f] if filled else 0
+    """The other agents' own rows, in order of id; a dead one's row is what it would observe of itself."""
+    write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.me, index), True)

@@ -1,4 +1,4 @@
-"""Boxes: they stand in the way, break, and can be carried off and set up again."""
+"""Boxes: obstacles that break, and can be carried and set up again."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -18,16 +18,14 @@ from outlast.components import (
     Guard,
     Health,
     Item,
+    ObservationMasks,
     Phase,
     Shape,
-    Side,
     Solid,
     Spawned,
-    Told,
 )
 from outlast.components.health import MOST
-from outlast.components.inventory import last, lay
-from outlast.components.sight import told
+from outlast.components.inventory import last, place
 from outlast.ecs import (
     Add,
     Archetype,
@@ -47,8 +45,8 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import NORMAL, normal
 
-from .inner.places import ROUNDED, laid, moved
-from .inner.sweep import row, span
+from .geometry.bounds import ROUNDING, farthest_body, farthest_item
+from .observation_rows import write_rows
 
 HALF = np.float32(0.5)
 ROLLED = 1  # index into the choices of Boxes.corners
@@ -62,9 +60,9 @@ class Boxes(Module):
     it, and from then on only that side can break it. offset: where a used item sets the box up, ahead of its user; the
     paper says at the user's own place, its runs had 0.75 (reference rules, section 6, point 6).
 
-    Of two rules the paper says nothing, and its runs had the second of each. settles: a strike does harm to a box in
-    the tick in which it is set up, or (True) not yet. corners: the vertices of what an agent sees begin at the lower
-    left, or ("rolled") one corner later for items, and for boxes that were set up from one.
+    Two rules are not in the paper; its runs had the second value of each. settles: a box can be damaged in the tick in
+    which it is set up, or (True) not yet. corners: observed vertices begin at the lower left, or ("rolled") one corner
+    later for items, and for boxes that were set up from one.
     """
 
     count: int = number(8, low=1)
@@ -79,7 +77,7 @@ class Boxes(Module):
     density: float = number(1.0, above=0)  # kilograms per square metre
     offset: float = number(0.0, low=0)  # metres from the user's centre
     item_radius: float = number(0.25, low=0.002)  # metres
-    settles: bool = number(False)  # takes no harm in the tick in which it is set up
+    settles: bool = number(False)  # cannot be damaged in the tick in which it is set up
     corners: str = number("lower left", choices=("lower left", "rolled"))
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -101,9 +99,9 @@ class Boxes(Module):
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
         """A box may be set up in a wall, and leaves its item there."""
         sides = (self.width, self.width_deviation), (self.height, self.height_deviation)
-        half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDED for mean, deviation in sides]
-        corners, box = half * 4, (moved(layout) + self.offset) * ROUNDED
-        item = max(box, laid(layout))
+        half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDING for mean, deviation in sides]
+        corners, box = half * 4, (farthest_body(layout) + self.offset) * ROUNDING
+        item = max(box, farthest_item(layout))
         known = {"boxes": [*corners, box, box, math.inf], "box_items": [*corners, item, item], "box_slot": corners}
         return {key: (np.negative(far), far) for key, far in known.items()}
 
@@ -135,7 +133,7 @@ def drop_item(
         e = boxes[k]
         if box.broken[e]:
             box.broken[e] = 0
-            lay(body, entities, items[k], body.x[e], body.y[e])
+            place(body, entities, items[k], body.x[e], body.y[e])
 
 
 @Boxes.system(Phase.EFFECT)
@@ -149,13 +147,13 @@ def set_up(
     items: Rows[BoxItem],
     offset: float,
 ) -> None:
-    """A used item becomes its box again, upright, wherever that is: contacts will push out whoever stands there."""
+    """A used item becomes its box again, upright, wherever that is: contacts push out what overlaps it."""
     for k in range(items.size):
         user = item.user[items[k]]
         if user < 0:
             continue
         e = boxes[k]
-        lay(body, entities, e, body.x[user] + offset * body.cosine[user], body.y[user] + offset * body.sine[user])
+        place(body, entities, e, body.x[user] + offset * body.cosine[user], body.y[user] + offset * body.sine[user])
         body.angle[e], body.cosine[e], body.sine[e] = 0, 1, 0
         body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
         box.placed[e], box.fresh[e] = 1, 1
@@ -173,7 +171,7 @@ def break_boxes(
     owned: bool,
     settles: bool,
 ) -> None:
-    """Boxes without health are gone; the first breaker owns them. What comes back is as good as new."""
+    """Boxes without health are gone; the first side to break one owns it. Health is restored for the next time."""
     for e in boxes:
         if settles and box.fresh[e]:
             health.points[e] = np.int32(toughness)
@@ -182,8 +180,8 @@ def break_boxes(
             entities.alive[e] = 0
             box.broken[e] = 1
             health.points[e] = np.int32(toughness)
-            if owned and guard.heeds[e] < 0:
-                guard.heeds[e] = health.source[e]
+            if owned and guard.vulnerable_only_to[e] < 0:
+                guard.vulnerable_only_to[e] = health.source[e]
 
 
 @kernel
@@ -199,62 +197,58 @@ def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
     row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5] = x, -y, x, y, -x, y
 
 
+@kernel
+def fill_box(row: Array, e: int, filled: bool, tables: Any) -> None:
+    """Vertices, position and angle of the standing box `e`."""
+    body, shape, box, rolled = tables
+    if filled:
+        outline(row[:8], shape, e, rolled and box.placed[e] != 0)
+        row[8], row[9], row[10] = body.x[e], body.y[e], body.angle[e]
+    else:
+        row[:] = 0
+
+
 @Boxes.system(Phase.OBSERVE)
 def see_boxes(
     view: Write[BoxView],
-    tell: Read[Told],
+    masks: Read[ObservationMasks],
     body: Read[Body],
     shape: Read[Shape],
     box: Read[Box],
-    agents: Rows[Side],
     boxes: Bitset[Box],
     index: RowIndex[Box],
     corners: int,
 ) -> None:
     """Boxes that stand."""
-    first, last = span(boxes)
-    for i in range(agents.size):
-        for g in range(first, last):
-            left = tell.stale[i, g] & boxes[g]
-            while left:
-                e = row(g, left)
-                left &= left - 1
-                k = index[e]
-                view.boxes_mask[i, k] = told(tell.masks, i, e)
-                if told(tell.filled, i, e):
-                    outline(view.boxes[i, k, :8], shape, e, corners == ROLLED and box.placed[e] != 0)
-                    view.boxes[i, k, 8], view.boxes[i, k, 9], view.boxes[i, k, 10] = body.x[e], body.y[e], body.angle[e]
-                else:
-                    view.boxes[i, k, :] = 0
+    tables = (body, shape, box, corners == ROLLED)
+    write_rows(view.boxes, view.boxes_mask, masks, boxes, index, fill_box, tables)
+
+
+@kernel
+def fill_item(row: Array, e: int, filled: bool, tables: Any) -> None:
+    """Vertices and position of the broken box `e` on the ground."""
+    body, shape, boxes, index, rolled = tables
+    if filled:
+        outline(row[:8], shape, boxes[index[e]], rolled)
+        row[8], row[9] = body.x[e], body.y[e]
+    else:
+        row[:] = 0
 
 
 @Boxes.system(Phase.OBSERVE)
 def see_items(
     view: Write[BoxItemView],
-    tell: Read[Told],
+    masks: Read[ObservationMasks],
     body: Read[Body],
     shape: Read[Shape],
-    agents: Rows[Side],
     boxes: Rows[Box],
     items: Bitset[BoxItem],
     index: RowIndex[BoxItem],
     corners: int,
 ) -> None:
     """Broken boxes on the ground."""
-    first, last = span(items)
-    for i in range(agents.size):
-        for g in range(first, last):
-            left = tell.stale[i, g] & items[g]
-            while left:
-                e = row(g, left)
-                left &= left - 1
-                k = index[e]
-                view.box_items_mask[i, k] = told(tell.masks, i, e)
-                if told(tell.filled, i, e):
-                    outline(view.box_items[i, k, :8], shape, boxes[k], corners == ROLLED)
-                    view.box_items[i, k, 8], view.box_items[i, k, 9] = body.x[e], body.y[e]
-                else:
-                    view.box_items[i, k, :] = 0
+    tables = (body, shape, boxes, index, corners == ROLLED)
+    write_rows(view.box_items, view.box_items_mask, masks, items, index, fill_item, tables)
 
 
 @Boxes.system(Phase.OBSERVE, after="boxes.see_items")
@@ -271,9 +265,9 @@ def see_slot(
     """The last slot of the bag, if it holds a box item."""
     for i in range(agents.size):
         e = agents[i]
-        thing = last(bag, e)
-        held = entities.alive[e] != 0 and thing >= 0 and index[thing] >= 0
+        row = last(bag, e)
+        held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
         view.box_slot_mask[i, 0] = 1 if held else 0
         view.box_slot[i, 0, :] = 0
         if held:
-            outline(view.box_slot[i, 0], shape, boxes[index[thing]], corners == ROLLED)
+            outline(view.box_slot[i, 0], shape, boxes[index[row]], corners == ROLLED)

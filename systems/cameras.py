@@ -1,4 +1,4 @@
-"""Cameras: an agent sees what is in its vision cone and not behind something else."""
+"""Cameras: what is visible to an agent is in its vision cone, and nothing is in between."""
 
 import math
 from dataclasses import dataclass
@@ -11,23 +11,14 @@ from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .inner.geometry import MISS, enters, in_kite, in_sector, turn_back
-from .inner.sweep import (
-    GROUP,
-    SET,
-    across,
-    enclose,
-    make_extent,
-    make_groups,
-    populated,
-    row,
-    within,
-    without,
-)
+from .geometry.aabb import aabbs_hit_by_ray, aabbs_near_point, compute_aabbs, make_half_extents
+from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.points import in_kite, in_sector, to_local
+from .geometry.rays import NO_HIT, raycast_entity
 
 SECTOR = 0  # index into the choices of Cameras.cone
 HALF, QUARTER, ONE = np.float32(0.5), np.float32(0.25), np.float32(1)
-FEW = 8  # groups that are looked at one by one faster than they are sifted
+FEW = 8  # blocks: of so many, testing each is faster than culling them first
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
 
 
@@ -46,12 +37,12 @@ class Cameras(Module):
     mode: str = number("masked", choices=MODES)
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_extent(dims) if name == "extent" else make_groups(dims)
+        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
 
 
 @Cameras.system(Phase.DRAW)
-def choose(sight: Write[Sight], mode: int) -> None:
-    """Say what observations hold."""
+def set_mode(sight: Write[Sight], mode: int) -> None:
+    """Set what observations hold."""
     sight.mode[0] = mode
 
 
@@ -64,95 +55,95 @@ def see(
     agents: Rows[Side],
     bodies: Bitset[Shape],
     solids: Bitset[Shape, Solid],
-    extent: Scratch,
-    everybody: Scratch,
-    groups: Scratch,
+    half_extents: Scratch,
+    alive_blocks: Scratch,
+    blocks: Scratch,
     fov: float,
     depth: float,
     cone: int,
     items_occlude: bool,
 ) -> None:
-    """Who sees whom, while everything is still in the world."""
+    """Compute visibility, while everything is still in the world."""
     if sight.mode[0] == OMNISCIENT:
         return
     half_cos, half_sin = np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
-    crowd, living = enclose(extent, body, shape), populated(everybody, entities, bodies)
-    hiding = bodies if items_occlude else solids
+    aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)
+    occluders = bodies if items_occlude else solids
     for i in range(agents.size):
         me = agents[i]
-        count = sift(groups, everybody, living, crowd, body, me, depth, half_cos) if entities.alive[me] else 0
-        for g in range(bodies.size):
-            sight.seen[i, g] = 0
+        count = cull(blocks, alive_blocks, living, aabbs, body, me, depth, half_cos) if entities.alive[me] else 0
+        for b in range(bodies.size):
+            sight.visible[i, b] = 0
         for k in range(count):
-            g, here = groups[GROUP, k], groups[SET, k]
-            inside, around = in_view(crowd, body, me, g, depth, half_cos, half_sin, cone)
-            sight.seen[i, g] = inside & here
-            groups[SET, k] = around & here & hiding[g]
+            b, here = blocks[BLOCK, k], blocks[BITS, k]
+            inside, around = in_view(aabbs, body, me, b, depth, half_cos, half_sin, cone)
+            sight.visible[i, b] = inside & here
+            blocks[BITS, k] = around & here & occluders[b]
         for k in range(count):
-            g = groups[GROUP, k]
-            left = sight.seen[i, g]
-            while left:
-                e = row(g, left)
-                if not line_of_sight(groups, count, crowd, body, shape, me, e):
-                    sight.seen[i, g] ^= left & -left
-                left &= left - 1
+            b = blocks[BLOCK, k]
+            pending = sight.visible[i, b]
+            while pending:
+                e = first_row(b, pending)
+                if not line_of_sight(blocks, count, aabbs, body, shape, me, e):
+                    sight.visible[i, b] ^= pending & -pending
+                pending &= pending - 1
 
 
 @kernel
-def sift(
-    groups: Array, everybody: Array, living: int, crowd: Array, body: Array, me: int, depth: Real, half_cos: Real
+def cull(
+    blocks: Array, alive_blocks: Array, living: int, aabbs: Array, body: Array, me: int, depth: Real, half_cos: Real
 ) -> int:
-    """List the groups of `everybody` with somebody near the vision cone of `me`, and who that is; returns how many.
+    """List the blocks with rows near the vision cone of `me`, and their bitsets; returns how many.
 
-    Near is what reaches into a square around the cone. In a small world nearly every group has somebody there.
+    Near is an AABB that reaches into a square around the cone.
     """
     x, y = body.x[me] + HALF * depth * body.cosine[me], body.y[me] + HALF * depth * body.sine[me]
     far = depth * np.float32(np.sqrt(max(QUARTER, ONE + QUARTER - half_cos)))  # of all in the cone from (x, y)
     count = 0
     for k in range(living):
-        g = everybody[GROUP, k]
-        here = without(everybody[SET, k], g, me)
+        b = alive_blocks[BLOCK, k]
+        here = without_row(alive_blocks[BITS, k], b, me)
         if living > FEW:
-            here &= within(crowd, g, x, y, far)
-        groups[SET, count], groups[GROUP, count] = here, g
+            here &= aabbs_near_point(aabbs, b, x, y, far)
+        blocks[BITS, count], blocks[BLOCK, count] = here, b
         count += here != 0
     return count
 
 
 @kernel
 def in_view(
-    crowd: Array, body: Array, me: int, g: int, depth: Real, half_cos: Real, half_sin: Real, cone: int
+    aabbs: Array, body: Array, me: int, b: int, depth: Real, half_cos: Real, half_sin: Real, cone: int
 ) -> tuple[int, int]:
-    """Sets of rows: whose centres lie in the vision cone of `me`, and who may hide them from it."""
-    xs, ys, wide, tall = crowd
-    x, y = load(xs, SIMD_WIDTH * g), load(ys, SIMD_WIDTH * g)
+    """Bitsets: rows whose centres lie in the vision cone of `me`, and rows that may hide others from it."""
+    xs, ys, half_x, half_y = aabbs
+    x, y = load(xs, SIMD_WIDTH * b), load(ys, SIMD_WIDTH * b)
     eye_x, eye_y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     if cone == SECTOR:
         inside = in_sector(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
     else:
         inside = in_kite(x, y, eye_x, eye_y, cosine, sine, depth, half_cos, half_sin)
-    radius = load(wide, SIMD_WIDTH * g) + load(tall, SIMD_WIDTH * g)  # more than that of the circle around
-    far, aside = turn_back(x - eye_x, y - eye_y, cosine, sine)
+    radius = load(half_x, SIMD_WIDTH * b) + load(half_y, SIMD_WIDTH * b)  # more than that of the circle around
+    far, aside = to_local(x - eye_x, y - eye_y, cosine, sine)
     around = (half_cos * abs(aside) - half_sin * far <= radius) & (far <= radius + depth)
     return to_bits(inside), to_bits(around)
 
 
 @kernel
-def line_of_sight(groups: Array, count: int, crowd: Array, body: Array, shape: Array, me: int, e: int) -> bool:
+def line_of_sight(blocks: Array, count: int, aabbs: Array, body: Array, shape: Array, me: int, e: int) -> bool:
     """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
 
-    groups: where to look for others, and which of them may be in the way.
+    blocks: the rows that may be in between.
     """
     x, y = body.x[me], body.y[me]
     dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
-    reach = enters(body, shape, x, y, dx, dy, e)
-    if reach == MISS:
+    reach = raycast_entity(body, shape, x, y, dx, dy, e)
+    if reach == NO_HIT:
         return False
     for k in range(count):
-        g = groups[GROUP, k]
-        left = without(groups[SET, k] & across(crowd, g, x, y, dx, dy), g, e)
-        while left:
-            if enters(body, shape, x, y, dx, dy, row(g, left)) < reach:
+        b = blocks[BLOCK, k]
+        pending = without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, e)
+        while pending:
+            if raycast_entity(body, shape, x, y, dx, dy, first_row(b, pending)) < reach:
                 return False
-            left &= left - 1
+            pending &= pending - 1
     return True

@@ -1,10 +1,10 @@
-"""Dropping by choice: an optional action that lays the last item of the bag on the ground."""
+"""Dropping by choice: an optional action that puts the last item of the bag on the ground."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast.components import Bag, Body, Drop, Item, Phase
-from outlast.components.inventory import lay, pop
+from outlast.components.inventory import place, pop
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
 
 
@@ -21,7 +21,7 @@ class DropLast(Module):
         return [Drop()]
 
 
-@DropLast.system(Phase.GIVE, after="give.hand_over")
+@DropLast.system(Phase.GIVE, after="give_last.hand_over")
 def drop_last(
     bag: Write[Bag],
     item: Write[Item],
@@ -32,9 +32,9 @@ def drop_last(
     items: Rows[Item],
     offset: float,
 ) -> None:
-    """Lay the last item down, straight ahead."""
+    """Put the last item down, straight ahead."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e] and drop.drop[i] and bag.count[e] > 0:
-            thing = pop(bag, item, e)
-            lay(body, entities, thing, body.x[e] + offset * body.cosine[e], body.y[e] + offset * body.sine[e])
+            row = pop(bag, item, e)
+            place(body, entities, row, body.x[e] + offset * body.cosine[e], body.y[e] + offset * body.sine[e])

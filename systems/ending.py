@@ -1,4 +1,4 @@
-"""The end: when an episode is over."""
+"""The end: when an episode is end."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ LAST_ALIVE = 1  # index into the choices of Ending.rule
 
 @dataclass(frozen=True)
 class Ending(Module):
-    """Keeps the score of sides, and ends the episode (paper, section 3.5).
+    """Counts the score of sides, and ends the episode (paper, section 3.5).
 
     rule = "all dead": no side is alive. "last alive": one side or none is. limit: ticks until it is cut off
-    (truncated) if it has not ended by itself; 0: never, as in the paper.
+    (truncated) if it has not ended by its rule; 0: never, as in the paper.
     """
 
     rule: str = number("all dead", choices=("all dead", "last alive"))
@@ -42,11 +42,11 @@ def count(
 
 
 @Ending.system(Phase.END)
-def end(over: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
+def end(end: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
     """Terminated by the rule; else truncated at the limit. Never in the tick that starts an episode."""
-    standing = 0
+    sides_alive = 0
     for s in range(score.alive.size):
-        standing += score.alive[s] > 0
+        sides_alive += score.alive[s] > 0
     tick = clock.tick[0]
-    over.terminated[0] = tick > 0 and standing <= (1 if rule == LAST_ALIVE else 0)
-    over.truncated[0] = tick > 0 and not over.terminated[0] and limit > 0 and tick >= limit
+    end.terminated[0] = tick > 0 and sides_alive <= (1 if rule == LAST_ALIVE else 0)
+    end.truncated[0] = tick > 0 and not end.terminated[0] and limit > 0 and tick >= limit

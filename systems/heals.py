@@ -6,13 +6,25 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Side, Spawned, Told
+from outlast.components import (
+    Bag,
+    Body,
+    Heal,
+    HealsUsed,
+    Health,
+    HealView,
+    Item,
+    ObservationMasks,
+    Phase,
+    Shape,
+    Spawned,
+)
 from outlast.components.health import LARGEST, MOST
 from outlast.components.inventory import last
-from outlast.components.sight import told
 from outlast.ecs import (
     Add,
     Archetype,
+    Array,
     Bitset,
     Entity,
     Layout,
@@ -23,11 +35,12 @@ from outlast.ecs import (
     Rows,
     Singleton,
     Write,
+    kernel,
     number,
 )
 
-from .inner.places import laid
-from .inner.sweep import row, span
+from .geometry.bounds import farthest_item
+from .observation_rows import write_rows
 
 
 @dataclass(frozen=True)
@@ -58,40 +71,36 @@ class Heals(Module):
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
-        far, amounts = laid(layout), layout.prefab_values(Heal, "amount").values()
+        far, amounts = farthest_item(layout), layout.prefab_values(Heal, "amount").values()
         return {"heals": (-far, far), "heal_slot": (0, max(map(np.max, amounts)))}
 
 
 @Heals.system(Phase.EFFECT)
-def cure(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read[Heal], heals: Rows[Heal]) -> None:
+def heal(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read[Heal], heals: Rows[Heal]) -> None:
     """The user gains hit points."""
-    for thing in heals:
-        if item.user[thing] >= 0:
-            health.points[item.user[thing]] += heal.amount[thing]
+    for row in heals:
+        if item.user[row] >= 0:
+            health.points[item.user[row]] += heal.amount[row]
             used.heals_used[0] += 1
+
+
+@kernel
+def fill_heal(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
+    """Position of heal `e`."""
+    x, y = tables
+    row[0], row[1] = x[e] if filled else 0, y[e] if filled else 0
 
 
 @Heals.system(Phase.OBSERVE)
 def see_heals(
     view: Write[HealView],
-    tell: Read[Told],
+    masks: Read[ObservationMasks],
     body: Read[Body],
-    agents: Rows[Side],
     heals: Bitset[Heal],
     index: RowIndex[Heal],
 ) -> None:
     """Position of each heal on the ground."""
-    first, last = span(heals)
-    for i in range(agents.size):
-        for g in range(first, last):
-            left = tell.stale[i, g] & heals[g]
-            while left:
-                e = row(g, left)
-                left &= left - 1
-                k, filled = index[e], told(tell.filled, i, e)
-                view.heals_mask[i, k] = told(tell.masks, i, e)
-                view.heals[i, k, 0] = body.x[e] if filled else 0
-                view.heals[i, k, 1] = body.y[e] if filled else 0
+    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_heal, (body.x, body.y))
 
 
 @Heals.system(Phase.OBSERVE, after="heals.see_heals")
@@ -106,7 +115,7 @@ def see_slot(
     """The last slot of the bag, if it holds a heal."""
     for i in range(agents.size):
         e = agents[i]
-        thing = last(bag, e)
-        held = entities.alive[e] != 0 and thing >= 0 and index[thing] >= 0
-        view.heal_slot[i, 0, 0] = heal.amount[thing] if held else 0
+        row = last(bag, e)
+        held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
+        view.heal_slot[i, 0, 0] = heal.amount[row] if held else 0
         view.heal_slot_mask[i, 0] = 1 if held else 0

@@ -28,12 +28,12 @@ class Inventory(Module):
 def use_last(
     bag: Write[Bag], item: Write[Item], use: Read[Use], entities: Read[Entity], agents: Rows[Bag], items: Rows[Item]
 ) -> None:
-    """The last item leaves the bag and learns its user; its own kind does the rest in phase EFFECT."""
-    for thing in items:
-        item.user[thing] = -1
+    """The last item leaves the bag, and its user is recorded; the item's mechanic acts on that in phase EFFECT."""
+    for row in items:
+        item.user[row] = -1
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e] and use.use[i]:
-            thing = pop(bag, item, e)
-            if thing >= 0:
-                item.user[thing] = e
+            row = pop(bag, item, e)
+            if row >= 0:
+                item.user[row] = e

@@ -1,4 +1,4 @@
-"""The melee: a segment straight ahead; it hurts what it touches."""
+"""The melee: a segment straight ahead; it damages what it hits."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -23,23 +23,24 @@ from outlast.ecs import (
     number,
 )
 
-from .inner.geometry import MISS, enters
-from .inner.sweep import GROUP, SET, across, enclose, make_extent, make_groups, populated, row, without
+from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
+from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.rays import NO_HIT, raycast_entity
 
 
 @dataclass(frozen=True)
 class Melee(Module):
     """Attack (paper, section 3.1).
 
-    blocked: the strike ends at the first body of any kind on the segment, as in the paper's runs; otherwise it goes on
-    to the nearest one that it can hurt (reference rules, section 6, point 2).
+    blocked: the strike ends at the first body of any kind on the segment, as in the paper's runs; otherwise at the
+    nearest one that it can hurt (reference rules, section 6, point 2).
     """
 
     damage_type: ClassVar[str] = "melee"
 
     reach: float = number(2.0, above=0)  # metres from the agent's centre
     damage: int = number(5, low=0, high=MOST)  # hit points
-    cooldown: int = number(0, low=0)  # ticks without attack after one that met something; 0: every tick
+    cooldown: int = number(0, low=0)  # ticks without attack after one that hit something; 0: every tick
     blocked: bool = number(False)
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -49,7 +50,7 @@ class Melee(Module):
         return [Attack()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_extent(dims) if name == "extent" else make_groups(dims)
+        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
 
 
 @Melee.system(Phase.MELEE)
@@ -64,40 +65,40 @@ def aim(
     entities: Read[Entity],
     agents: Rows[Weapon],
     bodies: Bitset[Shape],
-    extent: Scratch,
-    groups: Scratch,
+    half_extents: Scratch,
+    blocks: Scratch,
     reach: float,
     cooldown: int,
     blocked: bool,
 ) -> None:
     """All rays are cast before any damage is dealt, so two agents can kill each other."""
-    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
+    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
         if not entities.alive[me]:
             continue
-        if weapon.wait[me] > 0:
-            weapon.wait[me] -= 1
+        if weapon.cooldown[me] > 0:
+            weapon.cooldown[me] -= 1
             continue
         if not attack.attack[i]:
             continue
         x, y, dx, dy = body.x[me], body.y[me], reach * body.cosine[me], reach * body.sine[me]
-        nearest = MISS
+        nearest = NO_HIT
         for k in range(count):
-            g = groups[GROUP, k]
-            left = without(groups[SET, k] & across(crowd, g, x, y, dx, dy), g, me)
-            while left:
-                e = row(g, left)
-                left &= left - 1
-                if not (blocked or (health.mortal[e] and not immune(guard, e, side.side[me]))):
+            b = blocks[BLOCK, k]
+            pending = without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, me)
+            while pending:
+                e = first_row(b, pending)
+                pending &= pending - 1
+                if not (blocked or (health.has_health[e] and not immune(guard, e, side.side[me]))):
                     continue
-                at = enters(body, shape, x, y, dx, dy, e)
+                at = raycast_entity(body, shape, x, y, dx, dy, e)
                 if at < nearest:
                     nearest = at
                     weapon.target[me] = e
         if weapon.target[me] >= 0:
-            weapon.wait[me] = np.int32(cooldown)
+            weapon.cooldown[me] = np.int32(cooldown)
 
 
 @Melee.system(Phase.MELEE, after="melee.aim")
@@ -109,10 +110,10 @@ def strike(
     clock: Read[Clock],
     agents: Rows[Weapon],
     damage: int,
-    cause: DamageType,
+    damage_type: DamageType,
 ) -> None:
-    """Targets with health lose some; the blame is the attacker's side's."""
+    """Targets with health lose some; the source is the attacker's side."""
     for me in agents:
         e = weapon.target[me]
-        if e >= 0 and health.mortal[e]:
-            hurt(health, guard, e, damage, cause, side.side[me], clock.tick[0])
+        if e >= 0 and health.has_health[e]:
+            hurt(health, guard, e, damage, damage_type, side.side[me], clock.tick[0])

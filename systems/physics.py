@@ -1,8 +1,8 @@
-"""Contacts: Box2D moves what may touch something in this tick; everything else flies free by the same formulas.
+"""Physics: Box2D moves what may touch something in this tick; everything else is integrated by the same formulas.
 
-Most bodies in most ticks touch nothing. A broad phase marks those that may (`approach`); only they are handed to
-Box2D (`collide`), as a scene that is built, stepped and forgotten, so the outcome is a function of the tables alone;
-the others move by Box2D's own arithmetic (`fly`), bit for bit.
+Most bodies in most ticks touch nothing. A broad phase marks those that may (`broad_phase`); only they are handed to
+Box2D (`collide`), as a contact batch that is built, stepped and discarded, so that the outcome is a function of the
+tables alone; the others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
 import math
@@ -35,26 +35,25 @@ from outlast.ecs.jit import compiled
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .box2d import native, portable
-from .box2d.scene import COLUMNS, LIMIT, LONGEST, REACH, SOLVED, IncompatibleBox2D, Settings
-from .box2d.staging import stage, unstage
-from .inner.broad import gap, travel
-from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, present, row, within, without
+from .box2d.batch import COLUMNS, LIMIT, LONGEST, MAX_TRAVEL, SOLVED, IncompatibleBox2D, Settings
+from .box2d.transfer import gather, scatter
+from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
+from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.broad_phase import gap, travel
 
-MARGIN = np.float32(0.02)  # metres: how near counts as touching; Box2D's skins and slops are below 0.02 together
+MARGIN = np.float32(0.02)  # metres: what counts as touching; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
 PI, TWELFTH = np.float32(math.pi), np.float32(0.25) * np.float32(1 / 3)
 
 
 @dataclass(frozen=True)
-class Contacts(Module):
+class Physics(Module):
     """Rigid-body motion and contacts (reference rules, section 1).
 
-    bridge: how Box2D is called. "native": its machine code from inside the tick; "portable": its Python interface,
+    backend: how Box2D is called. "native": its machine code from inside the tick; "portable": its Python interface,
     slower, the same results; "auto": native where the installed Box2D allows it.
     """
-
-    name = "physics"
 
     rate: float = number(60.0, above=0)  # substeps a second
     substeps: int = number(2, low=1)  # a tick
@@ -65,7 +64,7 @@ class Contacts(Module):
     linear_damping: float = number(0.8, low=0)  # per second
     angular_damping: float = number(0.8, low=0)  # per second
     continuous: bool = number(True)  # fast bodies do not tunnel through standing ones
-    bridge: str = number("auto", choices=("auto", "native", "portable"))
+    backend: str = number("auto", choices=("auto", "native", "portable"))
 
     def systems(self) -> Iterable[System]:
         return [s for s in super().systems() if s.name != "collide" or s.compiled == self.native()]
@@ -74,35 +73,35 @@ class Contacts(Module):
         return [Fault()]
 
     def native(self) -> bool:
-        """Whether the native bridge is used; IncompatibleBox2D if it is asked for and cannot be."""
-        if self.bridge == "native":
+        """Whether the native backend is used; IncompatibleBox2D if it is asked for and cannot be."""
+        if self.backend == "native":
             native.verify()
             if not compiled():
                 raise IncompatibleBox2D(
-                    'physics.bridge = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; '
+                    'physics.backend = "native" needs compiled kernels, but NUMBA_DISABLE_JIT is set; '
                     'take "auto" or "portable"'
                 )
-        return self.bridge == "native" or (self.bridge == "auto" and native.available())
+        return self.backend == "native" or (self.backend == "auto" and native.available())
 
     def check(self, layout: Layout) -> None:
         if (bodies := len(layout.rows(Solid))) > native.CAPACITY:
             raise NumberError(
-                f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics can do with at most "
+                f"{bodies} bodies that take part in contacts (agents, boxes, walls): physics takes at most "
                 f"{native.CAPACITY}; take fewer agents or boxes"
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "extent":
-            return make_extent(dims)
-        if name == "groups":
-            return make_groups(dims)
-        if name == "scene":
+        if name == "half_extents":
+            return make_half_extents(dims)
+        if name == "blocks":
+            return make_blocks(dims)
+        if name == "batch":
             return np.zeros((dims["rows"], COLUMNS), np.float32)
-        return (native if self.native() else portable).make_arena()
+        return (native if self.native() else portable).make_workspace()
 
 
-@Contacts.system(Phase.SPAWN, after="room.measure")
-def weigh(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
+@Physics.system(Phase.SPAWN, after="room.compute_bounds")
+def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
     """Mass and moment of inertia of a disc or a rectangle, in Box2D's own order of operations. All in float32."""
     for e in solids:
         radius, width, height = shape.radius[e], shape.half_width[e], shape.half_height[e]
@@ -118,55 +117,55 @@ def weigh(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
             solid.inertia[e] = solid.density[e] * (share * lying + share * standing + share * lying + share * standing)
 
 
-@Contacts.system(Phase.MOVE)
-def approach(
+@Physics.system(Phase.MOVE)
+def broad_phase(
     solid: Write[Solid],
     body: Read[Body],
     shape: Read[Shape],
     push: Read[Push],
     entities: Read[Entity],
     solids: Bitset[Solid],
-    extent: Scratch,
-    groups: Scratch,
+    half_extents: Scratch,
+    blocks: Scratch,
     rate: float,
     substeps: int,
 ) -> None:
     """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    crowd, count = enclose(extent, body, shape), populated(groups, entities, solids)
-    for e in range(solid.near.size):
-        solid.near[e], solid.reach[e] = 0, ZERO
+    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, solids)
+    for e in range(solid.may_collide.size):
+        solid.may_collide[e], solid.max_travel[e] = 0, ZERO
     for k in range(count):
-        g = groups[GROUP, k]
-        left = groups[SET, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
-        while left:
-            e = row(g, left)
-            left &= left - 1
-            solid.reach[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
+        b = blocks[BLOCK, k]
+        pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            solid.max_travel[e] = travel(body, push, solid, e, substeps / rate) + MARGIN
     for k in range(count):
-        g = groups[GROUP, k]
-        left = groups[SET, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
-        while left:
-            e = row(g, left)
-            left &= left - 1
-            meet(solid, crowd, body, shape, groups, count, e)
+        b = blocks[BLOCK, k]
+        pending = blocks[BITS, k] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            mark_pairs(solid, aabbs, body, shape, blocks, count, e)
 
 
 @kernel
-def meet(solid: Array, crowd: Array, body: Array, shape: Array, groups: Array, count: int, e: int) -> None:
-    """Mark body `e` and whoever it may touch."""
+def mark_pairs(solid: Array, aabbs: Array, body: Array, shape: Array, blocks: Array, count: int, e: int) -> None:
+    """Mark body `e` and the bodies it may touch."""
     for k in range(count):
-        g = groups[GROUP, k]
-        reach = load(solid.reach, SIMD_WIDTH * g) + (solid.reach[e] + shape.bound[e])
-        left = without(groups[SET, k] & within(crowd, g, body.x[e], body.y[e], reach), g, e)
-        while left:
-            o = row(g, left)
-            left &= left - 1
-            if gap(body, shape, e, o) <= solid.reach[e] + solid.reach[o]:
-                solid.near[e], solid.near[o] = 1, 1
+        b = blocks[BLOCK, k]
+        distance = load(solid.max_travel, SIMD_WIDTH * b) + (solid.max_travel[e] + shape.bound[e])
+        pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance), b, e)
+        while pending:
+            o = first_row(b, pending)
+            pending &= pending - 1
+            if gap(body, shape, e, o) <= solid.max_travel[e] + solid.max_travel[o]:
+                solid.may_collide[e], solid.may_collide[o] = 1, 1
 
 
 def collider(solve: Any) -> Any:
-    """The system `collide` over one of the two bridges."""
+    """The system `collide` over one of the two backends."""
 
     def collide(
         body: Write[Body],
@@ -176,9 +175,9 @@ def collider(solve: Any) -> Any:
         push: Read[Push],
         entities: Read[Entity],
         solids: Bitset[Solid],
-        extent: Scratch,
-        arena: Scratch,
-        scene: Scratch,
+        half_extents: Scratch,
+        workspace: Scratch,
+        batch: Scratch,
         rate: float,
         substeps: int,
         velocity_iterations: int,
@@ -190,7 +189,7 @@ def collider(solve: Any) -> Any:
         continuous: bool,
     ) -> None:
         """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything."""
-        count = stage(scene, extent, body, shape, push, solid, entities, solids, substeps)
+        count = gather(batch, half_extents, body, shape, push, solid, entities, solids, substeps)
         if count == 0:
             return
         settings = Settings(
@@ -204,23 +203,23 @@ def collider(solve: Any) -> Any:
             np.float32(angular_damping),
             int(continuous),
         )
-        if solve(arena, settings, scene, count) != SOLVED:
-            for e in range(solid.near.size):
-                solid.near[e] = entities.alive[e]
-            count = stage(scene, extent, body, shape, push, solid, entities, solids, substeps)
-            scene[:count, REACH] = np.inf  # there is nobody left to run into
-            fault.physics[0] = solve(arena, settings, scene, count) != SOLVED
-        unstage(scene, body, solid, entities, solids)
+        if solve(workspace, settings, batch, count) != SOLVED:
+            for e in range(solid.may_collide.size):
+                solid.may_collide[e] = entities.alive[e]
+            count = gather(batch, half_extents, body, shape, push, solid, entities, solids, substeps)
+            batch[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
+            fault.physics[0] = solve(workspace, settings, batch, count) != SOLVED
+        scatter(batch, body, solid, entities, solids)
 
     return collide
 
 
-for _bridge in (native, portable):
-    _native = _bridge is native
-    Contacts.system(Phase.MOVE, after="physics.approach", compiled=_native)(collider(_bridge.solve))
+for _backend in (native, portable):
+    _native = _backend is native
+    Physics.system(Phase.MOVE, after="physics.broad_phase", compiled=_native)(collider(_backend.solve))
 
 
-@Contacts.system(Phase.MOVE, after="physics.collide")
+@Physics.system(Phase.MOVE, after="physics.collide")
 def fly(
     body: Write[Body],
     fault: Write[Fault],
@@ -234,34 +233,39 @@ def fly(
     angular_damping: float,
 ) -> None:
     """Everything else: Box2D's integration without contacts, in its own order of operations; then headings."""
-    dt = ONE / rate
-    slow = min(max(ONE - dt * linear_damping, ZERO), ONE)
-    calm = min(max(ONE - dt * angular_damping, ZERO), ONE)
-    for g in range(solids.size):
-        left = present(entities, solids, g) & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * g))
-        while left:
-            e = row(g, left)
-            left &= left - 1
-            if not solid.near[e]:
-                lightness, ease = inverse(solid.mass[e]), inverse(solid.inertia[e])
+    dt, parts = ONE / rate, np.float32(substeps)
+    linear_scale = min(max(ONE - dt * linear_damping, ZERO), ONE)
+    angular_scale = min(max(ONE - dt * angular_damping, ZERO), ONE)
+    for b in range(solids.size):
+        pending = alive_bits(entities, solids, b) & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b))
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            if not solid.may_collide[e]:
+                inverse_mass, inverse_inertia = inverse(solid.mass[e]), inverse(solid.inertia[e])
                 for _ in range(substeps):
-                    integrate(body, push, lightness, ease, e, dt, slow, calm, np.float32(substeps))
+                    integrate(body, push, inverse_mass, inverse_inertia, e, dt, linear_scale, angular_scale, parts)
             body.cosine[e], body.sine[e] = np.cos(body.angle[e]), np.sin(body.angle[e])
             if not abs(body.x[e]) + abs(body.y[e]) + abs(body.vx[e]) + abs(body.vy[e]) + abs(body.omega[e]) < LIMIT:
-                fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets to see it
+                fault.physics[0] = 1  # NaN, too: it is near nothing, so Box2D never gets it
 
 
 @kernel
 def integrate(
-    body: Array, push: Array, lightness: Real, ease: Real, e: int, dt: Real, slow: Real, calm: Real, parts: Real
+    body: Array,
+    push: Array,
+    inverse_mass: Real,
+    inverse_inertia: Real,
+    e: int,
+    dt: Real,
+    linear_scale: Real,
+    angular_scale: Real,
+    parts: Real,
 ) -> None:
-    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32.
-
-    lightness, ease: 1 / mass and 1 / inertia.
-    """
-    vx = (body.vx[e] + lightness * (push.x[e] / parts)) * slow
-    vy = (body.vy[e] + lightness * (push.y[e] / parts)) * slow
-    omega = (body.omega[e] + ease * (push.turn[e] / parts)) * calm
+    """One substep of b2Island::Solve for a body that touches nothing; `parts` of them share a push. All in float32."""
+    vx = (body.vx[e] + inverse_mass * (push.x[e] / parts)) * linear_scale
+    vy = (body.vy[e] + inverse_mass * (push.y[e] / parts)) * linear_scale
+    omega = (body.omega[e] + inverse_inertia * (push.turn[e] / parts)) * angular_scale
     x, y = dt * vx, dt * vy
     if x * x + y * y > LONGEST * LONGEST:
         ratio = LONGEST / np.float32(np.sqrt(x * x + y * y))

@@ -1,4 +1,4 @@
-"""Auto pickup: agents take what lies within their reach."""
+"""Pickup: agents take the items within their reach."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,27 +10,25 @@ from outlast.components.inventory import push
 from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Write, number
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .inner.sweep import GROUP, SET, make_groups, populated, row, without
+from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
 
 
 @dataclass(frozen=True)
-class AutoPickup(Module):
+class Pickup(Module):
     """Pick up every item in reach, as long as the bag has room (paper, section 3.2).
 
     touch: it is enough that the item's disc touches the circle of reach, as the paper says; otherwise its centre
     must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
-    name = "pickup"
-
     reach: float = number(0.5, above=0)  # metres from the agent's centre
     touch: bool = number(True)
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_groups(dims)
+        return make_blocks(dims)
 
 
-@AutoPickup.system(Phase.PICKUP)
+@Pickup.system(Phase.PICKUP)
 def pick_up(
     bag: Write[Bag],
     item: Write[Item],
@@ -39,23 +37,23 @@ def pick_up(
     shape: Read[Shape],
     agents: Rows[Bag],
     items: Bitset[Item],
-    groups: Scratch,
+    blocks: Scratch,
     reach: float,
     touch: bool,
 ) -> None:
     """In order of agents, then of items; what does not fit stays where it is."""
-    count = populated(groups, entities, items)
+    count = nonempty_blocks(blocks, entities, items)
     for e in agents:
         if not entities.alive[e]:
             continue
         for k in range(count):
-            g = groups[GROUP, k]
-            x, y = load(body.x, SIMD_WIDTH * g) - body.x[e], load(body.y, SIMD_WIDTH * g) - body.y[e]
-            far = load(shape.radius, SIMD_WIDTH * g) * np.float32(touch) + reach
-            left = groups[SET, k] & to_bits(x * x + y * y <= far * far)
-            while left:
-                thing = row(g, left)
-                left &= left - 1
-                if push(bag, item, e, thing):
-                    entities.alive[thing] = 0
-                    groups[SET, k] = without(groups[SET, k], g, thing)
+            b = blocks[BLOCK, k]
+            x, y = load(body.x, SIMD_WIDTH * b) - body.x[e], load(body.y, SIMD_WIDTH * b) - body.y[e]
+            far = load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + reach
+            pending = blocks[BITS, k] & to_bits(x * x + y * y <= far * far)
+            while pending:
+                row = first_row(b, pending)
+                pending &= pending - 1
+                if push(bag, item, e, row):
+                    entities.alive[row] = 0
+                    blocks[BITS, k] = without_row(blocks[BITS, k], b, row)

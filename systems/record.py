@@ -1,4 +1,4 @@
-"""The record: what is known of an episode when it ends."""
+"""The statistics that every episode reports at its end."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -32,6 +32,6 @@ def note(
         e = agents[i]
         episode.returns[i] += reward.reward[i]
         if death.now[e]:
-            episode.deaths[death.cause[e]] += 1
+            episode.deaths[death.damage_type[e]] += 1
             if episode.first_death[0] == 0:
                 episode.first_death[0] = clock.tick[0]

@@ -21,7 +21,7 @@ class Rewards(Module):
 
     Two numbers are for what the paper names as flaws 2 and 3 (section 5). basis: what `alive` and `dead` are paid
     for. "side": a side is alive while one of its members is, as in the paper. "members": the mean over its members,
-    so that a dead one costs. outlive: paid to a living side for each other one that dies out, whoever did it.
+    so that a dead one costs. outlive: paid to a living side for each other one that dies out, whatever the cause.
     """
 
     alive: float = number(1.0)

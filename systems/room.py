@@ -10,7 +10,7 @@ from outlast.components import Body, Floor, Phase, Shape, Solid
 from outlast.ecs import Archetype, Bitset, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
-from .inner.sweep import present, row
+from .geometry.blocks import alive_bits, first_row
 
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
@@ -24,7 +24,7 @@ class Room(Module):
     thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the side
 
     def systems(self) -> Iterable[System]:
-        return [system for system in super().systems() if self.walls or system.name != "hold"]
+        return [system for system in super().systems() if self.walls or system.name != "keep_inside"]
 
     def archetypes(self) -> Iterable[Archetype]:
         if not self.walls:
@@ -39,15 +39,15 @@ class Room(Module):
 
 
 @Room.system(Phase.SPAWN)
-def measure(shape: Write[Shape], bodies: Rows[Shape]) -> None:
-    """The circle around each body, by which most rays and contacts are ruled out."""
+def compute_bounds(shape: Write[Shape], bodies: Rows[Shape]) -> None:
+    """The circle around each body, by which most contacts are ruled out."""
     for e in bodies:
         x, y = shape.half_width[e], shape.half_height[e]
         shape.bound[e] = max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
 
 
 @Room.system(Phase.MOVE, after="physics.fly")
-def hold(
+def keep_inside(
     body: Write[Body],
     solid: Read[Solid],
     shape: Read[Shape],
@@ -56,25 +56,25 @@ def hold(
     solids: Bitset[Solid],
     thickness: float,
 ) -> None:
-    """Who was pushed through a wall, as by a box that reaches into it, is back at its inner side, and at rest there."""
+    """A body that was pushed through a wall, as by a box that reaches into it, is put back inside, at rest."""
     middle = HALF * floor.size[0]
     inside = middle * (ONE - thickness)
-    for g in range(solids.size):
-        beyond = (abs(load(body.x, SIMD_WIDTH * g)) > middle) | (abs(load(body.y, SIMD_WIDTH * g)) > middle)
-        left = to_bits(beyond & load_flags(solid.dynamic, SIMD_WIDTH * g)) & present(entities, solids, g)
-        while left:
-            e = row(g, left)
-            left &= left - 1
+    for b in range(solids.size):
+        beyond = (abs(load(body.x, SIMD_WIDTH * b)) > middle) | (abs(load(body.y, SIMD_WIDTH * b)) > middle)
+        pending = to_bits(beyond & load_flags(solid.dynamic, SIMD_WIDTH * b)) & alive_bits(entities, solids, b)
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
             room = max(inside - shape.bound[e], ZERO)
-            body.x[e], body.vx[e] = held(body.x[e], body.vx[e], middle, room)
-            body.y[e], body.vy[e] = held(body.y[e], body.vy[e], middle, room)
+            body.x[e], body.vx[e] = clamp(body.x[e], body.vx[e], middle, room)
+            body.y[e], body.vy[e] = clamp(body.y[e], body.vy[e], middle, room)
 
 
 @kernel
-def held(place: Any, speed: Any, middle: Any, room: Any) -> Any:
-    """Place and speed along one axis of a body whose centre may be beyond the middle of a wall."""
-    if place > middle:
+def clamp(position: Any, speed: Any, middle: Any, room: Any) -> Any:
+    """Position and speed along one axis of a body whose centre may be beyond the middle of a wall."""
+    if position > middle:
         return room, min(speed, ZERO)
-    if place < -middle:
+    if position < -middle:
         return -room, max(speed, ZERO)
-    return place, speed
+    return position, speed

@@ -33,7 +33,7 @@ from outlast import make_vec, variant
 
 STEPS = 300  # of each world
 WORLDS = 8
-CROWD = {"agents_count": 12, "room_size": 10.0, "zone_radii": (5.0, 3.0)}  # contacts in every tick
+CROWD = {"agents_count": 12, "room_size": 10.0, "safe_zone_radii": (5.0, 3.0)}  # contacts in every tick
 WORK = ("-c", "from tests.memory import work; work({steps})")
 # Without a watchdog thread per test: if it starts during a fork, the checker's heap stays locked in the child.
 TESTS = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=0")
@@ -75,7 +75,7 @@ def work(steps: int) -> None:
 
     rng = np.random.default_rng(0)
     for name, numbers in (("teams_4", {}), ("teams_4", CROWD)):
-        env = make_vec(variant(name).replace(**numbers, physics_bridge="native"), WORLDS, seed=3, threads=2)
+        env = make_vec(variant(name).replace(**numbers, physics_backend="native"), WORLDS, seed=3, threads=2)
         env.reset()
         for _ in range(steps):
             env.step(draw_actions(env, rng))

@@ -160,7 +160,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         death = self.base_env.worlds[Death]
-        now, cause = death.now[:, self.agents] != 0, death.cause[:, self.agents]
+        now, cause = death.now[:, self.agents] != 0, death.damage_type[:, self.agents]
         self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
         if now.any():
             for k, name in enumerate(self.base_env.worlds.layout.damage_types):

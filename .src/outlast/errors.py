@@ -27,7 +27,7 @@ from .envs.errors import (
     StateError,
     UsageError,
 )
-from .systems.box2d.scene import IncompatibleBox2D
+from .systems.box2d.batch import IncompatibleBox2D
 from .training.errors import TrainingError
 
 __all__ = [

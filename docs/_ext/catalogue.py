@@ -11,6 +11,7 @@ import outlast
 from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
+from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
 
@@ -159,6 +160,14 @@ def _noun(kind: type[Component]) -> str:
     ]
     heading = f"### {kind.__name__}\n\n*{kind.__bases__[0].__name__}.* {summary(kind)}"
     return f"{heading}\n\n{grid(['column', 'type', 'dimensions', 'at first', 'note'], rows)}"
+
+
+def component_uses(name: str) -> str:
+    """Which systems write and read each component in a variant, as `outlast schedule --components` prints it."""
+    rows = [
+        [code(use.component), use.kind, *(", ".join(map(code, each)) for each in use[2:])] for use in uses(worlds(name))
+    ]
+    return grid(["component", "kind", "archetypes", "written by", "read by"], rows)
 
 
 def phases() -> str:

@@ -2,8 +2,9 @@
 
 ```{outlast} observations teams_4
 ```
-is replaced by the table that the function of that name returns as Markdown; {value}`zone_stand + zone_shrink` by
-the value of the expression over the numbers of teams_4, which has every mechanic of the paper, and
+is replaced by the table that the function of that name returns as Markdown;
+{value}`safe_zone_stand + safe_zone_shrink` by the value
+of the expression over the numbers of teams_4, which has every mechanic of the paper, and
 {value}`100 / melee_damage | .1f` by the same in that format.
 """
 
@@ -31,6 +32,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.observations,
         catalogue.statistics,
         catalogue.nouns,
+        catalogue.component_uses,
         catalogue.phases,
         catalogue.schedule,
         catalogue.views,

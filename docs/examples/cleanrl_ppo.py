@@ -15,7 +15,7 @@ from torch.distributions import Categorical
 
 import outlast
 
-ZONE = {"zone_radii": (4.0,), "zone_centres": "middle", "zone_stand": 1000, "zone_harm": 2}
+ZONE = {"safe_zone_radii": (4.0,), "safe_zone_centres": "middle", "safe_zone_stand": 1000, "safe_zone_damage": 2}
 DUEL = outlast.variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **ZONE)
 
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Bag, Body, Guard, Health, Item, Phase, Shape, Side, Spawned, Told
+from outlast.components import Bag, Body, Guard, Health, Item, ObservationMasks, Phase, Shape, Side, Spawned
 from outlast.components.health import hurt, immune
 from outlast.components.inventory import last
-from outlast.components.sight import told
+from outlast.components.sight import is_set
 from outlast.ecs import (
     Add,
     Archetype,
@@ -132,19 +132,19 @@ def sicken(
     clock: Read[Clock],
     agents: Rows[Illness],
     harm: int,
-    cause: DamageType,
+    damage_type: DamageType,
 ) -> None:
     """The ill lose hit points, on account of whoever poisoned them."""
     for e in agents:
         if entities.alive[e] and illness.left[e] > 0:
             illness.left[e] -= 1
-            hurt(health, guard, e, harm, cause, illness.source[e], clock.tick[0])
+            hurt(health, guard, e, harm, damage_type, illness.source[e], clock.tick[0])
 
 
 @Poison.system(Phase.OBSERVE)
 def see_vials(
     view: Write[VialView],
-    tell: Read[Told],
+    masks: Read[ObservationMasks],
     body: Read[Body],
     bag: Read[Bag],
     illness: Read[Illness],
@@ -156,8 +156,8 @@ def see_vials(
     for i in range(agents.size):
         for k in range(vials.size):
             e = vials[k]
-            filled = told(tell.filled, i, e)
-            view.vials_mask[i, k] = told(tell.masks, i, e)
+            filled = is_set(masks.filled, i, e)
+            view.vials_mask[i, k] = is_set(masks.mask, i, e)
             view.vials[i, k, 0] = body.x[e] if filled else 0
             view.vials[i, k, 1] = body.y[e] if filled else 0
         me, alive = agents[i], entities.alive[agents[i]] != 0

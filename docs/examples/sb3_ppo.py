@@ -7,7 +7,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 import outlast
 
-ZONE = {"zone_radii": (4.0,), "zone_centres": "middle", "zone_stand": 1000, "zone_harm": 2}
+ZONE = {"safe_zone_radii": (4.0,), "safe_zone_centres": "middle", "safe_zone_stand": 1000, "safe_zone_damage": 2}
 DUEL = outlast.variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **ZONE)
 SETTINGS = {"n_steps": 64, "batch_size": 1024, "n_epochs": 4, "gamma": 0.98, "learning_rate": 1e-3}
 

@@ -12,6 +12,7 @@ from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
 from ..rollout.policies import POLICIES, Policy
+from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
 
@@ -22,7 +23,7 @@ MAX_SEED = 2**64 - 1
 def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
     """VARIANT, or several, and --set; `scenario` reads them."""
     command.add_argument("variant", nargs="+" if several else None, help="name of a game: see `outlast variants`")
-    text = "change a number of the game: n_agents=10, zone_radii=8,4 (may be given several times)"
+    text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
 
 
@@ -151,7 +152,7 @@ def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not equals:
         raise ScenarioError(f"--set {text}: NUMBER=VALUE is needed, as in --set n_agents=10")
-    if isinstance(numbers.get(name), tuple):
+    if isinstance(numbers.get(NUMBERS.get(name, name)), tuple):
         return name, tuple(_value(part) for part in value.strip("()[]").split(","))
     return name, _value(value)
 

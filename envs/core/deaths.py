@@ -17,6 +17,6 @@ def log_deaths(worlds: Worlds, first_world: int = 0) -> None:
         return
     death, ticks, agents = worlds[Death], worlds[Clock].tick[:, 0], worlds.span("agent")
     for w, i in np.argwhere(death.now[:, agents]):
-        cause, source = worlds.layout.damage_types[death.cause[w, agents][i]], death.source[w, agents][i]
+        cause, source = worlds.layout.damage_types[death.damage_type[w, agents][i]], death.source[w, agents][i]
         by = f" by side {source}" if source >= 0 else ""
         LOGGER.info("world %d, tick %d: agent %d died of %s%s", first_world + w, ticks[w], i, cause, by)

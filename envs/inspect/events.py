@@ -67,7 +67,7 @@ def _deaths(scene: Scene, bodies: Bodies) -> list[Event]:
     found = []
     for i, e in enumerate(bodies.agents):
         if death.now[e]:
-            side, cause = death.source[e], causes[death.cause[e]] if death.cause[e] >= 0 else ""
+            side, cause = death.source[e], causes[death.damage_type[e]] if death.damage_type[e] >= 0 else ""
             struck = systems.Melee in scene and cause == systems.Melee.damage_type
             by = _striker(scene, bodies, e, side) if struck else _sole_member(scene, bodies, side)
             kind = "kill" if side >= 0 and side != scene[Side].side[e] else "death"

@@ -165,21 +165,21 @@ def _rest(scene: Scene, e: int, here: bool) -> Json:
 
 
 def _has_health(scene: Scene, e: int) -> bool:
-    return Health in scene and e in scene.rows(Health) and bool(scene.birth(Health).mortal[e])
+    return Health in scene and e in scene.rows(Health) and bool(scene.birth(Health).has_health[e])
 
 
 def _owner(scene: Scene, e: int) -> int:
     """The side that owns a box, or the item that a box became."""
     if e in scene.rows(BoxItem):
         e = scene.rows(Box)[scene[BoxItem].index[e]]
-    return int(scene[Guard].heeds[e]) if e in scene.rows(Box, Guard) else -1
+    return int(scene[Guard].vulnerable_only_to[e]) if e in scene.rows(Box, Guard) else -1
 
 
 def _strike(scene: Scene, i: int, e: int) -> int:
     if not (Weapon in scene and Attack in scene and scene[Clock].tick[0]):
         return 0  # in the tick of a reset the actions are those of the episode before
     weapon = scene[Weapon]
-    return 2 if weapon.target[e] >= 0 else int(scene[Attack].attack[i] != 0 and not weapon.wait[e])
+    return 2 if weapon.target[e] >= 0 else int(scene[Attack].attack[i] != 0 and not weapon.cooldown[e])
 
 
 def _target(scene: Scene, bodies: Bodies, e: int) -> int:
@@ -200,9 +200,9 @@ def _cone(scene: Scene) -> list[list[float]] | None:
 
 
 def _seconds(scene: Scene) -> float:
-    if systems.Contacts not in scene:
+    if systems.Physics not in scene:
         return SECONDS
-    contacts = scene.mechanic(systems.Contacts)
+    contacts = scene.mechanic(systems.Physics)
     return contacts.substeps / contacts.rate
 
 

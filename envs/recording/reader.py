@@ -14,7 +14,7 @@ from outlast.ecs import RESET, EngineError
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, planned, rebuilt
+from ..scenarios.serialize import classes, current_classes, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
@@ -182,6 +182,6 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scen
             raise RecordingError(f"{path}: {error}") from None
     if other := difference(header["scenario"], fingerprint(given)):
         raise RecordingError(f"{path} is of another scenario {other}")
-    if header["modules"] != classes(given):
+    if current_classes(header["modules"]) != classes(given):
         raise RecordingError(f"{path} was made with {header['modules']}: the scenario given has {classes(given)}")
     return given

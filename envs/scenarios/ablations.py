@@ -27,7 +27,7 @@ _KILLS = {"rewards_kill": 100.0, "rewards_death": -100.0, "rewards_outlive": 0.0
 _OUTLIVES = {"rewards_kill": 0.0, "rewards_death": 0.0, "rewards_outlive": 100.0}
 
 ABLATIONS = {
-    "health_cap": Ablation(1, "health ends at 100, so a heal is worth keeping", Heals, {"health_limit": 100}),
+    "health_cap": Ablation(1, "health ends at 100, so a heal is worth keeping", Heals, {"mortality_limit": 100}),
     "team_share": Ablation(2, "each dead teammate costs its share of the reward", Teams, {"rewards_basis": "members"}),
     "bounty": Ablation(3, "only kills and deaths count, so fights are worth it", Melee, _ENDS | _KILLS),
     "rivalry": Ablation(3, "only outliving the other side counts, however it dies", Ending, _ENDS | _OUTLIVES),

@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+from .renamed import NUMBERS, current
 from .scenario import Scenario
 
 LONGEST = 200  # characters of a name
@@ -38,7 +39,7 @@ def difference(given: Any, own: dict[str, Any]) -> str:
     """Name of the scenario of that fingerprint and the first number that differs from one's own; empty if none does."""
     if not is_fingerprint(given):
         return "(it does not name one)"
-    numbers = given["numbers"]
+    numbers = current(given["numbers"], NUMBERS, own["numbers"])
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:

@@ -10,6 +10,7 @@ from outlast.ecs import Module, NumberError
 from outlast.systems import FreeForAll
 
 from ..errors import ScenarioError
+from . import renamed
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
 
@@ -88,7 +89,11 @@ class Scenario:
         """
         changed: dict[str, dict[str, Any]] = {}
         for key, value in numbers.items():
-            module, name = self._split(f"{key[2:]}_count" if key.startswith("n_") else key, key)
+            if (found := self.find_number(key)) is None:
+                raise self.unknown_number(key)
+            module, name = found
+            if f"{module}_{name}" != _full(key):
+                renamed.warn(key, f"{module}_{name}")
             changed.setdefault(module, {})[name] = value
         modules = tuple(_replaced(module, changed.get(module.name, {})) for module in self.modules)
         return dataclasses.replace(self, modules=modules)
@@ -102,22 +107,33 @@ class Scenario:
         return self._find(kind)
 
     def __contains__(self, kind: type[Module] | str) -> bool:
-        return any(_is(module, kind) for module in self.modules)
+        return self._found(kind) is not None
 
     def _find(self, kind: type[Module] | str) -> Module:
-        for module in self.modules:
-            if _is(module, kind):
-                return module
+        if found := self._found(kind):
+            return found
         known = ", ".join(module.name for module in sorted_(self))
         name = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
         raise ScenarioError(f"{self.name} has no module '{name}'; it has: {known}")
 
-    def _split(self, key: str, asked: str) -> tuple[str, str]:
+    def _found(self, kind: type[Module] | str) -> Module | None:
         for module in self.modules:
-            prefix = module.name + "_"
-            if key.startswith(prefix) and any(f.name == key[len(prefix) :] for f in dataclasses.fields(module)):
-                return module.name, key[len(prefix) :]
-        raise self.unknown_number(asked)
+            if _is(module, kind):
+                return module
+        for module in self.modules:
+            if renamed.MECHANICS.get(module.name) == kind:
+                renamed.warn(str(kind), module.name)
+                return module
+        return None
+
+    def find_number(self, asked: str) -> tuple[str, str] | None:
+        """Module and number that `replace` changes under this name, which may be one of an earlier version."""
+        for key in (_full(asked), renamed.NUMBERS.get(_full(asked), "")):
+            for module in self.modules:
+                name = key.removeprefix(f"{module.name}_")
+                if name != key and any(item.name == name for item in dataclasses.fields(module)):
+                    return module.name, name
+        return None
 
     def known_numbers(self) -> list[str]:
         """Every name that `replace` takes."""
@@ -129,6 +145,11 @@ class Scenario:
         near = difflib.get_close_matches(asked, [*options, *known], 3)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         return NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
+
+
+def _full(asked: str) -> str:
+    """Name of the number that n_NAME stands for; others as they are."""
+    return f"{asked[2:]}_count" if asked.startswith("n_") else asked
 
 
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from outlast import systems
 from outlast.ecs import Layout, Module
 
 from ..errors import ScenarioError
+from .renamed import CLASSES, NUMBERS, current
 from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
@@ -26,9 +28,13 @@ LARGEST = 2**22  # bytes of the state of one world
 
 
 def classes(scenario: Scenario) -> list[str]:
-    """The full names of the classes of its modules, by name of the module."""
-    kinds = [type(module) for module in sorted(scenario.modules, key=lambda module: module.name)]
-    return [f"{kind.__module__}.{kind.__qualname__}" for kind in kinds]
+    """The full names of the classes of its modules, in order."""
+    return current_classes(f"{type(module).__module__}.{type(module).__qualname__}" for module in scenario.modules)
+
+
+def current_classes(names: Iterable[str]) -> list[str]:
+    """The same classes by their current names, in order."""
+    return sorted(CLASSES.get(name, name) for name in names)
 
 
 def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
@@ -36,12 +42,13 @@ def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
 
     Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
     """
+    names, numbers = current_classes(names), current(identity["numbers"], NUMBERS)
     if foreign := [name for name in names if name not in KNOWN]:
         raise ScenarioError(
             f"the mechanic {foreign[0]} is not one of outlast's own, and what a file names is not imported: "
             "give the scenario, as in Recording.open(path, scenario=...)"
         )
-    kinds, numbers = [KNOWN[name] for name in names], dict(identity["numbers"])
+    kinds = [KNOWN[name] for name in names]
     for name, most in MOST.items():
         if isinstance(numbers.get(name), int) and numbers[name] > most:
             raise ScenarioError(f"{name} is {numbers[name]}: of a file, at most {most} is accepted")

@@ -9,10 +9,8 @@ from collections.abc import Iterable, Mapping
 
 from outlast.systems import (
     Agents,
-    AutoPickup,
     Boxes,
     Cameras,
-    Contacts,
     DeathDrop,
     Ending,
     FreeForAll,
@@ -22,6 +20,8 @@ from outlast.systems import (
     Melee,
     Mortality,
     Motors,
+    Physics,
+    Pickup,
     Record,
     Rewards,
     Room,
@@ -41,16 +41,16 @@ BASE = Scenario(
         Room(size=25.0),
         SpawnGrid(cells=8),
         Motors(ahead=0.25, left=0.25, turn=0.0125, give="at once"),
-        Contacts(),
+        Physics(),
         Cameras(fov=0.4 * 3.141592653589793, depth=10.0, cone="kite"),
         Mortality(),
         Melee(reach=2.0, damage=5, cooldown=0, blocked=True),
         Inventory(slots=4),
-        AutoPickup(reach=0.5, touch=False),
+        Pickup(reach=0.5, touch=False),
         GiveLast(reach=2.0, nearest="any", passes_on=True),
         DeathDrop(radius=0.5, scatter="rim"),
         Heals(count=15, amount=75),
-        SafeZone(radii=(12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), stand=100, shrink=100, harm=1),
+        SafeZone(radii=(12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), stand=100, shrink=100, damage=1),
         FreeForAll(),
         Rewards(posthumous=False),
         Ending(),
@@ -119,8 +119,7 @@ def resolve(
         raise ScenarioError(f"{scenario!r}: the name of a variant or a Scenario is needed")
     if not numbers:
         return scenario
-    known = scenario.known_numbers()
     for name in numbers:
-        if name not in known:
+        if scenario.find_number(name) is None:
             raise scenario.unknown_number(name, options)
     return scenario.replace(**numbers)

@@ -16,6 +16,7 @@ import numpy as np
 from outlast.ecs import Worlds
 
 from ..errors import StateError
+from ..scenarios import renamed
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
 from ..storage import safe_npz
@@ -96,7 +97,7 @@ def read(file: BinaryIO, name: str) -> State:
         raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
     if not is_fingerprint(scenario):
         raise StateError(f"{name} is not a saved state: it does not say of which scenario")
-    return State(scenario, arrays)
+    return State(scenario, renamed.current(arrays, renamed.ARRAYS))
 
 
 def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:

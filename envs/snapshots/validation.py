@@ -45,15 +45,15 @@ class Range:
 
 
 LARGEST = 2**63
-ROW, SIDE, CAUSE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
+ROW, SIDE, DAMAGE_TYPE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
 RANGES: dict[type[Component], dict[str, Range]] = {
     Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
-    Clock: {"tick": Range(0, 2**62)},  # from which the zone's phase is computed
-    Death: {"cause": CAUSE, "source": SIDE},
+    Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone
+    Death: {"damage_type": DAMAGE_TYPE, "source": SIDE},
     Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
     Gift: {"taker": ROW},
-    Health: {"cause": CAUSE, "source": SIDE},
+    Health: {"damage_type": DAMAGE_TYPE, "source": SIDE},
     Item: {"holder": ROW, "user": ROW},
     Side: {"side": Range(0, "sides")},
     Sight: {"mode": Range(0, len(MODES))},
@@ -150,9 +150,9 @@ def _check_bags(layout: Layout, block: Array) -> None:
 def _check_sight(layout: Layout, block: Array) -> None:
     """Who sees whom are sets of rows that there are."""
     if Sight in layout.components:
-        seen = layout.columns(block, Sight).seen
-        if (bad := seen & ~layout.bitset(Entity) != 0).any():
-            raise _refusal("Sight.seen", slice(None), seen, bad, "a set of rows that there are is needed")
+        visible = layout.columns(block, Sight).visible
+        if (bad := visible & ~layout.bitset(Entity) != 0).any():
+            raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
 
 
 def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:

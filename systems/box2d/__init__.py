@@ -1,4 +1,4 @@
-"""Box2D, for contacts only: a scene of few bodies, and two bridges that step it with the same results."""
+"""Box2D, for contacts only: a batch of few bodies, and two backends that step it with the same results."""
 
 import warnings
 

@@ -8,12 +8,12 @@ from . import layout as at
 
 
 @noinline_kernel
-def may_hit(arena: int) -> bool:
+def may_hit(workspace: int) -> bool:
     """False only if no moving body can have come into a static one; then SolveTOI would change nothing.
 
     Without this test it costs half a microsecond for every pair that merely rests or passes by.
     """
-    contact = at.load_i8(arena + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
+    contact = at.load_i8(workspace + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
     while contact:
         first, second = at.load_i8(contact + at.CONTACT_FIXTURE_A), at.load_i8(contact + at.CONTACT_FIXTURE_B)
         a, b = at.load_i8(first + at.FIXTURE_BODY), at.load_i8(second + at.FIXTURE_BODY)

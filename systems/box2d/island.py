@@ -9,8 +9,8 @@ import numpy as np
 from outlast.ecs.jit import noinline_kernel
 
 from . import layout as at
-from .arena import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
-from .scene import Settings
+from .batch import Settings
+from .workspace import BEFORE, CONTACTS, GROUP, IMPULSES, POSITIONS, SOLVER, SOLVER_DEF, STACK, VELOCITIES
 
 _MAX_TURN = np.float32(0.5 * 3.14159265359)  # b2_maxRotation
 _MAX_TURN_SQUARED = _MAX_TURN * _MAX_TURN
@@ -18,47 +18,47 @@ _ZERO, _ONE, _TWO, _FOUR = np.float32(0), np.float32(1), np.float32(2), np.float
 
 
 @noinline_kernel
-def solve_islands(arena: int, settings: Settings) -> None:
+def solve_islands(workspace: int, settings: Settings) -> None:
     """Advance every dynamic body by one substep; new contacts are found at the end."""
-    _clear_flags(arena)
-    seed = at.load_i8(arena + at.WORLD_BODIES)
+    _clear_flags(workspace)
+    seed = at.load_i8(workspace + at.WORLD_BODIES)
     while seed:
         moving = at.load_i4(seed + at.BODY_TYPE) == at.MOVING
         if moving and not at.load_u2(seed + at.BODY_FLAGS) & at.IN_ISLAND:
-            bodies, contacts = _gather(arena, seed)
-            _solve_island(arena, settings, bodies, contacts)
+            bodies, contacts = _gather(workspace, seed)
+            _solve_island(workspace, settings, bodies, contacts)
         seed = at.load_i8(seed + at.BODY_NEXT)
-    body = at.load_i8(arena + at.WORLD_BODIES)
+    body = at.load_i8(workspace + at.WORLD_BODIES)
     while body:
         if at.load_i4(body + at.BODY_TYPE) == at.MOVING:
             at.synchronize_fixtures(body)
         body = at.load_i8(body + at.BODY_NEXT)
-    at.find_new_contacts(arena + at.WORLD_MANAGER)
+    at.find_new_contacts(workspace + at.WORLD_MANAGER)
 
 
 @noinline_kernel
-def _clear_flags(arena: int) -> None:
-    body = at.load_i8(arena + at.WORLD_BODIES)
+def _clear_flags(workspace: int) -> None:
+    body = at.load_i8(workspace + at.WORLD_BODIES)
     while body:
         at.store_u2(body + at.BODY_FLAGS, at.load_u2(body + at.BODY_FLAGS) & 0xFFFE)
         body = at.load_i8(body + at.BODY_NEXT)
-    contact = at.load_i8(arena + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
+    contact = at.load_i8(workspace + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
     while contact:
         at.store_i4(contact + at.CONTACT_FLAGS, at.load_i4(contact + at.CONTACT_FLAGS) & ~at.IN_ISLAND)
         contact = at.load_i8(contact + at.CONTACT_NEXT)
 
 
 @noinline_kernel
-def _gather(arena: int, seed: int) -> tuple[int, int]:
+def _gather(workspace: int, seed: int) -> tuple[int, int]:
     """Collect what touches `seed`, depth first as Box2D does; a static body ends the search."""
     bodies, contacts, waiting = 0, 0, 1
-    at.store_i8(arena + STACK, seed)
+    at.store_i8(workspace + STACK, seed)
     at.store_u2(seed + at.BODY_FLAGS, at.load_u2(seed + at.BODY_FLAGS) | at.IN_ISLAND)
     while waiting:
         waiting -= 1
-        body = at.load_i8(arena + STACK + 8 * waiting)
+        body = at.load_i8(workspace + STACK + 8 * waiting)
         at.store_i4(body + at.BODY_INDEX, bodies)
-        at.store_i8(arena + GROUP + 8 * bodies, body)
+        at.store_i8(workspace + GROUP + 8 * bodies, body)
         bodies += 1
         if at.load_i4(body + at.BODY_TYPE) == at.STATIC:
             continue
@@ -68,67 +68,67 @@ def _gather(arena: int, seed: int) -> tuple[int, int]:
             flags = at.load_i4(contact + at.CONTACT_FLAGS)
             if flags & (at.SOLID | at.IN_ISLAND) == at.SOLID:
                 at.store_i4(contact + at.CONTACT_FLAGS, flags | at.IN_ISLAND)
-                at.store_i8(arena + CONTACTS + 8 * contacts, contact)
+                at.store_i8(workspace + CONTACTS + 8 * contacts, contact)
                 contacts += 1
                 other = at.load_i8(edge + at.EDGE_OTHER)
                 if not at.load_u2(other + at.BODY_FLAGS) & at.IN_ISLAND:
                     at.store_u2(other + at.BODY_FLAGS, at.load_u2(other + at.BODY_FLAGS) | at.IN_ISLAND)
-                    at.store_i8(arena + STACK + 8 * waiting, other)
+                    at.store_i8(workspace + STACK + 8 * waiting, other)
                     waiting += 1
             edge = at.load_i8(edge + at.EDGE_NEXT)
     return bodies, contacts
 
 
 @noinline_kernel
-def _solve_island(arena: int, settings: Settings, bodies: int, contacts: int) -> None:
+def _solve_island(workspace: int, settings: Settings, bodies: int, contacts: int) -> None:
     linear = max(_ZERO, min(_ONE - settings.dt * settings.linear_damping, _ONE))
     angular = max(_ZERO, min(_ONE - settings.dt * settings.angular_damping, _ONE))
     for k in range(bodies):
-        body = at.load_i8(arena + GROUP + 8 * k)
-        _load(body, arena + POSITIONS + 12 * k, arena + VELOCITIES + 12 * k, linear, angular)
-    solver = arena + SOLVER
+        body = at.load_i8(workspace + GROUP + 8 * k)
+        _load(body, workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k, linear, angular)
+    solver = workspace + SOLVER
     if contacts:
-        at.store_i4(arena + SOLVER_DEF + at.SOLVER_COUNT, contacts)
-        at.construct_solver(solver, arena + SOLVER_DEF)
+        at.store_i4(workspace + SOLVER_DEF + at.SOLVER_COUNT, contacts)
+        at.construct_solver(solver, workspace + SOLVER_DEF)
         at.initialize_velocities(solver)
         at.warm_start(solver)
-        _iterate(arena, settings.velocity_iterations, bodies, contacts)
+        _iterate(workspace, settings.velocity_iterations, bodies, contacts)
         at.store_impulses(solver)
     for k in range(bodies):
-        _move(arena + POSITIONS + 12 * k, arena + VELOCITIES + 12 * k, settings.dt)
+        _move(workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k, settings.dt)
     if contacts:
         for _ in range(settings.position_iterations):
             if at.solve_positions(solver):
                 break
         at.destroy_solver(solver)
     for k in range(bodies):
-        body = at.load_i8(arena + GROUP + 8 * k)
-        _store(body, arena + POSITIONS + 12 * k, arena + VELOCITIES + 12 * k)
+        body = at.load_i8(workspace + GROUP + 8 * k)
+        _store(body, workspace + POSITIONS + 12 * k, workspace + VELOCITIES + 12 * k)
         if at.load_i4(body + at.BODY_TYPE) == at.STATIC:  # it may belong to other islands too
             at.store_u2(body + at.BODY_FLAGS, at.load_u2(body + at.BODY_FLAGS) & 0xFFFE)
 
 
 @noinline_kernel
-def _iterate(arena: int, iterations: int, bodies: int, contacts: int) -> None:
+def _iterate(workspace: int, iterations: int, bodies: int, contacts: int) -> None:
     """Solve velocities until an iteration changes no bit: the ones after it would not either."""
-    constraints = at.load_i8(arena + SOLVER + at.SOLVER_CONSTRAINTS)
-    _changed(arena, constraints, bodies, contacts)
+    constraints = at.load_i8(workspace + SOLVER + at.SOLVER_CONSTRAINTS)
+    _changed(workspace, constraints, bodies, contacts)
     for _ in range(iterations):
-        at.solve_velocities(arena + SOLVER)
-        if not _changed(arena, constraints, bodies, contacts):
+        at.solve_velocities(workspace + SOLVER)
+        if not _changed(workspace, constraints, bodies, contacts):
             break
 
 
 @noinline_kernel
-def _changed(arena: int, constraints: int, bodies: int, contacts: int) -> bool:
+def _changed(workspace: int, constraints: int, bodies: int, contacts: int) -> bool:
     """Whether any velocity or impulse differs from what the last call saw, and remember them."""
     changed = np.int64(0)
-    now, before = arena + VELOCITIES, arena + BEFORE
+    now, before = workspace + VELOCITIES, workspace + BEFORE
     for k in range(3 * bodies):
         value = at.load_i4(now + 4 * k)
         changed |= value ^ at.load_i4(before + 4 * k)
         at.store_i4(before + 4 * k, value)
-    before = arena + IMPULSES
+    before = workspace + IMPULSES
     for _ in range(contacts):
         a = at.load_i8(constraints + at.IMPULSES_0)
         b = at.load_i8(constraints + at.IMPULSES_1)

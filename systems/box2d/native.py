@@ -1,6 +1,6 @@
-"""Box2D at native speed: kernels that build a scene in a borrowed b2World, step it and forget it.
+"""Box2D at native speed: kernels that build a batch in a workspace with an empty b2World, step it and reset the world.
 
-Each thread owns one arena. A call leaves it as it found it, so the result is a function of the scene alone.
+Each thread owns one workspace. A call leaves it as it found it, so the result is a function of the batch alone.
 """
 
 import numpy as np
@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 from outlast.ecs.jit import compiled, noinline_kernel
 
 from . import layout as at
-from .arena import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_arena
-from .impact import may_hit
-from .island import solve_islands
-from .scene import (
+from .batch import (
     ABANDONED,
     ANGLE,
     CAPACITY,
@@ -26,28 +23,31 @@ from .scene import (
     JY,
     LIMIT,
     MASS,
+    MAX_TRAVEL,
     OMEGA,
     RADIUS,
-    REACH,
     SMALLEST,
     SOLVED,
     VX,
     VY,
+    ContactBatch,
     IncompatibleBox2D,
-    Scene,
     Settings,
     X,
     Y,
 )
+from .impact import may_hit
+from .island import solve_islands
 from .verify import verify
+from .workspace import BODY_DEF, BOX, DISC, FIXTURE, SLOT, SLOTS, SOLVER_DEF, STEP, make_workspace
 
-__all__ = ["CAPACITY", "available", "make_arena", "solve", "verify"]
+__all__ = ["CAPACITY", "available", "make_workspace", "solve", "verify"]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 def available() -> bool:
-    """Whether this process can use the native bridge: kernels are compiled, the library is as expected."""
+    """Whether this process can use the native backend: kernels are compiled, the library is as expected."""
     try:
         verify()
     except IncompatibleBox2D:
@@ -56,59 +56,59 @@ def available() -> bool:
 
 
 @noinline_kernel
-def solve(arena: NDArray[np.uint8], settings: Settings, scene: Scene, count: int) -> int:
-    """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
+def solve(workspace: NDArray[np.uint8], settings: Settings, batch: ContactBatch, count: int) -> int:
+    """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of the dynamic ones.
 
-    Returns SOLVED; or, with the scene untouched, ABANDONED if a body moved further than its REACH, INVALID if
-    there are more than CAPACITY bodies or a number that Box2D would reject (which would end the process).
+    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
+    there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
     """
-    base = arena.ctypes.data
-    if not _valid(scene, count):
+    base = workspace.ctypes.data
+    if not _valid(batch, count):
         return INVALID
     for k in range(count):
-        _build(base, settings, scene, k)
+        _build(base, settings, batch, k)
     at.store_i4(base + at.WORLD_BODY_COUNT, count)
     at.find_new_contacts(base + at.WORLD_MANAGER)
     result = SOLVED
     for substep in range(settings.substeps):
-        _step(base, settings, scene, count, substep)
-        result = _check_reach(base, scene, count)
+        _step(base, settings, batch, count, substep)
+        result = _check_travel(base, batch, count)
         if result != SOLVED:
             break
     if result == SOLVED:
-        _read(base, scene, count)
-    _forget(base, count)
+        _read(base, batch, count)
+    _reset(base, count)
     return result
 
 
 @noinline_kernel
-def _valid(scene: Scene, count: int) -> bool:
+def _valid(batch: ContactBatch, count: int) -> bool:
     """Whether all numbers are in bounds (not NaN either), no body is too small, and all that moves has a mass."""
     if count > CAPACITY:
         return False
     valid = True
     for k in range(count):
-        for column in range(REACH):
-            valid &= abs(scene[k, column]) < LIMIT
+        for column in range(MAX_TRAVEL):
+            valid &= abs(batch[k, column]) < LIMIT
         for column in range(JX, JTURN + 1):
-            valid &= abs(scene[k, column]) < LIMIT
-        box = scene[k, HALF_WIDTH] > SMALLEST and scene[k, HALF_HEIGHT] > SMALLEST
-        valid &= scene[k, RADIUS] > SMALLEST or (scene[k, RADIUS] == 0 and box)
-        valid &= scene[k, DYNAMIC] == 0 or (scene[k, MASS] > 0 and scene[k, INERTIA] > 0)
+            valid &= abs(batch[k, column]) < LIMIT
+        box = batch[k, HALF_WIDTH] > SMALLEST and batch[k, HALF_HEIGHT] > SMALLEST
+        valid &= batch[k, RADIUS] > SMALLEST or (batch[k, RADIUS] == 0 and box)
+        valid &= batch[k, DYNAMIC] == 0 or (batch[k, MASS] > 0 and batch[k, INERTIA] > 0)
     return valid
 
 
 @noinline_kernel
-def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
+def _build(base: int, settings: Settings, batch: ContactBatch, k: int) -> None:
     """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
-    at.store_i4(definition + at.DEF_TYPE, at.MOVING if scene[k, DYNAMIC] != 0 else at.STATIC)
-    at.store_f4(definition + at.DEF_POSITION, scene[k, X])
-    at.store_f4(definition + at.DEF_POSITION + 4, scene[k, Y])
-    at.store_f4(definition + at.DEF_ANGLE, scene[k, ANGLE])
-    at.store_f4(definition + at.DEF_VELOCITY, scene[k, VX])
-    at.store_f4(definition + at.DEF_VELOCITY + 4, scene[k, VY])
-    at.store_f4(definition + at.DEF_OMEGA, scene[k, OMEGA])
+    at.store_i4(definition + at.DEF_TYPE, at.MOVING if batch[k, DYNAMIC] != 0 else at.STATIC)
+    at.store_f4(definition + at.DEF_POSITION, batch[k, X])
+    at.store_f4(definition + at.DEF_POSITION + 4, batch[k, Y])
+    at.store_f4(definition + at.DEF_ANGLE, batch[k, ANGLE])
+    at.store_f4(definition + at.DEF_VELOCITY, batch[k, VX])
+    at.store_f4(definition + at.DEF_VELOCITY + 4, batch[k, VY])
+    at.store_f4(definition + at.DEF_OMEGA, batch[k, OMEGA])
     at.store_f4(definition + at.DEF_LINEAR_DAMPING, settings.linear_damping)
     at.store_f4(definition + at.DEF_ANGULAR_DAMPING, settings.angular_damping)
     at.construct_body(body, definition, base)
@@ -116,25 +116,25 @@ def _build(base: int, settings: Settings, scene: Scene, k: int) -> None:
     at.store_f4(fixture + at.FIXTURE_FRICTION, settings.friction)
     at.store_f4(fixture + at.FIXTURE_RESTITUTION, settings.restitution)
     at.store_i4(fixture + at.FIXTURE_PROXY_COUNT, 0)
-    at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, scene, k))
+    at.store_i8(fixture + at.FIXTURE_SHAPE, _shape(body, batch, k))
     at.create_proxies(fixture, base + at.WORLD_MANAGER, body + at.BODY_POSITION)
     at.store_i8(body + at.BODY_FIXTURES, fixture)
     at.store_i4(body + at.BODY_FIXTURE_COUNT, 1)
     at.reset_mass(body)
-    if scene[k, DYNAMIC] != 0:
-        at.store_f4(body + at.BODY_INVERSE_MASS, _ONE / scene[k, MASS])
-        at.store_f4(body + at.BODY_INVERSE_INERTIA, _ONE / scene[k, INERTIA])
+    if batch[k, DYNAMIC] != 0:
+        at.store_f4(body + at.BODY_INVERSE_MASS, _ONE / batch[k, MASS])
+        at.store_f4(body + at.BODY_INVERSE_INERTIA, _ONE / batch[k, INERTIA])
     at.store_i8(body + at.BODY_NEXT, at.load_i8(base + at.WORLD_BODIES))
     at.store_i8(base + at.WORLD_BODIES, body)
 
 
 @noinline_kernel
-def _shape(body: int, scene: Scene, k: int) -> int:
+def _shape(body: int, batch: ContactBatch, k: int) -> int:
     """Write the shape of body k; the corners go round counter-clockwise from the lower left (SetAsBox)."""
-    if scene[k, RADIUS] > 0:
-        at.store_f4(body + DISC + at.CIRCLE_RADIUS, scene[k, RADIUS])
+    if batch[k, RADIUS] > 0:
+        at.store_f4(body + DISC + at.CIRCLE_RADIUS, batch[k, RADIUS])
         return body + DISC
-    width, height = scene[k, HALF_WIDTH], scene[k, HALF_HEIGHT]
+    width, height = batch[k, HALF_WIDTH], batch[k, HALF_HEIGHT]
     corner = body + BOX + at.POLYGON_VERTICES
     at.store_f4(corner, -width)
     at.store_f4(corner + 4, -height)
@@ -148,11 +148,11 @@ def _shape(body: int, scene: Scene, k: int) -> int:
 
 
 @noinline_kernel
-def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int) -> None:
+def _step(base: int, settings: Settings, batch: ContactBatch, count: int, substep: int) -> None:
     """One substep, as b2World::Step; impulses from the substep before start the solver (ratio)."""
     for k in range(count):
-        if scene[k, DYNAMIC] != 0:
-            _push(base + SLOTS + SLOT * k, scene, k)
+        if batch[k, DYNAMIC] != 0:
+            _push(base + SLOTS + SLOT * k, batch, k)
     inverse = _ONE / settings.dt
     for step in (base + STEP, base + SOLVER_DEF):
         at.store_f4(step + at.STEP_DT, settings.dt)
@@ -168,45 +168,46 @@ def _step(base: int, settings: Settings, scene: Scene, count: int, substep: int)
 
 
 @noinline_kernel
-def _push(body: int, scene: Scene, k: int) -> None:
+def _push(body: int, batch: ContactBatch, k: int) -> None:
     """b2Body::ApplyLinearImpulse at the centre and ApplyAngularImpulse; zero impulses are skipped."""
-    if scene[k, JX] != 0 or scene[k, JY] != 0:
+    if batch[k, JX] != 0 or batch[k, JY] != 0:
         inverse, velocity = at.load_f4(body + at.BODY_INVERSE_MASS), body + at.BODY_VELOCITY
-        at.store_f4(velocity, at.load_f4(velocity) + inverse * scene[k, JX])
-        at.store_f4(velocity + 4, at.load_f4(velocity + 4) + inverse * scene[k, JY])
-    if scene[k, JTURN] != 0:
-        turn = at.load_f4(body + at.BODY_INVERSE_INERTIA) * scene[k, JTURN]
+        at.store_f4(velocity, at.load_f4(velocity) + inverse * batch[k, JX])
+        at.store_f4(velocity + 4, at.load_f4(velocity + 4) + inverse * batch[k, JY])
+    if batch[k, JTURN] != 0:
+        turn = at.load_f4(body + at.BODY_INVERSE_INERTIA) * batch[k, JTURN]
         at.store_f4(body + at.BODY_OMEGA, at.load_f4(body + at.BODY_OMEGA) + turn)
 
 
 @noinline_kernel
-def _check_reach(base: int, scene: Scene, count: int) -> int:
+def _check_travel(base: int, batch: ContactBatch, count: int) -> int:
     for k in range(count):
         position = base + SLOTS + SLOT * k + at.BODY_POSITION
-        x, y = at.load_f4(position) - scene[k, X], at.load_f4(position + 4) - scene[k, Y]
-        if scene[k, DYNAMIC] != 0 and x * x + y * y > scene[k, REACH] * scene[k, REACH]:
+        x, y = at.load_f4(position) - batch[k, X], at.load_f4(position + 4) - batch[k, Y]
+        if batch[k, DYNAMIC] != 0 and x * x + y * y > batch[k, MAX_TRAVEL] * batch[k, MAX_TRAVEL]:
             return ABANDONED
     return SOLVED
 
 
 @noinline_kernel
-def _read(base: int, scene: Scene, count: int) -> None:
+def _read(base: int, batch: ContactBatch, count: int) -> None:
     for k in range(count):
         body = base + SLOTS + SLOT * k
-        if scene[k, DYNAMIC] != 0:
-            scene[k, X] = at.load_f4(body + at.BODY_POSITION)
-            scene[k, Y] = at.load_f4(body + at.BODY_POSITION + 4)
-            scene[k, ANGLE] = at.load_f4(body + at.BODY_ANGLE)
-            scene[k, VX] = at.load_f4(body + at.BODY_VELOCITY)
-            scene[k, VY] = at.load_f4(body + at.BODY_VELOCITY + 4)
-            scene[k, OMEGA] = at.load_f4(body + at.BODY_OMEGA)
+        if batch[k, DYNAMIC] != 0:
+            batch[k, X] = at.load_f4(body + at.BODY_POSITION)
+            batch[k, Y] = at.load_f4(body + at.BODY_POSITION + 4)
+            batch[k, ANGLE] = at.load_f4(body + at.BODY_ANGLE)
+            batch[k, VX] = at.load_f4(body + at.BODY_VELOCITY)
+            batch[k, VY] = at.load_f4(body + at.BODY_VELOCITY + 4)
+            batch[k, OMEGA] = at.load_f4(body + at.BODY_OMEGA)
 
 
 @noinline_kernel
-def _forget(base: int, count: int) -> None:
-    """Make the world empty again, faster than destroying its bodies, and its tree as good as new.
+def _reset(base: int, count: int) -> None:
+    """Make the world empty again, faster than destroying its bodies, and reset its tree.
 
-    The tree hands out nodes from a free list and the order of contacts follows the node numbers: history.
+    The tree takes nodes from a free list, and the order of contacts follows the numbers of nodes: without a reset,
+    results would depend on what was stepped before.
     """
     manager = base + at.WORLD_MANAGER
     contact = at.load_i8(manager + at.MANAGER_CONTACTS)

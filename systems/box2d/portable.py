@@ -1,6 +1,6 @@
-"""Box2D through pybox2d's public Python API: any platform, slow, and the oracle for the native bridge.
+"""Box2D through pybox2d's public Python API: any platform, slow, and the reference for the native backend.
 
-A world is built for every call, so the result is a function of the scene alone.
+A world is built for every call, so the result is a function of the batch alone.
 """
 
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import Box2D
 import numpy as np
 
-from .scene import (
+from .batch import (
     ABANDONED,
     ANGLE,
     CAPACITY,
@@ -22,36 +22,36 @@ from .scene import (
     JY,
     LIMIT,
     MASS,
+    MAX_TRAVEL,
     OMEGA,
     RADIUS,
-    REACH,
     SMALLEST,
     SOLVED,
     VX,
     VY,
-    Scene,
+    ContactBatch,
     Settings,
     X,
     Y,
 )
 
 
-def make_arena() -> None:
+def make_workspace() -> None:
     """Nothing: every call builds a world of its own."""
     return None
 
 
-def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
-    """Step bodies 0..count-1 of `scene` together for one tick and write X..OMEGA of the dynamic ones.
+def solve(workspace: Any, settings: Settings, batch: ContactBatch, count: int) -> int:
+    """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of the dynamic ones.
 
-    Returns SOLVED; or, with the scene untouched, ABANDONED if a body moved further than its REACH, INVALID if
+    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
     there are more than CAPACITY bodies or a number out of bounds.
     """
-    if not _valid(scene, count):
+    if not _valid(batch, count):
         return INVALID
     world = Box2D.b2World(gravity=(0, 0), doSleep=True)
     world.continuousPhysics = bool(settings.continuous)
-    rows = [scene[k] for k in range(count)]
+    rows = [batch[k] for k in range(count)]
     bodies = [_build(world, settings, row) for row in rows]
     for _ in range(settings.substeps):
         for body, row in zip(bodies, rows, strict=True):
@@ -65,15 +65,15 @@ def solve(arena: Any, settings: Settings, scene: Scene, count: int) -> int:
     return SOLVED
 
 
-def _valid(scene: Scene, count: int) -> bool:
-    rows = scene[:count]
-    bounded = (np.abs(np.delete(rows, REACH, axis=1)) < LIMIT).all()
+def _valid(batch: ContactBatch, count: int) -> bool:
+    rows = batch[:count]
+    bounded = (np.abs(np.delete(rows, MAX_TRAVEL, axis=1)) < LIMIT).all()
     box = (rows[:, HALF_WIDTH] > SMALLEST) & (rows[:, HALF_HEIGHT] > SMALLEST) & (rows[:, RADIUS] == 0)
     weighed = (rows[:, DYNAMIC] == 0) | ((rows[:, MASS] > 0) & (rows[:, INERTIA] > 0))
     return bool(count <= CAPACITY and bounded and ((rows[:, RADIUS] > SMALLEST) | box).all() and weighed.all())
 
 
-def _build(world: Any, settings: Settings, row: Scene) -> Any:
+def _build(world: Any, settings: Settings, row: ContactBatch) -> Any:
     """One body with one fixture, in Box2D's own order."""
     create = world.CreateDynamicBody if row[DYNAMIC] else world.CreateStaticBody
     body = create(
@@ -94,13 +94,13 @@ def _build(world: Any, settings: Settings, row: Scene) -> Any:
     return body
 
 
-def _shape(row: Scene) -> Any:
+def _shape(row: ContactBatch) -> Any:
     if row[RADIUS] > 0:
         return Box2D.b2CircleShape(radius=float(row[RADIUS]))
     return Box2D.b2PolygonShape(box=(float(row[HALF_WIDTH]), float(row[HALF_HEIGHT])))
 
 
-def _push(body: Any, row: Scene) -> None:
+def _push(body: Any, row: ContactBatch) -> None:
     """Apply the row's impulses; zero ones are skipped (they would only wake a body that is awake)."""
     if row[DYNAMIC] and (row[JX] != 0 or row[JY] != 0):
         body.ApplyLinearImpulse((float(row[JX]), float(row[JY])), body.worldCenter, True)
@@ -108,7 +108,7 @@ def _push(body: Any, row: Scene) -> None:
         body.ApplyAngularImpulse(float(row[JTURN]), True)
 
 
-def _outside(body: Any, row: Scene) -> bool:
-    """Whether the body is further from its start than its REACH, in float32 as in the native bridge."""
+def _outside(body: Any, row: ContactBatch) -> bool:
+    """Whether the body is further from its start than its MAX_TRAVEL, in float32 as in the native backend."""
     x, y = np.float32(body.position.x) - row[X], np.float32(body.position.y) - row[Y]
-    return bool(row[DYNAMIC] and x * x + y * y > row[REACH] * row[REACH])
+    return bool(row[DYNAMIC] and x * x + y * y > row[MAX_TRAVEL] * row[MAX_TRAVEL])

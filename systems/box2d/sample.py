@@ -18,21 +18,21 @@ def read(address: int, offset: str, kind: type = ctypes.c_float, extra: int = 0)
     return kind.from_address(address + getattr(at, offset) + extra).value  # type: ignore[attr-defined]
 
 
-def floats(thing: Any, **expected: Iterable[float]) -> Iterator[Check]:
+def floats(item: Any, **expected: Iterable[float]) -> Iterator[Check]:
     """The numbers at these offsets, one behind the other."""
     for name, values in expected.items():
         for k, value in enumerate(values):
-            yield name, read(int(thing.this), name, extra=4 * k), float(np.float32(value))
+            yield name, read(int(item.this), name, extra=4 * k), float(np.float32(value))
 
 
-def pointer(thing: Any, name: str, target: Any) -> Check:
+def pointer(item: Any, name: str, target: Any) -> Check:
     """A pointer to another object, or to none."""
-    return name, read(int(thing.this), name, ctypes.c_int64), int(target.this) if target else 0
+    return name, read(int(item.this), name, ctypes.c_int64), int(target.this) if target else 0
 
 
-def integer(thing: Any, name: str, expected: int) -> Check:
+def integer(item: Any, name: str, expected: int) -> Check:
     """An integer of 4 bytes."""
-    return name, read(int(thing.this), name, ctypes.c_int32), expected
+    return name, read(int(item.this), name, ctypes.c_int32), expected
 
 
 def readable(address: int, size: int) -> bool:

@@ -1,4 +1,4 @@
-"""Is the installed Box2D the one whose insides the native bridge knows? Asked before its memory is touched.
+"""Check that the installed Box2D has the memory layout that the native backend expects, before its memory is touched.
 
 Objects made by pybox2d's public interface are read at the offsets of `layout` here, and `probe` runs a few of Box2D's
 functions on guarded memory; whatever differs is named.
@@ -14,8 +14,8 @@ import numpy as np
 
 from . import layout as at
 from . import probe
+from .batch import IncompatibleBox2D
 from .sample import Check, Sample, floats, integer, pointer, read, readable
-from .scene import IncompatibleBox2D
 
 VERSION = "2.3.10"
 
@@ -38,11 +38,11 @@ def _report() -> str:
 
 
 def verify() -> None:
-    """Raise IncompatibleBox2D, naming the symbol or offset, unless the native bridge fits this Box2D."""
+    """Raise IncompatibleBox2D, naming the symbol or offset, unless the native backend fits this Box2D."""
     if report := _report():
         raise IncompatibleBox2D(
-            f"the native bridge does not fit Box2D {Box2D.__version__} ({at.FILE}): {report}. "
-            'Use the portable bridge: Contacts(bridge="portable").'
+            f"the native backend does not fit Box2D {Box2D.__version__} ({at.FILE}): {report}. "
+            'Use the portable backend: Physics(backend="portable").'
         )
 
 

@@ -21,7 +21,7 @@ from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
 from tests.conftest import COMPILED, scaled
-from tests.ways import short
+from tests.helpers.execution_modes import short
 
 WORLDS = 64
 SAMPLES = 20

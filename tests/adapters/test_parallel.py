@@ -17,7 +17,7 @@ from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
 from tests.conftest import COMPILED, scaled
-from tests.ways import SHORT
+from tests.helpers.execution_modes import SHORT
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)

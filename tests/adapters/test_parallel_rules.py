@@ -72,7 +72,7 @@ def test_kept_agents_stay_until_the_world_ends() -> None:
 
 def limited(dead: str, seed: int) -> Any:
     """The step at the limit, in which those outside of the zone die; the world may end by its rule in that step."""
-    env = outlast.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, zone_radii=(8.0,))
+    env = outlast.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, safe_zone_radii=(8.0,))
     env.reset(seed=seed)
     *_, (_, last) = play(env)
     assert env.agents == []

@@ -9,7 +9,7 @@ import outlast
 from outlast.components import Bag, Box, Health
 from outlast.ecs import Worlds
 from outlast.envs.adapters.global_state import GlobalState
-from outlast.systems import AutoPickup, GiveLast, Heals, Inventory, SafeZone
+from outlast.systems import GiveLast, Heals, Inventory, Pickup, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled
 
@@ -72,7 +72,7 @@ def test_the_dead_are_not_alive_in_the_state() -> None:
 
 def test_the_state_of_a_bare_scenario() -> None:
     """Without zone and items there are agents only."""
-    bare = outlast.variant("ffa_1").without(SafeZone, Heals, AutoPickup, GiveLast, Inventory, "drop")
+    bare = outlast.variant("ffa_1").without(SafeZone, Heals, Pickup, GiveLast, Inventory, "death_drop")
     overview = GlobalState(Worlds(bare.modules, 1))
     assert overview.space.shape == (2 * 9,)
     assert overview.space.contains(overview())

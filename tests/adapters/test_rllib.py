@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import outlast
-from tests import ways
 from tests.conftest import scaled
+from tests.helpers import execution_modes
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
 pytest.importorskip("ray.rllib", reason="RLlib is not installed: pip install 'outlast[ray]'", exc_type=ImportError)
@@ -18,7 +18,7 @@ from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
-SHORT = {**ways.SHORT, "ending_limit": 25}
+SHORT = {**execution_modes.SHORT, "ending_limit": 25}
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_it_is_world_0_of_a_batch(variant, dead):
 
 def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
     """In tick 12 those outside of the zone die, and the time is up (as in the tests of the batch)."""
-    numbers = {"agents_health": 11, "zone_radii": (8.0,), "ending_limit": 12}
+    numbers = {"agents_health": 11, "safe_zone_radii": (8.0,), "ending_limit": 12}
     mixed = 0
     for seed in range(20):
         env = SurvivalMultiAgentEnv({"scenario": "teams_3", **numbers})

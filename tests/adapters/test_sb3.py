@@ -12,14 +12,16 @@ import outlast
 from outlast import make_vec, variant
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
-from tests.ways import short
+from tests.helpers.execution_modes import short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
 
 WORLDS, AGENTS = 5, 4  # of SHORT
 SHORT = short("teams_3").replace(ending_limit=22)  # ends both ways, early
-LONE = variant("ffa_1").replace(n_agents=1, agents_health=10, zone_radii=(8.0,), zone_stand=1000, ending_limit=25)
+LONE = variant("ffa_1").replace(
+    n_agents=1, agents_health=10, safe_zone_radii=(8.0,), safe_zone_stand=1000, ending_limit=25
+)
 STEPS = scaled(150, least=60)
 
 

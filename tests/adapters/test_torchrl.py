@@ -24,7 +24,11 @@ with warnings.catch_warnings():
 pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own, also about the version of PettingZoo
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_rollout.py"
 SEED = 3
-SHORT: dict[str, Any] = {"agents_health": 10, "zone_radii": (6.0,), "zone_stand": 1000}  # who is outside soon dies
+SHORT: dict[str, Any] = {
+    "agents_health": 10,
+    "safe_zone_radii": (6.0,),
+    "safe_zone_stand": 1000,
+}  # who is outside soon dies
 LIMIT = scaled(60, least=15)
 both = pytest.mark.parametrize("dead", ["end", "keep"])
 

@@ -23,7 +23,7 @@ assert_type(env, outlast.SurvivalVectorEnv)
 observations, info = env.reset(seed=1, options={})
 env.step(env.action_space.sample())
 state: outlast.State = env.get_state()
-scenario: outlast.Scenario = outlast.variant("ffa_3").without("boxes").replace(n_agents=4, zone_radii=(8.0, 4.0))
+scenario: outlast.Scenario = outlast.variant("ffa_3").without("boxes").replace(n_agents=4, safe_zone_radii=(8.0, 4.0))
 outlast.rollout(env, outlast.random_policy(env, seed=0), steps=3).rows()
 outlast.draw(env.worlds, 0, size=64)
 with outlast.record(env, "duel.rec"):

@@ -239,7 +239,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "two kinds of sides": (
         lambda: outlast.Scenario("both", (outlast.systems.FreeForAll(), Teams())), ScenarioError, "both", "FreeForAll",
     ),
-    "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage", "zone_harm"),
+    "unknown number": (teams(melee_damge=3), NumberError, "'melee_damge'", "did you mean melee_damage", "zone_damage"),
     "unknown module in a number": (teams(laser_damage=3), NumberError, "'laser_damage'", "Known: agents_count"),
     "number of an absent module": (
         lambda: variant("ffa_1").replace(boxes_count=3), NumberError, "'boxes_count'", "heals_count",
@@ -273,22 +273,22 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "unknown choice": (teams(ending_rule="never"), NumberError, "ending.rule = 'never'", "'all dead', 'last alive'"),
     "choice a number": (teams(cameras_cone=0), NumberError, "cameras.cone = 0", "'sector', 'kite'"),
     "choice an array": (teams(cameras_cone=np.ones(2)), NumberError, "cameras.cone", "'sector', 'kite'"),
-    "unknown bridge": (teams(physics_bridge="fast"), NumberError, "physics.bridge = 'fast'", "'auto', 'native'"),
-    "one zone radius zero": (teams(zone_radii=(5.0, 0.0)), NumberError, "zone.radii[1] = 0.0", "> 0"),
-    "one zone radius NaN": (teams(zone_radii=(float("nan"),)), NumberError, "zone.radii[0] = nan", "finite"),
-    "one zone radius a string": (teams(zone_radii=(5.0, "4")), NumberError, "zone.radii[1] = '4'", "finite"),
-    "zone radii one number": (teams(zone_radii=5.0), NumberError, "zone.radii = 5.0", "tuple"),
-    "zone radii a string": (teams(zone_radii="5"), NumberError, "zone.radii = '5'", "tuple"),
+    "unknown backend": (teams(physics_backend="fast"), NumberError, "physics.backend = 'fast'", "'auto', 'native'"),
+    "one zone radius zero": (teams(safe_zone_radii=(5.0, 0.0)), NumberError, "safe_zone.radii[1] = 0.0", "> 0"),
+    "one zone radius NaN": (teams(safe_zone_radii=(float("nan"),)), NumberError, "safe_zone.radii[0] = nan", "finite"),
+    "one zone radius a string": (teams(safe_zone_radii=(5.0, "4")), NumberError, "safe_zone.radii[1] = '4'", "finite"),
+    "zone radii one number": (teams(safe_zone_radii=5.0), NumberError, "safe_zone.radii = 5.0", "tuple"),
+    "zone radii a string": (teams(safe_zone_radii="5"), NumberError, "safe_zone.radii = '5'", "tuple"),
     # numbers that do not fit together
-    "no zone radii": (teams(zone_radii=()), NumberError, "zone.radii", "empty", "leave SafeZone out"),
-    "zone wider than the room": (teams(zone_radii=(13.0,)), NumberError, "zone.radii", "13", "side 25"),
-    "room too small for the zone": (teams(room_size=10.0), NumberError, "zone.radii", "12.5", "side 10"),
+    "no zone radii": (teams(safe_zone_radii=()), NumberError, "safe_zone.radii", "empty", "leave SafeZone out"),
+    "zone wider than the room": (teams(safe_zone_radii=(13.0,)), NumberError, "safe_zone.radii", "13", "side 25"),
+    "room too small for the zone": (teams(room_size=10.0), NumberError, "safe_zone.radii", "12.5", "side 10"),
     "more bodies than cells": (teams(n_heals=53), NumberError, "65 bodies (", "4 agent", "53 heal", "8 x 8 = 64"),
-    "fewer cells than bodies": (teams(spawn_cells=5), NumberError, "27 bodies", "5 x 5 = 25"),
-    "more teams than agents": (teams(sides_count=5), NumberError, "sides.count = 5", "4 agents"),
-    "no teams": (teams(sides_count=0), NumberError, "sides.count = 0", ">= 1"),
+    "fewer cells than bodies": (teams(spawn_grid_cells=5), NumberError, "27 bodies", "5 x 5 = 25"),
+    "more teams than agents": (teams(teams_count=5), NumberError, "teams.count = 5", "4 agents"),
+    "no teams": (teams(teams_count=0), NumberError, "teams.count = 0", ">= 1"),
     "more bodies than Box2D gets": (
-        teams(n_agents=600, spawn_cells=32), NumberError, "612 bodies", "512",
+        teams(n_agents=600, spawn_grid_cells=32), NumberError, "612 bodies", "512",
     ),
     # modules that miss each other
     "no agents": (lambda: make_vec(variant("ffa_1").without(Agents), 1), (DeclarationError, ScheduleError), "agent"),
@@ -322,9 +322,9 @@ def test_numbers_are_taken_in_every_reasonable_type() -> None:
     assert repr(SafeZone(**NUMBERS[SafeZone])) == repr(SafeZone(radii=(5.0, 4.0), stand=7))
 
 
-@pytest.mark.skipif(COMPILED, reason="compiled, there is a native bridge")
-def test_the_native_bridge_is_refused_where_kernels_are_not_compiled() -> None:
-    from outlast.systems.box2d.scene import IncompatibleBox2D
+@pytest.mark.skipif(COMPILED, reason="compiled, there is a native backend")
+def test_the_native_backend_is_refused_where_kernels_are_not_compiled() -> None:
+    from outlast.systems.box2d.batch import IncompatibleBox2D
 
     with pytest.raises(IncompatibleBox2D, match="NUMBA_DISABLE_JIT"):
-        teams(physics_bridge="native")()
+        teams(physics_backend="native")()

@@ -20,15 +20,20 @@ from tests.conftest import few_by_day, scaled
 from tests.helpers.execution_modes import SHORT, short
 
 INF = math.inf
-HARD: dict[str, Any] = {"boxes_width_deviation": 3.0, "boxes_least": 0.003, "boxes_offset": 3.0, "drop_radius": 2.0}
+HARD: dict[str, Any] = {
+    "boxes_width_deviation": 3.0,
+    "boxes_least": 0.003,
+    "boxes_offset": 3.0,
+    "death_drop_radius": 2.0,
+}
 CASES: dict[str, Scenario] = {
     **{name: short(name) for name in outlast.VARIANTS},
-    "far away": short("teams_4").with_(DropLast(offset=4.0)).replace(**HARD, drop_scatter="rim"),
+    "far away": short("teams_4").with_(DropLast(offset=4.0)).replace(**HARD, death_drop_scatter="rim"),
     "pushed boxes": short("ffa_4").replace(boxes_dynamic=True, cameras_mode="revealed"),
     "no boxes left": variant("teams_3").replace(**SHORT, boxes_toughness=1, melee_reach=8.0),
-    "crowd": short("ffa_3").replace(n_agents=12, heals_amount=3, health_limit=50, agents_health=50),
-    "zones alike": short("ffa_1").replace(zone_radii=(12.5, 12.5, 12.5), zone_stand=1, zone_shrink=29),
-    "small room": short("ffa_3").replace(room_size=9.0, zone_radii=(4.5, 1e-6), spawn_cells=5, n_heals=4),
+    "crowd": short("ffa_3").replace(n_agents=12, heals_amount=3, mortality_limit=50, agents_health=50),
+    "zones alike": short("ffa_1").replace(safe_zone_radii=(12.5, 12.5, 12.5), safe_zone_stand=1, safe_zone_shrink=29),
+    "small room": short("ffa_3").replace(room_size=9.0, safe_zone_radii=(4.5, 1e-6), spawn_grid_cells=5, n_heals=4),
     "no walls": short("ffa_1").replace(room_walls=False),
 }
 BY_DAY = ("ffa_1", "teams_3", "far away", "zones alike", "crowd", "no walls")
@@ -64,7 +69,7 @@ def test_bounds_are_the_numbers_of_the_scenario() -> None:
     assert row("teams_3", "self") == [(0, 3), (0, 1), free, place, place, free, free, free, free]
     assert row("teams_3", "others") == row("teams_3", "self")
     assert row("ffa_1", "self") == [(0, 1), free, place, place, free, free, free, free]
-    assert row("ffa_1", "self", variant("ffa_1").replace(health_limit=120))[1] == (-INF, 120)
+    assert row("ffa_1", "self", variant("ffa_1").replace(mortality_limit=120))[1] == (-INF, 120)
     assert row("ffa_1", "self", variant("ffa_1").replace(room_walls=False))[2:4] == [free, free]
     assert row("ffa_1", "heals_mask")[0] == (0, 1)
     assert row("ffa_1", "heal_slot") == [(0, 75)]

@@ -39,11 +39,11 @@ def test_the_same_bits_for_two_thousand_ticks(name: str) -> None:
     lockstep(variant(name), scaled(2000, least=40))
 
 
-def test_the_two_bridges_agree_in_a_crowd() -> None:
+def test_the_two_backends_agree_in_a_crowd() -> None:
     """Contacts are many; boxes are set up on top of agents."""
     crowd = variant("teams_3").replace(**SHORT | {"n_agents": 12, "agents_health": 40, "room_size": 26.0})
     bridges = ("native", "portable") if COMPILED else ("auto", "portable")
-    native, portable = (ExecutionMode(crowd.replace(physics_bridge=bridge), range(8)) for bridge in bridges)
+    native, portable = (ExecutionMode(crowd.replace(physics_backend=bridge), range(8)) for bridge in bridges)
     assert "(python)" in str(portable.env.worlds.schedule)
     assert ("(python)" in str(native.env.worlds.schedule)) == (not COMPILED)
     for tick in range(scaled(150, least=10)):
@@ -119,14 +119,14 @@ def test_another_process_observes_the_same_for_two_thousand_ticks() -> None:
 PLAIN = """
 import ctypes, sys, types
 import numpy as np
-from outlast.systems import drop, physics
+from outlast.systems import death_drop, physics
 
 def of_c(name):
     function = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_float)((name, ctypes.CDLL(None)))
     return lambda x: np.float32(function(x))
 
 if sys.argv[1] == "libm":  # numpy, but for the sines of single numbers, which compiled code has from the C library
-    drop.np = physics.np = types.SimpleNamespace(**vars(np) | {"cos": of_c("cosf"), "sin": of_c("sinf")})
+    death_drop.np = physics.np = types.SimpleNamespace(**vars(np) | {"cos": of_c("cosf"), "sin": of_c("sinf")})
 from tests.core.test_determinism import watched
 np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
 """

@@ -84,11 +84,11 @@ def test_an_index_out_of_range_is_refused(
 
 
 HARMLESS = {  # integers that are compared, counted, or computed with, or that are random keys
-    "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Solid.dynamic", "Solid.near", "Spawned.cell",
-    "Fault.physics", "Box.broken", "Box.placed", "Box.fresh", "Heal.amount", "Health.points", "Health.mortal",
-    "Health.doomed", "Guard.ignores", "Guard.heeds", "Death.now", "Weapon.wait", "Score.alive", "Score.deaths",
-    "Score.kills", "Cells.cells",
-    "Sight.seen",  # sets, which are checked as such
+    "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Solid.dynamic", "Solid.may_collide", "Spawned.cell",
+    "Fault.physics", "Box.broken", "Box.placed", "Box.fresh", "Heal.amount", "Health.points", "Health.has_health",
+    "Health.fatal_tick", "Guard.immune_to", "Guard.vulnerable_only_to", "Death.now", "Weapon.cooldown", "Score.alive",
+    "Score.deaths", "Score.kills", "Cells.cells",
+    "Sight.visible",  # sets, which are checked as such
 }  # fmt: skip
 
 
@@ -109,10 +109,13 @@ SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {
         lambda t: (t(Bag).items.fill(-1), t(Bag).count.fill(1)),
         "Bag.items is -1 in world 0, row 0: a row is",
     ),
-    "a view of nobody": (lambda t: t(Sight).seen.__setitem__((2, 1, 2), 1 << 9), "Sight.seen is 512 in world 2, row 1"),
+    "a view of nobody": (
+        lambda t: t(Sight).visible.__setitem__((2, 1, 2), 1 << 9),
+        "Sight.visible is 512 in world 2, row 1",
+    ),
     "a view below": (
-        lambda t: t(Sight).seen.__setitem__((2, 1, 2), -1),
-        "Sight.seen is -1 in world 2, row 1: a set of",
+        lambda t: t(Sight).visible.__setitem__((2, 1, 2), -1),
+        "Sight.visible is -1 in world 2, row 1: a set of",
     ),
     "an item held from afar": (lambda t: t(Item).holder.__setitem__((0, 20), 10**9), "Item.holder is 1000000000"),
     "a target": (

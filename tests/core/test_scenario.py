@@ -21,16 +21,19 @@ from outlast.ecs import (
     NumberError,
     Observation,
     ScheduleError,
+    Singleton,
     Statistic,
     Worlds,
     column,
     number,
 )
+from outlast.envs.cli.main import main
+from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import action_space, observation_space
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.variants import resolve
-from outlast.systems import AutoPickup, Boxes, DropLast, FreeForAll, Melee, Teams
+from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Pickup, Teams
 from tests.conftest import draw_actions, nightly_compiled
 
 HERE = Path(__file__).parents[1]
@@ -45,12 +48,12 @@ MEANING: dict[str, Any] = {
     "reward_scheme.r_kill": ("rewards_kill", float),
     "reward_scheme.r_death": ("rewards_death", float),
     "gameover.mode": ("ending_rule", {"alldead": "all dead", "lastalive": "last alive"}.get),
-    "safe_zone.phases": ("zone_radii", lambda phases: (12.5, 10, 7.5, 5, 4, 2, 1, 0)[: phases - 1]),
-    "safe_zone.cooldown": ("zone_stand", int),
-    "safe_zone.damage": ("zone_harm", int),
-    "safe_zone.radiuses": ("zone_radii", tuple),
-    "safe_zone.centers": ("zone_centres", str),
-    "spawn_grid.grid_size": ("spawn_cells", int),
+    "safe_zone.phases": ("safe_zone_radii", lambda phases: (12.5, 10, 7.5, 5, 4, 2, 1, 0)[: phases - 1]),
+    "safe_zone.cooldown": ("safe_zone_stand", int),
+    "safe_zone.damage": ("safe_zone_damage", int),
+    "safe_zone.radiuses": ("safe_zone_radii", tuple),
+    "safe_zone.centers": ("safe_zone_centres", str),
+    "spawn_grid.grid_size": ("spawn_grid_cells", int),
     "spawn_grid.floor_size": ("room_size", float),
     "agents.n_agents": ("agents_count", int),
     "agents.agent_size": ("agents_radius", lambda size: size / 2),
@@ -96,7 +99,7 @@ def test_variants_have_the_numbers_of_the_original(original: str) -> None:
     assert config.pop("observation.omniscent") is False
     numbers = scenario.numbers()
     assert numbers["cameras_mode"] == "masked"
-    assert numbers.get("sides_count", 2) == 2
+    assert numbers.get("teams_count", 2) == 2
     del config["teams.twoteams"]
     for key, value in config.items():
         if key in WITHOUT_MEANING:
@@ -112,17 +115,17 @@ def test_variants_have_what_the_files_leave_to_defaults(name: str) -> None:
     numbers = variant(name).numbers()
     expected = {
         "cameras_fov": 0.4 * np.pi, "cameras_depth": 10, "motors_ahead": 0.25, "motors_left": 0.25,
-        "motors_turn": 0.0125, "inventory_slots": 4, "pickup_reach": 0.5, "give_reach": 2, "drop_radius": 0.5,
-        "melee_cooldown": 0,
+        "motors_turn": 0.0125, "inventory_slots": 4, "pickup_reach": 0.5, "give_last_reach": 2,
+        "death_drop_radius": 0.5, "melee_cooldown": 0,
         "physics_rate": 60, "physics_substeps": 2, "physics_velocity_iterations": 10, "physics_position_iterations": 10,
         "physics_friction": 0.2, "physics_restitution": 0, "physics_linear_damping": 0.8,
-        "physics_angular_damping": 0.8, "room_thickness": 0.01, "zone_shrink": 100, "ending_limit": 0,
+        "physics_angular_damping": 0.8, "room_thickness": 0.01, "safe_zone_shrink": 100, "ending_limit": 0,
     }  # fmt: skip
     assert {key: numbers[key] for key in expected} == expected
     # Section 6: where the code differs from the paper, the variants follow the code.
     choices = {
-        "motors_give": "at once", "melee_blocked": True, "pickup_touch": False, "give_nearest": "any",
-        "give_passes_on": True, "drop_scatter": "rim", "cameras_cone": "kite", "cameras_items_occlude": True,
+        "motors_give": "at once", "melee_blocked": True, "pickup_touch": False, "give_last_nearest": "any",
+        "give_last_passes_on": True, "death_drop_scatter": "rim", "cameras_cone": "kite", "cameras_items_occlude": True,
         "rewards_posthumous": name.startswith("teams"),
     }  # fmt: skip
     if Boxes in variant(name):
@@ -167,8 +170,8 @@ def test_with_adds_or_replaces() -> None:
 
 def test_replace_changes_numbers_only() -> None:
     scenario = variant("teams_3")
-    changed = scenario.replace(n_agents=10, melee_damage=20, zone_radii=[3, 2])
-    expected = scenario.numbers() | {"agents_count": 10, "melee_damage": 20, "zone_radii": (3.0, 2.0)}
+    changed = scenario.replace(n_agents=10, melee_damage=20, safe_zone_radii=[3, 2])
+    expected = scenario.numbers() | {"agents_count": 10, "melee_damage": 20, "safe_zone_radii": (3.0, 2.0)}
     assert changed.numbers() == expected
     assert scenario.numbers()["agents_count"] == 4
     assert scenario.replace(**scenario.numbers()) == scenario  # numbers() is what replace() takes
@@ -191,22 +194,22 @@ ALL = [3, 3, 3, 2, 2, 2]
 LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (keys that go with them, actions that stay)
     ("boxes",): (BOX_KEYS, ALL),
     ("cameras",): (set(), ALL),
-    ("drop",): (set(), ALL),
-    ("give",): (set(), [3, 3, 3, 2, 2]),
+    ("death_drop",): (set(), ALL),
+    ("give_last",): (set(), [3, 3, 3, 2, 2]),
     ("heals",): (HEAL_KEYS, ALL),
-    ("health",): (set(), ALL),
+    ("mortality",): (set(), ALL),
     ("melee",): (set(), [3, 3, 3, 2, 2]),
     ("motors",): (set(), [2, 2, 2]),
     ("physics",): (set(), ALL),
     ("pickup",): (set(), ALL),
     ("record",): (set(), ALL),
-    ("sides",): (set(), ALL),
-    ("spawn",): (set(), ALL),
-    ("zone",): ({"zone"}, ALL),
-    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # systems of items are inactive
-    ("inventory", "give", "pickup", "drop"): (set(), [3, 3, 3, 2]),
-    ("room", "spawn", "zone"): ({"zone"}, ALL),
-    ("inventory", "give", "pickup", "drop", "heals", "boxes", "melee", "zone", "cameras"): (
+    ("teams",): (set(), ALL),
+    ("spawn_grid",): (set(), ALL),
+    ("safe_zone",): ({"zone"}, ALL),
+    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items is dormant
+    ("inventory", "give_last", "pickup", "death_drop"): (set(), [3, 3, 3, 2]),
+    ("room", "spawn_grid", "safe_zone"): ({"zone"}, ALL),
+    ("inventory", "give_last", "pickup", "death_drop", "heals", "boxes", "melee", "safe_zone", "cameras"): (
         BOX_KEYS | HEAL_KEYS | {"zone"}, [3, 3, 3],
     ),
 }  # fmt: skip
@@ -214,8 +217,8 @@ NEEDED = {  # by whom
     ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many"),
     ("ending",): (ScheduleError, "needs Score .*leave (record|rewards) out"),
     ("rewards",): (ScheduleError, "record.note needs Reward .*leave record out"),
-    ("inventory",): (ScheduleError, "needs Bag .*leave (give|pickup|drop) out"),
-    ("room",): (ScheduleError, "needs Floor .*leave (spawn|zone) out"),
+    ("inventory",): (ScheduleError, "needs Bag .*leave (give_last|pickup|death_drop) out"),
+    ("room",): (ScheduleError, "needs Floor .*leave (spawn_grid|safe_zone) out"),
 }
 
 
@@ -234,7 +237,7 @@ def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -
     full, rest = (Worlds(scenario.modules, 1) for scenario in (variant("teams_3"), derived(names)))
     assert set(observation_space(full)) - set(observation_space(rest)) == keys
     assert action_space(rest).nvec.tolist() == [sizes] * 4
-    assert observation_space(rest)["self"].shape == (4, 8 if "sides" in names else 9)
+    assert observation_space(rest)["self"].shape == (4, 8 if "teams" in names else 9)
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
@@ -258,7 +261,7 @@ def test_modules_that_others_need_cannot_be_left_out_alone(names: tuple[str, ...
 
 
 def test_an_extra_module_adds_its_action() -> None:
-    assert AutoPickup in variant("teams_3")
+    assert Pickup in variant("teams_3")
     worlds = Worlds(variant("teams_3").with_(DropLast()).modules, 1)
     assert action_space(worlds).nvec.tolist() == [[3, 3, 3, 2, 2, 2, 2]] * 4
 
@@ -273,6 +276,32 @@ def test_the_schedule_is_the_golden_one() -> None:
     )  # uncompiled, Box2D is called by one
     golden = (HERE / "golden" / "schedule.txt").read_text()
     assert [line.rstrip() for line in printed.splitlines()] == golden.splitlines()
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "teams_4", "teams_4+steering"])
+def test_the_table_of_components_agrees_with_the_schedule(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    worlds = Worlds(variant(name).modules, 1)
+    rows = {use.component: use for use in uses(worlds)}
+    assert list(rows) == [component.__name__ for component in worlds.components]
+    written = [(use.component, label) for use in rows.values() for label in use.writers]
+    given = {(component, label.removesuffix(" (adds)"), "(adds)" in label) for component, label in written}
+    declared = {
+        (component.__name__, system.label, parameter.kind)
+        for system in worlds.schedule.systems
+        for parameter in system.parameters
+        for component in parameter.components
+    }
+    assert given == {(name, label, kind == "add") for name, label, kind in declared if kind in ("write", "add")}
+    read = {(use.component, label) for use in rows.values() for label in use.readers}
+    assert read == {(name, label) for name, label, kind in declared if kind == "read"}
+    for component in worlds.components:
+        rows_of = set(worlds.layout.rows(component))
+        having = {kind for kind, span in worlds.layout.spans.items() if rows_of.issuperset(span)}
+        assert set(rows[component.__name__].archetypes) == (set() if issubclass(component, Singleton) else having)
+    assert main(["schedule", name, "--components"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("component ")
+    assert all(word in printed for use in rows.values() for word in (use.component, *use.writers, *use.readers))
 
 
 # ---- mechanics of one's own: two in one file, of one name, and subclasses
@@ -424,13 +453,20 @@ def test_more_of_a_kind_than_its_dimension_says_are_refused() -> None:
 
 def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
     """They are 32-bit integers: numbers are limited, and what hurts ends at the largest."""
-    for name in ("melee_damage", "heals_amount", "agents_health", "zone_harm", "boxes_toughness", "health_limit"):
-        with pytest.raises(NumberError, match=f"{name.replace('_', '.', 1)}.* <= 1e"):
+    for name in (
+        "melee_damage",
+        "heals_amount",
+        "agents_health",
+        "safe_zone_damage",
+        "boxes_toughness",
+        "mortality_limit",
+    ):
+        with pytest.raises(NumberError, match=f"{name.replace('_', '[._]')}.* <= 1e"):
             variant("ffa_3").replace(**{name: 2**31 - 1})
     with pytest.raises(
         NumberError, match=r"heals.count = 3000 times heals.amount = 1000000 is more than the 2147483647"
     ):
-        make_vec(variant("ffa_1").replace(n_heals=3000, heals_amount=1_000_000, spawn_cells=60), 1)
+        make_vec(variant("ffa_1").replace(n_heals=3000, heals_amount=1_000_000, spawn_grid_cells=60), 1)
     health = Health.Table(*(np.zeros(1, column.dtype) for column in Health.columns.values()))
     guard = Guard.Table(np.full(1, -1), np.full(1, -1))
     least, most = 1 - 2**31, 2**31 - 1

@@ -23,7 +23,7 @@ from tests.helpers.model import ModelledEnv, Outcomes, SavedState, replay_alone
 
 SHORT: dict[str, Any] = {  # episodes of a few ticks, with deaths in them
     "agents_health": 15, "ending_limit": 9, "room_size": 12.0,
-    "zone_radii": (5.0, 2.0), "zone_stand": 2, "zone_shrink": 2, "zone_harm": 3,
+    "safe_zone_radii": (5.0, 2.0), "safe_zone_stand": 2, "safe_zone_shrink": 2, "safe_zone_damage": 3,
 }  # fmt: skip
 SMALL: dict[str, Any] = {  # boxes that reach into no other cell: they would push agents out of so small a room
     "boxes_width": 0.8, "boxes_width_deviation": 0.1, "boxes_height": 0.8, "boxes_height_deviation": 0.1,

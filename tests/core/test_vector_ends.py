@@ -116,7 +116,7 @@ def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
 
 def test_the_time_limit_truncates() -> None:
     """Exactly at the limit; a world that ends by its rule in that very tick is terminated instead."""
-    scenario = variant("teams_3").replace(agents_health=11, zone_radii=(8.0,))  # who is outside dies in tick 12
+    scenario = variant("teams_3").replace(agents_health=11, safe_zone_radii=(8.0,))  # who is outside dies in tick 12
     limited = make_vec(scenario.replace(ending_limit=12), scaled(200, least=16), seed=0)
     unlimited = make_vec(scenario, limited.num_worlds, seed=0)
     idle = np.tile([1, 1, 1, 0, 0, 0], (limited.num_worlds, 4, 1))

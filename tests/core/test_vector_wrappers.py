@@ -10,7 +10,7 @@ from gymnasium.wrappers import vector as wrappers
 
 from outlast import make_vec
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from tests.ways import equal
+from tests.helpers.execution_modes import equal
 
 WORLDS, STEPS = 3, 5
 Wrap = Callable[[SurvivalVectorEnv], Any]

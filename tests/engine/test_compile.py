@@ -30,9 +30,9 @@ from outlast.ecs import (
     kernel,
 )
 from outlast.ecs.random import uniform
-from tests import toy
 from tests.conftest import COMPILED, digest
-from tests.toy import RESET, STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
+from tests.helpers import toy_game
+from tests.helpers.toy_game import RESET, STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
 
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,7 +69,7 @@ def test_a_component_without_systems_changes_no_other() -> None:
             def singletons(self) -> Any:
                 return [idle()]  # noqa: B023
 
-        worlds = run(make(*toy.GAME, Keeper()), STEP, STEP)
+        worlds = run(make(*toy_game.GAME, Keeper()), STEP, STEP)
         assert (worlds[idle].kept == 5).all()
         places.append([column.tobytes() for column in worlds[Place]])
     assert places[0] == places[1]
@@ -91,7 +91,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
                 place.x[e] = shelf[rows[rows.size - 1 - e]] + energy.left[e] * uniform(key, e)
 
         Trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
-        worlds = run(make(*toy.GAME, Trade()), STEP, STEP, STEP)
+        worlds = run(make(*toy_game.GAME, Trade()), STEP, STEP, STEP)
         assert len(worlds._segments) == (1 if compiled else 3)
         assert ("(python)" in str(worlds.schedule)) is not compiled
         results.append(digest(worlds))
@@ -136,7 +136,7 @@ def test_a_system_may_add_to_what_another_adds_to() -> None:
         pass
 
     Helper.system(Phase.FEED)(help_out)
-    helped, alone = run(make(*toy.GAME, Helper()), STEP), run(make(), STEP)
+    helped, alone = run(make(*toy_game.GAME, Helper()), STEP), run(make(), STEP)
     gained = (helped[Energy].left - alone[Energy].left)[:, alone.span("walker")]
     assert (gained == 2).all()
 
@@ -284,7 +284,7 @@ def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
     (folder / "their" / "__init__.py").write_text("")
     file = folder / "their" / "rules.py"
     file.write_text(f"from outlast.ecs import kernel\n\n\n{rules}")
-    text = Path(toy.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {expression}")
+    text = Path(toy_game.__file__).read_text().replace("stride * pace.pace[i]", f"stride * {expression}")
     (folder / "their_game.py").write_text(f"{line}\n{text}")
     return file
 
@@ -344,7 +344,7 @@ def asks_an_object(energy: Add[Energy], rows: Rows[Energy]) -> None:
 
 
 def keeps_a_module(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    home = toy
+    home = toy_game
     energy.left[rows[0]] += home.STEP
 
 
@@ -439,7 +439,7 @@ def test_a_fork_is_independent_of_its_parent() -> None:
 
 def test_the_cache_folder_is_a_setting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OUTLAST_CACHE_DIR", str(tmp_path / "deep" / "folder"))
-    worlds = Worlds(toy.GAME, 1)
+    worlds = Worlds(toy_game.GAME, 1)
     sources = list((tmp_path / "deep" / "folder").glob("*/tick_*.py"))
     assert [path.read_text() for path in sources] == [segment.source for segment in worlds._segments]
     assert worlds.compiled == (not COMPILED)

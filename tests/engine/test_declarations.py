@@ -28,8 +28,8 @@ from outlast.ecs import (
     column,
     number,
 )
-from tests import toy
-from tests.toy import Energy, Food, Meals, Pace, Phase, Place, Toy, Walkers, Weather, Wind, make, run
+from tests.helpers import toy_game
+from tests.helpers.toy_game import Energy, Food, Meals, Pace, Phase, Place, Toy, Walkers, Weather, Wind, make, run
 
 
 class Mark(Component):
@@ -55,7 +55,7 @@ def parts(name: str, *components: Component, count: int = 0) -> Module:
 
 def test_tables_have_the_declared_shapes_types_and_fills() -> None:
     """Three walkers of memory 2 + 1 and two pieces of food; rows in alphabetical order of archetypes."""
-    worlds = Worlds(toy.GAME, 6)
+    worlds = Worlds(toy_game.GAME, 6)
     columns = [(c.__name__, name, array) for c in worlds.components for name, array in worlds[c]._asdict().items()]
     found = {(component, name): (array.shape, array.dtype.str[1:]) for component, name, array in columns}
     assert found == {
@@ -77,7 +77,7 @@ def test_tables_have_the_declared_shapes_types_and_fills() -> None:
 
 
 def test_columns_are_aligned_and_do_not_overlap() -> None:
-    worlds = Worlds(toy.GAME, 2)
+    worlds = Worlds(toy_game.GAME, 2)
     worlds.block[:] = 0
     for component in worlds.components:
         for array in worlds[component]:
@@ -98,7 +98,7 @@ def test_columns_are_the_same_objects_for_life() -> None:
 
     worlds = make(count=3)
     before = columns()
-    run(worlds, toy.STEP, toy.STEP, [toy.RESET, toy.SKIP, toy.STEP], toy.RESET)
+    run(worlds, toy_game.STEP, toy_game.STEP, [toy_game.RESET, toy_game.SKIP, toy_game.STEP], toy_game.RESET)
     worlds.seed(5, np.arange(3))
     worlds.close()
     assert columns() == before
@@ -106,7 +106,7 @@ def test_columns_are_the_same_objects_for_life() -> None:
 
 def test_identities_of_entities_do_not_depend_on_other_archetypes() -> None:
     """They index random draws, so they must not depend on rows, which other archetypes move."""
-    alone, among = Worlds([Walkers()], 1), Worlds(toy.GAME, 1)
+    alone, among = Worlds([Walkers()], 1), Worlds(toy_game.GAME, 1)
     mine = alone[Entity].identity[0, alone.span("walker")]
     assert mine.tolist() == among[Entity].identity[0, among.span("walker")].tolist()
     assert len(set(among[Entity].identity[0].tolist())) == 5
@@ -290,7 +290,7 @@ def test_impossible_columns_are_refused(base: Any, made: Any, words: str) -> Non
 
 def test_a_prefab_value_of_a_component_with_buffers_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"):
-        toy.Line(line=1)
+        toy_game.Line(line=1)
 
 
 @pytest.mark.parametrize("base", [Action, Observation, Statistic])
@@ -305,7 +305,7 @@ def test_two_columns_of_one_key_are_refused(base: Any) -> None:
             return [other()]
 
     with pytest.raises(DeclarationError, match=rf"are both the \w+ '{key}'; rename one") as raised:
-        Worlds([*toy.GAME, Brings()], 1)
+        Worlds([*toy_game.GAME, Brings()], 1)
     assert re.search(r"tests\.toy\.\w+\.\w+", str(raised.value))
     assert "Other.mine" in str(raised.value)
 
@@ -339,7 +339,7 @@ class Marchers(Walkers):
 
 
 @Marchers.system(Phase.SHOW)
-def show(line: Write[toy.Line], pay: Write[toy.Pay], place: Read[Place], walkers: Rows[Energy]) -> None:
+def show(line: Write[toy_game.Line], pay: Write[toy_game.Pay], place: Read[Place], walkers: Rows[Energy]) -> None:
     line.line[:] = -1
     pay.pay[:] = 0
 
@@ -353,9 +353,9 @@ def test_a_subclass_has_the_systems_of_its_base_and_replaces_those_that_it_names
     assert labels == ["marchers.scatter", "marchers.walk", "marchers.show"]
     before = worlds[Place].x.copy()
     worlds[Pace].pace[:] = 1
-    run(worlds, toy.STEP)
+    run(worlds, toy_game.STEP)
     assert worlds[Place].x == pytest.approx(before + 2)
-    assert (worlds[toy.Line].line == -1).all()
+    assert (worlds[toy_game.Line].line == -1).all()
 
 
 def test_a_label_stands_for_systems_that_inherit_it() -> None:
@@ -399,7 +399,7 @@ def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
     def remember(memory: Scratch) -> None: ...
 
     with pytest.raises(DeclarationError, match=r"forgets has the Scratch parameter 'memory' but no scratch\(\)"):
-        run(Worlds([Walkers(), Forgets()], 1), toy.STEP)
+        run(Worlds([Walkers(), Forgets()], 1), toy_game.STEP)
 
 
 def test_a_damage_type_that_the_module_does_not_name_is_refused() -> None:
@@ -411,7 +411,7 @@ def test_a_damage_type_that_the_module_does_not_name_is_refused() -> None:
 
     words = r"burns\.burn has the DamageType parameter 'kind', .* damage_type = \"burns\""
     with pytest.raises(DeclarationError, match=words):
-        Worlds([*toy.GAME, Burns()], 1)
+        Worlds([*toy_game.GAME, Burns()], 1)
 
 
 def test_kernels_get_what_they_declare() -> None:
@@ -421,6 +421,6 @@ def test_kernels_get_what_they_declare() -> None:
     assert worlds.layout.rows(Place).tolist() == [0, 1, 2, 3, 4]
     assert worlds.layout.rows(Place, Mark).tolist() == []
     assert worlds.layout.damage_types == ["cold", "hunger"]
-    run(worlds, toy.STEP)
+    run(worlds, toy_game.STEP)
     assert (worlds[Wind].damage_type == 0).all()
     assert (worlds[Wind].felt[:, 0, 1] == 1).all()

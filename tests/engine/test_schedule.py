@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from outlast.ecs import Add, Component, Module, Read, Rows, ScheduleError, Worlds, Write, column
-from tests import toy
 from tests.conftest import digest
-from tests.toy import Energy, Line, Meals, Phase, Place, Toy, Walkers, Weather, Wind, make, run
+from tests.helpers import toy_game
+from tests.helpers.toy_game import Energy, Line, Meals, Phase, Place, Toy, Walkers, Weather, Wind, make, run
 
 TABLE = """\
 phase     runs on      system                 reads                              writes                         adds
@@ -69,15 +69,15 @@ def labels(*modules: Module) -> list[str]:
 
 
 def test_the_schedule_prints_as_a_table() -> None:
-    assert str(Worlds(toy.GAME, 1).schedule) == TABLE.rstrip("\n")
+    assert str(Worlds(toy_game.GAME, 1).schedule) == TABLE.rstrip("\n")
 
 
 def test_the_order_in_which_modules_are_listed_never_matters() -> None:
-    expected = digest(run(make(), toy.STEP, toy.STEP))
-    for modules in permutations(toy.GAME):
+    expected = digest(run(make(), toy_game.STEP, toy_game.STEP))
+    for modules in permutations(toy_game.GAME):
         worlds = make(*modules)
         assert str(worlds.schedule) == TABLE.rstrip("\n")
-        assert digest(run(worlds, toy.STEP, toy.STEP)) == expected
+        assert digest(run(worlds, toy_game.STEP, toy_game.STEP)) == expected
 
 
 @pytest.mark.parametrize(
@@ -187,18 +187,18 @@ def test_a_system_without_rows_is_inactive() -> None:
 def test_a_scenario_may_have_no_system_at_all() -> None:
     class Still(Toy):
         def archetypes(self) -> list[Any]:
-            return [toy.Archetype("stone", (Energy(),), 2)]
+            return [toy_game.Archetype("stone", (Energy(),), 2)]
 
     worlds = make(Still())
-    run(worlds, toy.STEP)
+    run(worlds, toy_game.STEP)
     assert worlds[Energy].left.tolist() == [[10, 10]] * 4
-    assert worlds[toy.Clock].tick.tolist() == [[1]] * 4
+    assert worlds[toy_game.Clock].tick.tolist() == [[1]] * 4
 
 
 def test_what_touches_nothing_in_common_needs_no_order() -> None:
     """The toy game itself: both eat and freeze add to Energy, and only one reads Wind."""
-    assert labels(toy.Food(), Weather()) == ["food.eat", "weather.freeze"]
-    assert {Meals, Wind} <= set(Worlds(toy.GAME, 1).components)
+    assert labels(toy_game.Food(), Weather()) == ["food.eat", "weather.freeze"]
+    assert {Meals, Wind} <= set(Worlds(toy_game.GAME, 1).components)
 
 
 def test_two_systems_of_one_label_are_refused() -> None:
@@ -218,9 +218,9 @@ def test_components_of_one_name_are_distinguished() -> None:
 
     class Stones(Toy):
         def archetypes(self) -> list[Any]:
-            return [toy.Archetype("stone", (Energy(left=3), other()), 2)]
+            return [toy_game.Archetype("stone", (Energy(left=3), other()), 2)]
 
     worlds = make(Stones(), module("ape.act", spend))
-    run(worlds, toy.STEP, toy.STEP)
+    run(worlds, toy_game.STEP, toy_game.STEP)
     assert worlds[Energy].left[0].tolist() == [1, 1]
     assert worlds[other].spent[0].tolist() == [27, 27]

@@ -7,8 +7,8 @@ import pytest
 
 from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits, trailing_zeros
-from tests import toy
-from tests.toy import Energy, Food, Place, Walkers, Weather
+from tests.helpers import toy_game
+from tests.helpers.toy_game import Energy, Food, Place, Walkers, Weather
 
 RNG = np.random.default_rng(0)
 SPECIAL = np.array([0, -0.0, 1, -1, np.inf, -np.inf, np.nan, 1e-45, 3e38, 2, 0.1, -0.1, 7, 8, 9, 1e-30], np.float32)
@@ -75,11 +75,11 @@ def test_bitset_and_row_index_agree_with_rows() -> None:
         assert (np.delete(index, rows) == -1).all()
 
 
-class Feast(toy.Toy):
+class Feast(toy_game.Toy):
     """Every walker gets a thousand, found by a bitset."""
 
 
-@Feast.system(toy.Phase.FEED)
+@Feast.system(toy_game.Phase.FEED)
 def feed(
     energy: Add[Energy], entities: Read[Entity], rows: Rows[Energy], eaters: Bitset[Energy], index: RowIndex[Energy]
 ) -> None:
@@ -93,7 +93,8 @@ def feed(
 
 def test_a_system_can_iterate_a_bitset() -> None:
     game = (Walkers(count=21), Food(count=14), Weather())
-    plain, fed = toy.run(toy.make(*game), toy.STEP), toy.run(toy.make(*game, Feast()), toy.STEP)
+    plain = toy_game.run(toy_game.make(*game), toy_game.STEP)
+    fed = toy_game.run(toy_game.make(*game, Feast()), toy_game.STEP)
     gained = fed[Energy].left - plain[Energy].left
     assert (gained[:, fed.span("walker")] == 1000).all()
     assert (gained[:, fed.span("food")] == 0).all()

@@ -12,9 +12,9 @@ import pytest
 from outlast.ecs import Module, Random, ScheduleError, Worlds, Write
 from outlast.ecs.random import uniform
 from outlast.ecs.workers import Job, Workers
-from tests import toy
 from tests.conftest import COMPILED, digest, scaled
-from tests.toy import (
+from tests.helpers import toy_game
+from tests.helpers.toy_game import (
     RESET,
     SKIP,
     STEP,
@@ -185,7 +185,7 @@ def test_changed_numbers_reach_the_kernels() -> None:
     for worth in (0, 40):
         worlds = run(make(Walkers(), Food(9, worth=worth), still), STEP)
         meals = (worlds[Energy].left[:, worlds.span("walker")] - 19).sum(axis=1)
-        assert meals.tolist() == (worth * worlds[toy.Meals].meals[:, 0]).tolist()
+        assert meals.tolist() == (worth * worlds[toy_game.Meals].meals[:, 0]).tolist()
         assert meals.any() == (worth > 0)
     for sky, number in (("blue", 0), ("black", 2)):
         assert (run(make(Walkers(), dataclasses.replace(still, sky=sky)), STEP)[Wind].felt[:, 0, 1] == number).all()

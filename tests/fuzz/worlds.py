@@ -162,7 +162,7 @@ class Recordings:
 
     def _is_compiled(self, recording: Recording) -> bool:
         """Whether its tick is in the compile cache."""
-        key = (*recording.header["modules"], recording.scenario.numbers().get("physics_bridge"))
+        key = (*recording.header["modules"], recording.scenario.numbers().get("physics_backend"))
         if key not in self.compiled:
             self.compiled[key] = Worlds(recording.scenario.modules, 1).compiled
         return self.compiled[key]

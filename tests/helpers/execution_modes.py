@@ -16,7 +16,8 @@ from tests.digests import SEED, numbered_actions
 BATCH = scaled(1024, least=14)
 FEW = 7
 SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 80 ticks
-    "agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 60,
+    "agents_health": 10, "safe_zone_radii": (9.0, 4.0), "safe_zone_stand": 10, "safe_zone_shrink": 10,
+    "ending_limit": 60,
 }  # fmt: skip
 PROBABILITY = 0.03  # per tick, of an intervention
 Actions = np.ndarray[Any, Any]
@@ -127,7 +128,7 @@ def shuffled(scenario: Scenario) -> Scenario:
 def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
     """All modes by name, on worlds of a batch of BATCH."""
     few, middle = range(FEW), range(BATCH // 2, BATCH // 2 + FEW)
-    portable = scenario.replace(physics_bridge="portable")
+    portable = scenario.replace(physics_backend="portable")
     return {
         "the first world alone": ExecutionMode(scenario, [0]),
         "a world alone": ExecutionMode(scenario, [BATCH // 2 + 1]),

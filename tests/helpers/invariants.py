@@ -32,11 +32,11 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "ffa_1": ("ffa_1", {}),
     "ffa_4": ("ffa_4", {}),
     "teams_4": ("teams_4", {}),
-    "crowd": ("ffa_4", CROWD | {"room_size": 12.0, "zone_radii": (5.0, 2.0), "cameras_mode": "revealed"}),
-    "three teams": ("teams_4", CROWD | {"sides_count": 3, "ending_rule": "all dead", "rewards_posthumous": False}),
+    "crowd": ("ffa_4", CROWD | {"room_size": 12.0, "safe_zone_radii": (5.0, 2.0), "cameras_mode": "revealed"}),
+    "three teams": ("teams_4", CROWD | {"teams_count": 3, "ending_rule": "all dead", "rewards_posthumous": False}),
     "as written": ("teams_4", {"melee_blocked": False, "melee_cooldown": 5, "pickup_touch": True, "inventory_slots": 1,
-                               "boxes_offset": 0.0, "drop_scatter": "disc", "give_nearest": "suitable"}),
-    "ablations": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "sides_count": 3, "rewards_alive": 1.0,
+                               "boxes_offset": 0.0, "death_drop_scatter": "disc", "give_last_nearest": "suitable"}),
+    "ablations": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "teams_count": 3, "rewards_alive": 1.0,
                                                          "rewards_dead": -1.0}),
     "steered": ("ffa_2+health_cap+bounty+steering", {"n_agents": 4}),
 }  # fmt: skip
@@ -122,10 +122,10 @@ class InvariantChecker:
     def _health_and_life_agree(self, alive: Array, ran: Array) -> None:
         """The living have health, or lost it after this step's check; the dead have none and stay dead."""
         health, tick = self.env.worlds[Health], self.env.worlds[Clock].tick
-        points, doomed = health.points[:, self.agents], health.doomed[:, self.agents]
+        points, doomed = health.points[:, self.agents], health.fatal_tick[:, self.agents]
         assert ((points > 0) | (doomed == tick.astype(np.int64)) | ~alive).all()
         assert ((points <= 0) | alive).all()
-        if limit := self.numbers["health_limit"]:
+        if limit := self.numbers["mortality_limit"]:
             assert (points <= limit).all()
         stepped = ran & (tick[:, 0] > 0)
         assert alive[tick[:, 0] == 0].all()

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import outlast
-from outlast.components import Told
+from outlast.components import ObservationMasks
 from outlast.ecs import Action, Clock, Worlds
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.envs.snapshots.state import State
@@ -181,7 +181,7 @@ def digest_of_episode(worlds: Worlds, where: Any = slice(None)) -> str:
     """A digest of the worlds `where`, without what a reset does not write: actions and observation masks."""
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
-        if not component.packed and not issubclass(component, (Action, Told)):
+        if not component.packed and not issubclass(component, (Action, ObservationMasks)):
             for column in worlds[component]:
                 total.update(column[where].tobytes())
     return total.hexdigest()

@@ -5,22 +5,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-MISS = 2.0  # no hit
+NO_HIT = 2.0
 Point = tuple[float, float]
 
 
 def ray_circle(o: Point, d: Point, centre: Point, radius: float) -> float:
-    """Fraction at which o + f * d enters the circle, by Pythagoras on the perpendicular's foot; or MISS."""
+    """Fraction at which o + f * d enters the circle, by Pythagoras on the perpendicular's foot; or NO_HIT."""
     length = math.hypot(*d)
     to_centre = (centre[0] - o[0], centre[1] - o[1])
     if length == 0 or math.hypot(*to_centre) < radius:
-        return MISS
+        return NO_HIT
     foot = (to_centre[0] * d[0] + to_centre[1] * d[1]) / length
     height = (to_centre[0] * d[1] - to_centre[1] * d[0]) / length
     if abs(height) > radius:
-        return MISS
+        return NO_HIT
     entry = foot - math.sqrt(radius**2 - height**2)
-    return entry / length if 0 <= entry <= length else MISS
+    return entry / length if 0 <= entry <= length else NO_HIT
 
 
 def box_corners(centre: Point, angle: float, half_width: float, half_height: float) -> list[Point]:
@@ -53,10 +53,10 @@ def _segment_distance(p: Point, a: Point, b: Point) -> float:
 
 
 def ray_box(o: Point, d: Point, centre: Point, angle: float, half_width: float, half_height: float) -> float:
-    """Fraction of the first crossing of o + f * d with a side of the box; MISS if none or from inside."""
+    """Fraction of the first crossing of o + f * d with a side of the box; NO_HIT if none or from inside."""
     corners = box_corners(centre, angle, half_width, half_height)
     if in_polygon(o, corners):
-        return MISS
+        return NO_HIT
     sides = zip(corners, [*corners[1:], corners[0]], strict=True)
     return min(_segments_cross(o, d, a, b) for a, b in sides)
 
@@ -66,10 +66,10 @@ def _segments_cross(o: Point, d: Point, a: Point, b: Point) -> float:
     side, away = (b[0] - a[0], b[1] - a[1]), (a[0] - o[0], a[1] - o[1])
     determinant = d[0] * side[1] - d[1] * side[0]
     if determinant == 0:
-        return MISS
+        return NO_HIT
     f = (away[0] * side[1] - away[1] * side[0]) / determinant
     g = (away[0] * d[1] - away[1] * d[0]) / determinant
-    return f if 0 <= f <= 1 and 0 <= g <= 1 else MISS
+    return f if 0 <= f <= 1 and 0 <= g <= 1 else NO_HIT
 
 
 def kite_corners(o: Point, heading: float, depth: float, half_fov: float) -> list[Point]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.killing.writer import NOTHING, Writer, same_bytes, temporary_files, visible
 
-QUICK = ("--set", "zone_harm=50", "--set", "zone_stand=10", "--set", "zone_shrink=5")
+QUICK = ("--set", "safe_zone_damage=50", "--set", "safe_zone_stand=10", "--set", "safe_zone_shrink=5")
 
 
 class Train(Writer):
@@ -21,7 +21,7 @@ class Train(Writer):
 
     def command(self, folder: Path, resume: bool = False) -> list[str]:
         numbers = ("--worlds", "8", "--rollout", "192", "--steps", "9600", "--every", "1536", "--threads", "1")
-        command = ["outlast", "train", "ffa_1", *numbers, "--set", "agents_health=10", "--set", "zone_stand=10"]
+        command = ["outlast", "train", "ffa_1", *numbers, "--set", "agents_health=10", "--set", "safe_zone_stand=10"]
         command += ["--quiet", "--ppo", "n_epochs=2", "--ppo", "batch_size=64", "--out", str(folder / "run")]
         begun = resume and (folder / "run").is_dir() and visible(folder / "run")
         return [*command, "--resume"] if begun else command

@@ -10,15 +10,15 @@ import pytest
 
 from outlast.components import Solid
 from outlast.ecs import Entity
-from tests.stage import CORNERS, Stage
+from tests.helpers.scenario_builder import CORNERS, ScenarioBuilder
 
 CHECKS = json.loads((Path(__file__).parents[1] / "data" / "check-values.json").read_text())
 FREE = ("forward", "left_at_45deg", "random_motion")  # nothing touches anything
 FREE_TOLERANCE, CONTACT_TOLERANCE = 2e-4, 2e-2
-WIDE = {"room_size": 8000.0, "zone_harm": 0}  # where nobody meets a wall
+WIDE = {"room_size": 8000.0, "safe_zone_damage": 0}  # where nobody meets a wall
 
 
-def perform(stage: Stage, check: dict[str, Any]) -> list[tuple[int, list[list[float]]]]:
+def perform(stage: ScenarioBuilder, check: dict[str, Any]) -> list[tuple[int, list[list[float]]]]:
     """Play a check's script; (step, states of both agents) at each step that it lists."""
     script = check["actions"]
     actions = script if isinstance(script, list) else [script["every_step"]] * script["n"]
@@ -37,7 +37,7 @@ def states(check: dict[str, Any]) -> list[Any]:
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_trajectories_of_the_original(name: str) -> None:
-    check, stage = CHECKS[name], Stage()
+    check, stage = CHECKS[name], ScenarioBuilder()
     for agent, (x, y, angle) in enumerate(check["initial_xyθ"]):
         stage.put("agent", agent, x, y, angle)
     for k, (x, y, *size) in enumerate(check["boxes_cx_cy_w_h"] or []):
@@ -55,20 +55,20 @@ def test_trajectories_of_the_original(name: str) -> None:
 
 
 def test_mass_and_inertia_of_an_agent() -> None:
-    solid = Stage().column(Solid)
+    solid = ScenarioBuilder().column(Solid)
     assert solid.mass[0, 0] == pytest.approx(0.785398, abs=1e-6)
     assert solid.inertia[0, 0] == pytest.approx(0.0981748, abs=1e-6)
 
 
 def test_the_first_step_of_full_thrust() -> None:
     """The old form of damping: the newer one would give 0.30999."""
-    x, _, _, vx, _, omega = Stage().step({0: "ahead turn"}).state(0)
+    x, _, _, vx, _, omega = ScenarioBuilder().step({0: "ahead turn"}).state(0)
     assert (vx, omega) == pytest.approx((0.30988, 0.12395), abs=5e-6)
     assert x - CORNERS[0][0] == pytest.approx(0.0104, abs=5e-5)
 
 
 def test_terminal_speed() -> None:
-    stage = Stage(**WIDE)
+    stage = ScenarioBuilder(**WIDE)
     stage.put("agent", 0, -3900, 0)
     stage.put("agent", 1, -3900, 50)
     stage.step({0: "ahead", 1: "turn"}, 200)
@@ -78,12 +78,12 @@ def test_terminal_speed() -> None:
 
 
 def test_walls_stop_an_agent_just_before_it_touches() -> None:
-    stage = Stage().step({0: "ahead"}, 120)
+    stage = ScenarioBuilder().step({0: "ahead"}, 120)
     assert stage.state(0)[0] == pytest.approx(12.375 - 0.505, abs=2e-3)
 
 
 def test_agents_rest_against_each_other_at_almost_their_diameter() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, -1, 0)
     stage.put("agent", 1, 1, 0, math.pi)
     stage.step({0: "ahead", 1: "ahead"}, 60)
@@ -91,7 +91,7 @@ def test_agents_rest_against_each_other_at_almost_their_diameter() -> None:
 
 
 def test_a_placed_box_pushes_its_user_out_at_once() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, 0, 0, 1.0)
     stage.put("box", 0, 9, 9, size=(1, 1.5))
     stage.column(Entity).alive[0, stage.row("box", 0)] = 0
@@ -105,7 +105,7 @@ def test_a_placed_box_pushes_its_user_out_at_once() -> None:
 def test_the_cone_of_the_runs_is_a_kite(degrees: float, depth: float) -> None:
     """Its far sides are chords: between the axis and the edge it is 9.51 deep."""
     for far, seen in ((depth - 0.02, 1), (depth + 0.02, 0)):
-        stage = Stage()
+        stage = ScenarioBuilder()
         stage.put("agent", 0, -7, -7, math.radians(45 - degrees))
         stage.put("agent", 1, -7 + far * math.sqrt(0.5), -7 + far * math.sqrt(0.5))
         assert stage.step().sees(0, "others") == [seen]
@@ -113,14 +113,14 @@ def test_the_cone_of_the_runs_is_a_kite(degrees: float, depth: float) -> None:
 
 @pytest.mark.parametrize(("degrees", "seen"), [(35.9, 1), (-35.9, 1), (36.1, 0), (-36.1, 0), (180, 0)])
 def test_the_cone_opens_72_degrees(degrees: float, seen: int) -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, 0, 0, math.radians(degrees))
     stage.put("agent", 1, 5, 0)
     assert stage.step().sees(0, "others") == [seen]
 
 
 def test_who_stands_exactly_on_the_edge_of_the_cone_is_seen() -> None:
-    stage = Stage(cameras_fov=math.pi / 2)
+    stage = ScenarioBuilder(cameras_fov=math.pi / 2)
     stage.put("agent", 0, 0, 0)
     for place, seen in (((3, 3), 1), ((3, -3), 1), ((10, 0), 1), ((-3, 3), 0), ((3, 3.01), 0), ((10.01, 0), 0)):
         stage.put("agent", 1, *place)
@@ -129,7 +129,7 @@ def test_who_stands_exactly_on_the_edge_of_the_cone_is_seen() -> None:
 
 @pytest.mark.parametrize("kind", ["heal", "box_item", "box"])
 def test_everything_hides_what_is_behind_it(kind: str) -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, 0, 0)
     stage.put("agent", 1, 6, 0)
     assert stage.step().sees(0, "others") == [1]
@@ -140,7 +140,7 @@ def test_everything_hides_what_is_behind_it(kind: str) -> None:
 
 
 def test_an_item_at_the_observers_feet_is_not_seen() -> None:
-    stage = Stage(inventory_slots=1)
+    stage = ScenarioBuilder(inventory_slots=1)
     stage.hand(0, "heal", 1)
     for far, seen in ((0.2, 0), (0.3, 1)):
         stage.put("heal", 0, CORNERS[0][0] + far, CORNERS[0][1])
@@ -149,7 +149,7 @@ def test_an_item_at_the_observers_feet_is_not_seen() -> None:
 
 def test_cameras_of_survivors_are_right_in_the_tick_of_a_death() -> None:
     """The original mixed them up (rules, section 7, point 2)."""
-    stage = Stage("teams_4")
+    stage = ScenarioBuilder("teams_4")
     for agent, x in enumerate((-6, -3, 0, 3)):
         stage.put("agent", agent, x, 0, math.pi if agent == 1 else 0.0)
     stage.wound(0, 0)

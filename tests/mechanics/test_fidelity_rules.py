@@ -8,12 +8,12 @@ import pytest
 from outlast.components import HealsUsed
 from outlast.ecs import Entity
 from tests.conftest import COMPILED
-from tests.stage import Stage, duel, mates
+from tests.helpers.scenario_builder import ScenarioBuilder, duel, mates
 
 OUTSIDE = (11.0, 11.0)  # in the room, but not in the first zone
 
 
-def owned_box(stage: Stage) -> Stage:
+def owned_box(stage: ScenarioBuilder) -> ScenarioBuilder:
     """Agent 0 has broken box 0, picked it up and set it up again."""
     stage.put("agent", 0, 0, 0)
     stage.put("box", 0, 1.3, 0)
@@ -28,7 +28,7 @@ def owned_box(stage: Stage) -> Stage:
 
 
 def test_the_zone_kills_one_step_after_health_is_gone() -> None:
-    stage = Stage("ffa_1")
+    stage = ScenarioBuilder("ffa_1")
     stage.put("agent", 0, *OUTSIDE)
     assert stage.step().health(0) == 99
     stage.step(times=99)
@@ -39,7 +39,7 @@ def test_the_zone_kills_one_step_after_health_is_gone() -> None:
 
 
 def test_a_heal_saves_who_has_no_health_left() -> None:
-    stage = Stage("ffa_1")
+    stage = ScenarioBuilder("ffa_1")
     stage.put("agent", 0, *OUTSIDE)
     stage.hand(0, "heal", 0)
     stage.wound(0, 1)
@@ -49,7 +49,7 @@ def test_a_heal_saves_who_has_no_health_left() -> None:
 
 
 def test_who_has_no_health_left_can_still_kill() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     stage.wound(0, 0)
     stage.wound(1, 5)
     stage.step({0: "attack"})
@@ -59,14 +59,14 @@ def test_who_has_no_health_left_can_still_kill() -> None:
 
 
 def test_health_has_no_maximum() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.hand(0, "heal", 0)
     assert stage.step({0: "use"}).health(0) == 175
     assert stage.column(HealsUsed).heals_used[0, 0] == 1
 
 
 def test_a_fresh_agent_takes_twenty_strikes() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     stage.step({0: "attack"}, 19)
     assert (stage.health(1), stage.here("agent", 1)) == (5, True)
     assert not stage.step({0: "attack"}).here("agent", 1)
@@ -74,11 +74,11 @@ def test_a_fresh_agent_takes_twenty_strikes() -> None:
 
 def test_melee_reaches_a_centre_two_and_a_half_ahead() -> None:
     for far, health in ((2.49, 95), (2.51, 100)):
-        assert duel(Stage(), far).step({0: "attack"}).health(1) == health
+        assert duel(ScenarioBuilder(), far).step({0: "attack"}).health(1) == health
 
 
 def test_who_strikes_together_dies_together() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     for agent in (0, 1):
         stage.wound(agent, 5)
     stage.step({0: "attack", 1: "attack"})
@@ -88,7 +88,7 @@ def test_who_strikes_together_dies_together() -> None:
 
 @pytest.mark.parametrize("kind", ["heal", "box_item", "box"])
 def test_what_lies_between_takes_the_strike(kind: str) -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     stage.put(kind, 0, 1, 0, size=(0.2, 0.2))
     assert stage.step({0: "attack"}).health(1) == 100
     stage.put(kind, 0, 0.1, 0, size=(0.5, 0.5))  # but not what the attacker stands in
@@ -97,11 +97,11 @@ def test_what_lies_between_takes_the_strike(kind: str) -> None:
 
 
 def test_walls_and_team_mates_take_the_strike() -> None:
-    stage = mates(Stage("teams_4"))
+    stage = mates(ScenarioBuilder("teams_4"))
     stage.put("agent", 1, 0.1, 0.4)
     stage.step({0: "attack"})
     assert [stage.health(agent) for agent in range(4)] == [100] * 4
-    stage = Stage(melee_cooldown=40, melee_damage=20)
+    stage = ScenarioBuilder(melee_cooldown=40, melee_damage=20)
     stage.put("agent", 0, 11.5, 0)
     stage.put("agent", 1, 11.5, 1.2, -math.pi / 2)
     stage.step({0: "attack", 1: "attack"})
@@ -113,7 +113,7 @@ def test_walls_and_team_mates_take_the_strike() -> None:
 
 
 def test_one_strike_breaks_a_box_and_its_item_comes_a_step_later() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, 0, 0)
     stage.put("box", 0, 1.5, 0.3)
     stage.step({0: "attack"})
@@ -126,7 +126,7 @@ def test_one_strike_breaks_a_box_and_its_item_comes_a_step_later() -> None:
 
 def test_boxes_broken_together_leave_items_where_each_stood() -> None:
     """In the original both lay at the first one's place (rules, section 7, point 1)."""
-    stage = Stage()
+    stage = ScenarioBuilder()
     for agent, x in enumerate((-5.0, 5.0)):
         stage.put("agent", agent, x, 0)
         stage.put("box", agent, x + 1.5, 0)
@@ -141,7 +141,7 @@ def test_the_vertices_of_what_broke_once_begin_one_corner_later() -> None:
     """
     lower_left = [-0.5, -1, 0.5, -1, 0.5, 1, -0.5, 1]
     for numbers, after in (({}, lower_left[2:] + lower_left[:2]), ({"boxes_corners": "lower left"}, lower_left)):
-        stage = Stage(**numbers)
+        stage = ScenarioBuilder(**numbers)
         stage.put("agent", 0, 0, 0)
         stage.put("box", 0, 1.5, 0, size=(1, 2))
         stage.step()
@@ -161,7 +161,7 @@ def test_the_vertices_of_what_broke_once_begin_one_corner_later() -> None:
 @pytest.mark.parametrize(("settles", "stands"), [(True, True), (False, False)])
 def test_a_box_takes_no_harm_in_the_tick_in_which_it_is_set_up(settles: bool, stands: bool) -> None:
     """In the paper's runs. It shields whoever is behind it at once, and can be broken from the next tick on."""
-    stage = duel(owned_box(Stage(boxes_settles=settles, boxes_offset=1.0)), 2.0)
+    stage = duel(owned_box(ScenarioBuilder(boxes_settles=settles, boxes_offset=1.0)), 2.0)
     stage.step({0: "attack"}).step()
     stage.put("agent", 0, *stage.place("box_item", 0))
     stage.step()
@@ -174,7 +174,7 @@ def test_a_box_takes_no_harm_in_the_tick_in_which_it_is_set_up(settles: bool, st
 
 
 def test_only_its_owner_breaks_an_owned_box_for_good() -> None:
-    stage = owned_box(Stage())
+    stage = owned_box(ScenarioBuilder())
     stage.put("agent", 1, 0.75, 2, -math.pi / 2)
     assert stage.step({1: "attack"}, 5).here("box", 0)
     assert not stage.step({0: "attack"}).here("box", 0)
@@ -188,7 +188,7 @@ def test_only_its_owner_breaks_an_owned_box_for_good() -> None:
 
 
 def test_the_box_of_a_dead_owner_is_indestructible() -> None:
-    stage = owned_box(Stage(ending_rule="all dead"))
+    stage = owned_box(ScenarioBuilder(ending_rule="all dead"))
     stage.put("agent", 1, 0.75, 2, -math.pi / 2)
     stage.wound(0, 0)
     assert not stage.step().here("agent", 0)
@@ -198,7 +198,7 @@ def test_the_box_of_a_dead_owner_is_indestructible() -> None:
 @pytest.mark.skipif(not COMPILED, reason="1500 steps")
 def test_the_longest_life_without_heals() -> None:
     """The zone is void from the end of step 1400, hurts from 1401, and the last agent is removed in 1501."""
-    stage = Stage("ffa_1", zone_centres="middle")
+    stage = ScenarioBuilder("ffa_1", safe_zone_centres="middle")
     stage.put("agent", 0, 0, 0)
     stage.step(times=1400)
     assert (stage.health(0), stage.zone) == (100, [0] * 6)
@@ -210,7 +210,7 @@ def test_the_longest_life_without_heals() -> None:
 
 
 def test_the_zone_stands_a_hundred_steps_and_shrinks_a_hundred() -> None:
-    stage = Stage("ffa_1")
+    stage = ScenarioBuilder("ffa_1")
     radii = [stage.zone[2]] + [stage.step().zone[2] for _ in range(200)]
     assert radii[:101] == [12.5] * 101
     assert [a - b for a, b in pairwise(radii[100:])] == pytest.approx([0.025] * 100, abs=1e-5)
@@ -218,23 +218,23 @@ def test_the_zone_stands_a_hundred_steps_and_shrinks_a_hundred() -> None:
 
 
 def test_a_kill_pays_the_killer() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     stage.wound(1, 5)
     assert stage.step({0: "attack"}).rewards == [101, -101]
 
 
 def test_a_kill_pays_the_team_and_its_victims_team_mates_are_charged() -> None:
-    stage = mates(Stage("teams_4"))
+    stage = mates(ScenarioBuilder("teams_4"))
     stage.wound(2, 5)
     assert stage.step({0: "attack"}).rewards == [101, 101, -99, -99]
 
 
 def test_teams_are_paid_for_the_kills_of_their_dead() -> None:
-    stage = mates(Stage("teams_4"))
+    stage = mates(ScenarioBuilder("teams_4"))
     for agent in (0, 2):
         stage.wound(agent, 5)
     assert stage.step({0: "attack", 2: "attack"}).rewards == [1, 1, 1, 1]
-    stage = mates(Stage("teams_4"))
+    stage = mates(ScenarioBuilder("teams_4"))
     for agent in range(4):
         stage.wound(agent, 5)
     stage.step(dict.fromkeys(range(4), "attack"))
@@ -243,7 +243,7 @@ def test_teams_are_paid_for_the_kills_of_their_dead() -> None:
 
 def test_a_death_in_the_zone_is_nobodys_kill() -> None:
     """Also of an agent that a melee left with a single point."""
-    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage = duel(ScenarioBuilder("ffa_4", safe_zone_radii=(1.0,)))
     stage.wound(1, 6)
     stage.step({0: "attack"})
     assert stage.health(1) == 0
@@ -253,7 +253,7 @@ def test_a_death_in_the_zone_is_nobodys_kill() -> None:
 
 def test_who_strikes_the_doomed_in_a_later_step_gets_no_credit() -> None:
     """Unlike the original (rules, section 7, point 6)."""
-    stage = duel(Stage("ffa_4", zone_radii=(1.0,)))
+    stage = duel(ScenarioBuilder("ffa_4", safe_zone_radii=(1.0,)))
     stage.wound(1, 1)
     assert stage.step().health(1) == 0
     assert stage.step({0: "attack"}).rewards == [1, -101]

@@ -13,9 +13,9 @@ from outlast.envs.cli.main import main
 from outlast.envs.rollout.policies import scripted_policy
 from outlast.systems import Motors, Steering
 from tests.conftest import COMPILED
-from tests.stage import Stage
+from tests.helpers.scenario_builder import ScenarioBuilder
 
-UNTOUCHED = {"health_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
+UNTOUCHED = {"mortality_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
 
 
 @pytest.mark.parametrize("name", outlast.VARIANTS)
@@ -37,7 +37,7 @@ def test_every_flaw_of_the_paper_can_be_mended() -> None:
 def test_names_are_put_together_in_any_order() -> None:
     assert variant("2v2_heals_mid+steering+health_cap").name == "teams_2+health_cap+steering"
     assert variant("teams_2+steering+health_cap") == variant("teams_2+health_cap+steering")
-    assert variant("ffa_2+health_cap").replace(health_limit=0).numbers() == variant("ffa_2").numbers()
+    assert variant("ffa_2+health_cap").replace(mortality_limit=0).numbers() == variant("ffa_2").numbers()
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_the_command_line_lists_them(capsys: pytest.CaptureFixture[str]) -> None
 
 def health(name: str) -> list[float]:
     """Of two agents that use a heal, one of them wounded."""
-    stage = Stage(name)
+    stage = ScenarioBuilder(name)
     stage.wound(0, 20)
     stage.hand(0, "heal", 0)
     stage.hand(1, "heal", 1)
@@ -77,13 +77,13 @@ def test_a_capped_health_loses_what_is_above() -> None:
 
 
 def test_a_cap_below_the_health_at_birth_is_refused() -> None:
-    with pytest.raises(NumberError, match="agents are born with 100"):
-        make_vec(variant("ffa_1").replace(health_limit=99), 1)
+    with pytest.raises(NumberError, match="agents begin with 100"):
+        make_vec(variant("ffa_1").replace(mortality_limit=99), 1)
 
 
 def paid(name: str, *dead: int) -> list[float]:
     """Rewards of the tick in which those agents die, and nobody's hand was in it."""
-    stage = Stage(name)
+    stage = ScenarioBuilder(name)
     for agent in dead:
         stage.wound(agent, 0)
     return stage.step().rewards
@@ -111,7 +111,7 @@ def test_rewards(name: str, dead: tuple[int, ...], rewards: list[float]) -> None
 
 
 def test_a_bounty_is_paid_to_the_killer() -> None:
-    stage = Stage("ffa_1+bounty")
+    stage = ScenarioBuilder("ffa_1+bounty")
     stage.put("agent", 0, 0, 0)
     stage.put("agent", 1, 1.5, 0)
     stage.wound(1, 5)

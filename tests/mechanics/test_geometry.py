@@ -1,4 +1,4 @@
-"""Rays, cones and gaps against pybox2d (bit for bit where it can be) and against plain-Python twins."""
+"""Rays, cones and gaps against pybox2d (bit for bit where it can be) and against naive plain-Python forms."""
 
 import cmath
 import math
@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from outlast.ecs import kernel
 from outlast.ecs.jit import entry_point
-from outlast.systems.inner import geometry
+from outlast.systems.geometry.points import gap_circle_box, in_kite, in_sector
+from outlast.systems.geometry.rays import NO_HIT, ray_body, ray_box, ray_circle
 from tests.helpers import naive_geometry as naive
 
 COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
@@ -50,7 +51,7 @@ class Queries(NamedTuple):
 def _cast_circles(queries: Queries, out: np.ndarray) -> None:
     for i in range(len(out)):
         o, d, c = queries.origin[i], queries.ray[i], queries.centre[i]
-        out[i] = geometry.ray_circle(o[0], o[1], d[0], d[1], c[0], c[1], queries.half[i, 0])
+        out[i] = ray_circle(o[0], o[1], d[0], d[1], c[0], c[1], queries.half[i, 0])
 
 
 @kernel
@@ -58,7 +59,7 @@ def _cast_boxes(queries: Queries, out: np.ndarray) -> None:
     for i in range(len(out)):
         o, d, c, half = queries.origin[i], queries.ray[i], queries.centre[i], queries.half[i]
         cosine, sine = queries.cosine[i], queries.sine[i]
-        out[i] = geometry.ray_box(o[0], o[1], d[0], d[1], c[0], c[1], cosine, sine, half[0], half[1])
+        out[i] = ray_box(o[0], o[1], d[0], d[1], c[0], c[1], cosine, sine, half[0], half[1])
 
 
 @kernel
@@ -66,7 +67,7 @@ def _look(points: np.ndarray, eyes: np.ndarray, turns: np.ndarray, camera: tuple
     """camera: (depth, cosine and sine of half_fov); turns: f4[n, 2] cosine and sine."""
     for i in range(len(out)):
         p, o, turn = points[i], eyes[i], turns[i]
-        out[i] = geometry.in_kite(p[0], p[1], o[0], o[1], turn[0], turn[1], camera[0], camera[1], camera[2])
+        out[i] = in_kite(p[0], p[1], o[0], o[1], turn[0], turn[1], camera[0], camera[1], camera[2])
 
 
 def _queries(seed: int, count: int) -> Queries:
@@ -102,7 +103,7 @@ def _box2d_casts(queries: Queries, circles: bool) -> np.ndarray:
     transform, result = Box2D.b2Transform(), Box2D.b2RayCastOutput()
     segment = Box2D.b2RayCastInput(p1=(0, 0), p2=(0, 0), maxFraction=1)
     ends = (queries.origin + queries.ray).tolist()
-    out = np.full(len(ends), geometry.MISS)
+    out = np.full(len(ends), NO_HIT)
     starts, centres, angles, halves = (queries[column].tolist() for column in (0, 2, 4, 3))
     rows = zip(starts, ends, centres, angles, halves, strict=True)
     for i, (segment.p1, segment.p2, centre, angle, half) in enumerate(rows):
@@ -140,7 +141,7 @@ def test_rays_equal_box2d(circles: bool) -> None:
     fractions = _agree(_queries(1, COUNT), circles)
     hits = fractions <= 1
     assert 0.2 < hits.mean() < 0.5
-    assert (fractions[~hits] == geometry.MISS).all()
+    assert (fractions[~hits] == NO_HIT).all()
 
 
 @pytest.mark.parametrize("circles", [True, False], ids=["circles", "boxes"])
@@ -170,9 +171,9 @@ def test_rays_through_a_box2d_world() -> None:
     found = 0
     for _ in range(COUNT // 100):
         origin, ray = rng.uniform(-10, 10, 2).astype(F4), rng.uniform(-8, 8, 2).astype(F4)
-        nearest.fraction = float(geometry.MISS)
+        nearest.fraction = float(NO_HIT)
         world.RayCast(nearest, origin.tolist(), (origin + ray).tolist())
-        ours = min(float(geometry.ray_body(*origin, *ray, *body)) for body in bodies)
+        ours = min(float(ray_body(*origin, *ray, *body)) for body in bodies)
         assert ours == pytest.approx(nearest.fraction, abs=TOLERANCE)
         found += ours <= 1
     assert found > COUNT // 300
@@ -208,8 +209,8 @@ def _f4(*numbers: float) -> list[np.float32]:
     ],
 )
 def test_ray_circle(origin: tuple[float, float], ray: tuple[float, float], expected: float) -> None:
-    assert float(geometry.ray_circle(*_f4(*origin, *ray, 0, 0, 1))) == expected
-    assert float(geometry.ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 1, 9, 9))) == expected
+    assert float(ray_circle(*_f4(*origin, *ray, 0, 0, 1))) == expected
+    assert float(ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 1, 9, 9))) == expected
 
 
 @pytest.mark.parametrize(
@@ -232,26 +233,26 @@ def test_ray_circle(origin: tuple[float, float], ray: tuple[float, float], expec
     ],
 )
 def test_ray_box(origin: tuple[float, float], ray: tuple[float, float], expected: float) -> None:
-    assert float(geometry.ray_box(*_f4(*origin, *ray, 0, 0, 1, 0, 2, 1))) == expected
-    assert float(geometry.ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 0, 2, 1))) == expected
+    assert float(ray_box(*_f4(*origin, *ray, 0, 0, 1, 0, 2, 1))) == expected
+    assert float(ray_body(*_f4(*origin, *ray, 0, 0, 1, 0, 0, 2, 1))) == expected
 
 
 def test_nearly_parallel_rays_do_not_break() -> None:
     for tiny in (1e-45, 1e-38, 1e-20):
         for sign in (1, -1):
             ray = _f4(-4, 0.5, 8, sign * tiny)
-            assert float(geometry.ray_box(*ray, *_f4(0, 0, 1, 0, 2, 1))) == 0.25
-            assert float(geometry.ray_circle(*ray, *_f4(0, 0, 1))) <= 1
+            assert float(ray_box(*ray, *_f4(0, 0, 1, 0, 2, 1))) == 0.25
+            assert float(ray_circle(*ray, *_f4(0, 0, 1))) <= 1
 
 
 def test_results_are_float32() -> None:
     calls = [
-        (geometry.ray_circle, 7, numba.float32),
-        (geometry.ray_box, 10, numba.float32),
-        (geometry.ray_body, 11, numba.float32),
-        (geometry.gap_circle_box, 9, numba.float32),
-        (geometry.in_kite, 9, numba.boolean),
-        (geometry.in_sector, 9, numba.boolean),
+        (ray_circle, 7, numba.float32),
+        (ray_box, 10, numba.float32),
+        (ray_body, 11, numba.float32),
+        (gap_circle_box, 9, numba.float32),
+        (in_kite, 9, numba.boolean),
+        (in_sector, 9, numba.boolean),
     ]
     for function, count, expected in calls:
         result = function(*_f4(*range(1, count + 1)))
@@ -295,8 +296,8 @@ def test_kite_is_shallower_than_the_sector_between_axis_and_edge() -> None:
         ahead = cmath.exp(1j * math.radians(degrees))
         for reach, inside in ((depth - 0.01, True), (depth + 0.01, False)):
             point = _f4(ahead.real * reach, ahead.imag * reach)
-            assert geometry.in_kite(*point, *camera) == inside
-            assert geometry.in_sector(*point, *camera) == (reach <= 10)
+            assert in_kite(*point, *camera) == inside
+            assert in_sector(*point, *camera) == (reach <= 10)
 
 
 coordinate = st.floats(-12.5, 12.5, width=32)
@@ -313,54 +314,56 @@ def _place(o: naive.Point, d: naive.Point, near: Near) -> naive.Point:
 
 
 def _between(fraction: float, larger: float, smaller: float) -> None:
-    """A body a little larger is hit no later, one a little smaller no earlier (MISS being latest)."""
+    """A body a little larger is hit no later, one a little smaller no earlier (NO_HIT being latest)."""
     assert larger - TOLERANCE <= float(fraction) <= smaller + TOLERANCE
 
 
 @QUICK
 @given(pair, pair, nearby, size)
-def test_ray_circle_equals_twin(o: naive.Point, d: naive.Point, near: Near, radius: float) -> None:
+def test_ray_circle_equals_the_naive_form(o: naive.Point, d: naive.Point, near: Near, radius: float) -> None:
     centre = _place(o, d, near)
     distance = math.dist(o, centre)
     # Rounding of the discriminant, as a change of radius: it grows with the square of the distance.
     slack = TOLERANCE + 1e-6 * distance**2 / radius
     assume(math.hypot(*d) > 0.01 and abs(distance - radius) > slack and radius > slack)
-    fraction = geometry.ray_circle(*_f4(*o, *d, *centre, radius))
+    fraction = ray_circle(*_f4(*o, *d, *centre, radius))
     larger = naive.ray_circle(o, d, centre, radius + slack)
     _between(fraction, larger, naive.ray_circle(o, d, centre, radius - slack))
 
 
 @QUICK
 @given(pair, pair, nearby, turned, size, size)
-def test_ray_box_equals_twin(
+def test_ray_box_equals_the_naive_form(
     o: naive.Point, d: naive.Point, near: Near, angle: float, width: float, height: float
 ) -> None:
     slack, centre = TOLERANCE, _place(o, d, near)
     assume(math.hypot(*d) > 0.01)
     assume(naive.edge_distance(o, naive.box_corners(centre, angle, width, height)) > 2 * slack)
     turn = (math.cos(angle), math.sin(angle))
-    fraction = geometry.ray_box(*_f4(*o, *d, *centre, *turn, width, height))
+    fraction = ray_box(*_f4(*o, *d, *centre, *turn, width, height))
     larger = naive.ray_box(o, d, centre, angle, width + slack, height + slack)
     _between(fraction, larger, naive.ray_box(o, d, centre, angle, width - slack, height - slack))
 
 
 @QUICK
 @given(pair, pair, turned, st.floats(1, 12), st.floats(0.1, 3))
-def test_cameras_equal_twins(p: naive.Point, o: naive.Point, heading: float, depth: float, half_fov: float) -> None:
+def test_cameras_equal_the_naive_form(
+    p: naive.Point, o: naive.Point, heading: float, depth: float, half_fov: float
+) -> None:
     numbers = (*p, *o, math.cos(heading), math.sin(heading), depth, math.cos(half_fov), math.sin(half_fov))
     corners = naive.kite_corners(o, heading, depth, half_fov)
     if naive.edge_distance(p, corners) > TOLERANCE:
-        assert geometry.in_kite(*_f4(*numbers)) == naive.in_kite(p, o, heading, depth, half_fov)
+        assert in_kite(*_f4(*numbers)) == naive.in_kite(p, o, heading, depth, half_fov)
     sides = [corners[1], corners[0], corners[3]]
     if naive.edge_distance(p, sides) > TOLERANCE and abs(math.dist(p, o) - depth) > TOLERANCE:
-        assert geometry.in_sector(*_f4(*numbers)) == naive.in_sector(p, o, heading, depth, half_fov)
+        assert in_sector(*_f4(*numbers)) == naive.in_sector(p, o, heading, depth, half_fov)
 
 
 @QUICK
 @given(pair, size, pair, turned, size, size)
-def test_gap_equals_twin(
+def test_gap_equals_the_naive_form(
     centre: naive.Point, radius: float, box: naive.Point, angle: float, width: float, height: float
 ) -> None:
     numbers = (*centre, radius, *box, math.cos(angle), math.sin(angle), width, height)
     expected = naive.gap_circle_box(centre, radius, box, angle, width, height)
-    assert float(geometry.gap_circle_box(*_f4(*numbers))) == pytest.approx(expected, abs=TOLERANCE)
+    assert float(gap_circle_box(*_f4(*numbers))) == pytest.approx(expected, abs=TOLERANCE)

@@ -1,16 +1,16 @@
-"""Fights, deaths, boxes and items: ticks of random worlds against the twins in tests/twins.py."""
+"""Fights, deaths, boxes and items: ticks of random worlds against tests/helpers/naive_mechanics.py."""
 
 import math
 
 import pytest
 
-from tests import twin_faces, twins
+from tests.helpers import naive_mechanics, naive_observations
+from tests.helpers.ambiguity import collecting
+from tests.helpers.naive_world import TOLERANCE
+from tests.helpers.random_worlds import COUNT, KINDS, disagreements, play
 from tests.reference.episodes import MOTION
 from tests.reference.physics import move
 from tests.reference.random_numbers import scattered
-from tests.twin_doubts import noting
-from tests.twin_scenes import COUNT, KINDS, disagreements, play
-from tests.twin_world import TOLERANCE
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 
@@ -38,9 +38,9 @@ def test_items_of_the_dead_lie_around_them(kind: str) -> None:
         for item, agent in tick.want.fallen:
             one, other, numbers = tick.after.things[item], tick.after.things[agent], tick.after.numbers
             far = math.dist((one.x, one.y), (other.x, other.y))
-            assert far <= numbers["drop_radius"] + TOLERANCE
-            if numbers["drop_scatter"] == "rim":
-                assert far >= numbers["drop_radius"] - TOLERANCE
+            assert far <= numbers["death_drop_radius"] + TOLERANCE
+            if numbers["death_drop_scatter"] == "rim":
+                assert far >= numbers["death_drop_radius"] - TOLERANCE
 
 
 @kinds
@@ -51,7 +51,7 @@ def test_bags_hold_what_was_picked_up_given_and_not_used(kind: str) -> None:
 
 @kinds
 def test_items_lie_where_they_fell_until_somebody_takes_them(kind: str) -> None:
-    """Those of the dead where numpy's dice say."""
+    """Those of the dead where numpy's random numbers say."""
     assert disagreements(kind, ["heal", "box_item"], "here") == []
     for tick in play(kind):
         pairs = zip(tick.after.of("heal", "box_item"), tick.want.of("heal", "box_item"), strict=True)
@@ -78,8 +78,8 @@ def test_bodies_move_as_in_a_box2d_world_of_all_of_them(kind: str) -> None:
     """
     gaps = []
     for tick in play(kind):
-        with noting():
-            want = twins.tick(tick.before, tick.actions, move, scattered, twin_faces.see)
+        with collecting():
+            want = naive_mechanics.tick(tick.before, tick.actions, move, scattered, naive_observations.see)
         pairs = zip(tick.after.of("agent", "box"), want.of("agent", "box"), strict=True)
         gaps += [max(abs(getattr(a, c) - getattr(b, c)) for c in MOTION) for a, b in pairs if b.here]
     assert sum(gap > 1e-6 for gap in gaps) <= 0.01 * len(gaps)

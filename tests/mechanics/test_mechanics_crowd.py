@@ -1,4 +1,4 @@
-"""Worlds with so many bodies that they are sifted before they are looked at, against the twins that ask everybody."""
+"""Worlds with so many bodies that cameras cull them first, against the naive form that tests every body."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ from outlast.ecs import Entity
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.cameras import FEW
-from tests import twin_faces
 from tests.conftest import scaled
-from tests.twin_doubts import noting
-from tests.twin_world import World, read
+from tests.helpers import naive_observations
+from tests.helpers.ambiguity import collecting
+from tests.helpers.naive_world import World, read
 
 WORLDS = scaled(12, least=2)
 HEALS = 150
@@ -25,7 +25,9 @@ CONES = {
 
 def crowd(cone: str) -> SurvivalVectorEnv:
     """Everybody somewhere, agents turned anywhere; after a tick in which nobody acts."""
-    scenario = outlast.variant("ffa_4").replace(n_agents=4, n_heals=HEALS, n_boxes=4, spawn_cells=16, **CONES[cone])
+    scenario = outlast.variant("ffa_4").replace(
+        n_agents=4, n_heals=HEALS, n_boxes=4, spawn_grid_cells=16, **CONES[cone]
+    )
     env, rng = outlast.make_vec(scenario, WORLDS, seed=1), np.random.default_rng(2)
     env.reset()
     env.worlds[Body].angle[:, : env.num_agents] = rng.uniform(-4, 4, (WORLDS, env.num_agents))
@@ -35,7 +37,7 @@ def crowd(cone: str) -> SurvivalVectorEnv:
 
 def seen(env: SurvivalVectorEnv, w: int) -> list[set[int]]:
     """By agent: rows in the sets that the cameras leave."""
-    sets = env.worlds[Sight].seen[w].tolist()
+    sets = env.worlds[Sight].visible[w].tolist()
     return [
         {SIMD_WIDTH * g + k for g, word in enumerate(words) for k in range(SIMD_WIDTH) if word >> k & 1}
         for words in sets
@@ -48,11 +50,11 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
     for w in range(WORLDS):
         assert np.count_nonzero(np.add.reduceat(env.worlds[Entity].alive[w], range(0, HEALS, SIMD_WIDTH))) > FEW
         world: World = read(env, w)
-        with noting() as doubts:
-            want = twin_faces.see(world)
+        with collecting() as ambiguities:
+            want = naive_observations.see(world)
         got = seen(env, w)
         several += sum(len(rows) > 2 for rows in got)
         differing = sum(len(a ^ b) for a, b in zip(got, want, strict=True))
-        assert differing <= len(doubts), (got, want)
+        assert differing <= len(ambiguities), (got, want)
     env.close()
     assert several >= WORLDS

@@ -1,4 +1,4 @@
-"""One tick of degenerate worlds, which hypothesis makes up, against the twins; on a grid, where nothing is rounded."""
+"""One tick of degenerate worlds, made by hypothesis, against the naive forms; on a grid, where nothing is rounded."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 
 from outlast import make_vec, variant
-from outlast.systems.box2d.scene import LONGEST
+from outlast.systems.box2d.batch import LONGEST
 from tests.conftest import COMPILED, scaled
+from tests.helpers.edge_cases import CASES, SLOTS, Sketch, build, sketches
+from tests.helpers.naive_world import TOLERANCE, read
+from tests.helpers.random_worlds import TEXT, moved_as_in
 from tests.reference import episodes as reference
 from tests.reference.episodes import Outcome, facts
-from tests.twin_edges import CASES, SLOTS, Sketch, build, sketches
-from tests.twin_scenes import TEXT, moved_as_in
-from tests.twin_world import TOLERANCE, read
 
 KEEP = ("agents_count", "boxes_count", "heals_count", "inventory_slots", "rewards_kill", "rewards_death")
 AS_WRITTEN = {key: value for key, value in TEXT.items() if key not in KEEP} | {"boxes_least": 0.003}
@@ -23,7 +23,7 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "ffa as run": ("ffa_4", {}),
     "teams as run": ("teams_4", {}),
     "ffa as written": ("ffa_4", AS_WRITTEN),
-    "teams as written": ("teams_4", AS_WRITTEN | {"health_limit": 100, "cameras_mode": "masked"}),
+    "teams as written": ("teams_4", AS_WRITTEN | {"mortality_limit": 100, "cameras_mode": "masked"}),
 }
 SOME = settings(max_examples=200 if COMPILED else 20, deadline=None, derandomize=True)
 EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
@@ -44,7 +44,7 @@ def places(outcome: Outcome) -> list[tuple[float, float]]:
 
 
 def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
-    """What the engine and what the twins make of a tick; and whether all stayed on the grid.
+    """What the engine and what the naive forms make of a tick; and whether all stayed on the grid.
 
     Contacts move agents off it, and what the dead drop lies anywhere.
     """
@@ -60,7 +60,7 @@ def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_what_comes_out_of_degenerate_worlds_is_what_the_twins_say(name: str) -> None:
+def test_what_comes_out_of_degenerate_worlds_is_what_the_naive_forms_say(name: str) -> None:
     """All of these things must have happened, and often."""
     counts: Counter[str] = Counter()
 
@@ -77,7 +77,7 @@ def test_what_comes_out_of_degenerate_worlds_is_what_the_twins_say(name: str) ->
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("words", CASES)
-def test_what_comes_out_of_this_world_is_what_the_twins_say(words: str, name: str) -> None:
+def test_what_comes_out_of_this_world_is_what_the_naive_forms_say(words: str, name: str) -> None:
     """What hypothesis might not find: each hits an edge to the bit."""
     got, want, _ = played(CASES[words], name)
     check(got, want, on_grid=True)
@@ -90,7 +90,7 @@ def check(got: Outcome, want: Outcome, on_grid: bool) -> list[str]:
         assert facts(got, want) == []
         events.append("facts were compared")
     if not want.ambiguous:
-        events.append("what is told was compared")
+        events.append("observations were compared")
         for key, value in want.observation.items():
             np.testing.assert_allclose(got.observation[key], value, atol=TOLERANCE, err_msg=key)
     return events

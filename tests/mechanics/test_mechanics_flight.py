@@ -12,10 +12,10 @@ import outlast
 from outlast.components import Body, Shape, Solid
 from outlast.ecs import RESET, NumberError
 from outlast.envs.errors import FaultError
-from outlast.systems import Contacts, physics
-from outlast.systems.box2d import portable, scene
+from outlast.systems import Physics, physics
+from outlast.systems.box2d import batch, portable
 from tests.conftest import draw_actions, scaled, slow_compiled
-from tests.stage import Stage
+from tests.helpers.scenario_builder import ScenarioBuilder
 
 F4 = np.float32
 
@@ -39,29 +39,41 @@ class Pushed(NamedTuple):
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, 60.0, 300.0])  # the last one is beyond 2 m and a quarter turn a substep
 def test_what_touches_nothing_flies_as_in_box2d(speed: float) -> None:
-    rng, settings, radius = np.random.default_rng(1), scene.Settings(), 0.5
+    rng, settings, radius = np.random.default_rng(1), batch.Settings(), 0.5
     mass = math.pi * radius**2
     for _ in range(10):
-        row = np.zeros((1, scene.COLUMNS), F4)
-        row[0, : scene.RADIUS] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
-        row[0, [scene.RADIUS, scene.DYNAMIC, scene.REACH]] = radius, 1, 1e5
-        row[0, [scene.MASS, scene.INERTIA]] = mass, mass * radius**2 / 2
-        row[0, scene.JX :] = rng.normal(0, 0.3, 3)
-        body = Flying(*(np.array([value]) for value in row[0, : scene.RADIUS]))
-        shares = (np.array([settings.substeps * value], F4) for value in row[0, scene.JX :])
-        push, lightness, ease = Pushed(*shares), F4(1 / mass), F4(2 / (mass * radius**2))
-        slow, calm = (F4(1 - settings.dt * d) for d in (settings.linear_damping, settings.angular_damping))
+        row = np.zeros((1, batch.COLUMNS), F4)
+        row[0, : batch.RADIUS] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
+        row[0, [batch.RADIUS, batch.DYNAMIC, batch.MAX_TRAVEL]] = radius, 1, 1e5
+        row[0, [batch.MASS, batch.INERTIA]] = mass, mass * radius**2 / 2
+        row[0, batch.JX :] = rng.normal(0, 0.3, 3)
+        body = Flying(*(np.array([value]) for value in row[0, : batch.RADIUS]))
+        shares = (np.array([settings.substeps * value], F4) for value in row[0, batch.JX :])
+        push, inverse_mass, inverse_inertia = Pushed(*shares), F4(1 / mass), F4(2 / (mass * radius**2))
+        linear_scale, angular_scale = (
+            F4(1 - settings.dt * d) for d in (settings.linear_damping, settings.angular_damping)
+        )
         for _ in range(settings.substeps):
-            physics.integrate(body, push, lightness, ease, 0, settings.dt, slow, calm, F4(settings.substeps))
-        assert portable.solve(None, settings, row, 1) == scene.SOLVED
-        assert [float(column[0]) for column in body] == pytest.approx(row[0, : scene.RADIUS].tolist(), rel=1e-5)
+            physics.integrate(
+                body,
+                push,
+                inverse_mass,
+                inverse_inertia,
+                0,
+                settings.dt,
+                linear_scale,
+                angular_scale,
+                F4(settings.substeps),
+            )
+        assert portable.solve(None, settings, row, 1) == batch.SOLVED
+        assert [float(column[0]) for column in body] == pytest.approx(row[0, : batch.RADIUS].tolist(), rel=1e-5)
 
 
 @pytest.mark.parametrize("column", ["x", "y", "vx", "vy", "omega"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_a_fault(column: str, value: float) -> None:
     """Of a body that is alone in the world, so that Box2D never gets to see it."""
-    alone = Stage("ffa_1", n_agents=1, n_heals=1, room_walls=False)
+    alone = ScenarioBuilder("ffa_1", n_agents=1, n_heals=1, room_walls=False)
     getattr(alone.column(Body), column)[0, 0] = value
     with pytest.raises(FaultError, match="world 0"):
         alone.step()
@@ -70,7 +82,7 @@ def test_what_is_no_number_is_a_fault(column: str, value: float) -> None:
 @pytest.mark.parametrize("column", ["x", "y"])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_what_is_a_million_metres_away_is_a_fault(column: str, sign: int) -> None:
-    alone = Stage("ffa_1", n_agents=1, n_heals=1, room_walls=False)
+    alone = ScenarioBuilder("ffa_1", n_agents=1, n_heals=1, room_walls=False)
     alone.put("agent", 0, 0, 0)
     getattr(alone.column(Body), column)[0, 0] = sign * 0.999e6
     alone.step()
@@ -79,24 +91,24 @@ def test_what_is_a_million_metres_away_is_a_fault(column: str, sign: int) -> Non
         alone.step()
 
 
-def test_physics_takes_as_many_bodies_as_a_scene_holds() -> None:
+def test_physics_takes_as_many_bodies_as_a_batch_holds() -> None:
     """Agents and four walls."""
-    most = scene.CAPACITY - 4
-    crowd = outlast.variant("ffa_1").replace(n_heals=1, spawn_cells=23)
+    most = batch.CAPACITY - 4
+    crowd = outlast.variant("ffa_1").replace(n_heals=1, spawn_grid_cells=23)
     outlast.make_vec(crowd.replace(n_agents=most), 1).close()
-    with pytest.raises(NumberError, match=f"{scene.CAPACITY + 1} bodies"):
+    with pytest.raises(NumberError, match=f"{batch.CAPACITY + 1} bodies"):
         outlast.make_vec(crowd.replace(n_agents=most + 1), 1)
 
 
-def test_a_scene_is_stepped_by_the_numbers_of_contacts() -> None:
+def test_a_batch_is_stepped_by_the_numbers_of_physics() -> None:
     """If nobody says otherwise; Box2D's own limits are those of its header."""
-    numbers: dict[str, Any] = asdict(Contacts())
+    numbers: dict[str, Any] = asdict(Physics())
     expected = {"dt": F4(1 / numbers.pop("rate")), "continuous": int(numbers.pop("continuous"))}
-    del numbers["bridge"]
+    del numbers["backend"]
     expected |= {name: F4(value) if isinstance(value, float) else value for name, value in numbers.items()}
-    assert scene.Settings()._asdict() == expected
+    assert batch.Settings()._asdict() == expected
     assert float(physics.MOST) == pytest.approx(math.pi / 2)
-    assert scene.LONGEST == 2
+    assert batch.LONGEST == 2
 
 
 # ---- a body has one mass
@@ -122,7 +134,7 @@ def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) ->
     """Where Box2D moves the agent, and where it flies by the engine's own formula."""
     speeds = []
     for x in (0.0, 11.85):
-        stage = Stage("ffa_1", agents_density=4.0, motors_give=give)
+        stage = ScenarioBuilder("ffa_1", agents_density=4.0, motors_give=give)
         stage.put("agent", 0, x, 0, math.pi / 2)
         stage.step({0: "ahead"})
         speeds.append(stage.state(0)[4])
@@ -137,7 +149,7 @@ def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) ->
 def test_who_is_pushed_through_a_wall_is_put_back_to_its_inner_side(
     at: tuple[float, float], kept: tuple[float, float]
 ) -> None:
-    stage = Stage("ffa_1")
+    stage = ScenarioBuilder("ffa_1")
     stage.put("agent", 0, *at)
     stage.column(Body).vx[0, 0], stage.column(Body).vy[0, 0] = 3 * np.sign(at[0]), 1
     stage.step()
@@ -151,7 +163,7 @@ def test_who_is_pushed_through_a_wall_is_put_back_to_its_inner_side(
 @pytest.mark.parametrize("size", [6.0, 8.0])
 def test_boxes_larger_than_their_cells_push_nobody_out_of_a_small_room(size: float) -> None:
     radii = tuple(share * size / 2 for share in (1, 0.8, 0.6, 0.4, 0.2))
-    scenario = outlast.variant("teams_3").replace(room_size=size, zone_radii=radii)
+    scenario = outlast.variant("teams_3").replace(room_size=size, safe_zone_radii=radii)
     env = outlast.make_vec(scenario, scaled(64, 4), seed=0)
     agents, body, rng = env.worlds.span("agent"), env.worlds[Body], np.random.default_rng(0)
     env.reset()

@@ -16,7 +16,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Agents": {
         "count": (2, COUNT), "radius": (0.5, "[0.002,inf)"), "density": (1.0, POSITIVE), "health": (100, SOME_POINTS),
     },
-    "AutoPickup": {"reach": (0.5, POSITIVE), "touch": (True, SWITCH)},
+    "Pickup": {"reach": (0.5, POSITIVE), "touch": (True, SWITCH)},
     "Boxes": {
         "count": (8, COUNT), "width": (1.0, POSITIVE), "width_deviation": (1.0, NOT_NEGATIVE),
         "height": (1.5, POSITIVE), "height_deviation": (1.5, NOT_NEGATIVE), "least": (0.1, "[0.003,inf)"),
@@ -28,11 +28,11 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "fov": (0.4 * math.pi, f"(0,{math.pi}]"), "depth": (10.0, POSITIVE), "cone": ("sector", ("sector", "kite")),
         "items_occlude": (True, SWITCH), "mode": ("masked", ("masked", "revealed", "omniscient")),
     },
-    "Contacts": {
+    "Physics": {
         "rate": (60.0, POSITIVE), "substeps": (2, COUNT), "velocity_iterations": (10, COUNT),
         "position_iterations": (10, COUNT), "friction": (0.2, NOT_NEGATIVE),
         "restitution": (0.0, "[0,1]"), "linear_damping": (0.8, NOT_NEGATIVE), "angular_damping": (0.8, NOT_NEGATIVE),
-        "continuous": (True, SWITCH), "bridge": ("auto", ("auto", "native", "portable")),
+        "continuous": (True, SWITCH), "backend": ("auto", ("auto", "native", "portable")),
     },
     "DeathDrop": {"radius": (0.5, NOT_NEGATIVE), "scatter": ("disc", ("disc", "rim"))},
     "DropLast": {"offset": (1.0, NOT_NEGATIVE)},
@@ -58,7 +58,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Room": {"size": (25.0, COUNT), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]")},
     "SafeZone": {
         "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, NOT_NEGATIVE),
-        "shrink": (100, COUNT), "harm": (1, POINTS), "centres": ("random", ("random", "middle")),
+        "shrink": (100, COUNT), "damage": (1, POINTS), "centres": ("random", ("random", "middle")),
     },
     "SpawnGrid": {"cells": (8, COUNT)},
     "Steering": {"speed": (5.0, NOT_NEGATIVE), "spin": (math.pi, NOT_NEGATIVE)},

@@ -7,17 +7,18 @@ import pytest
 import outlast
 from outlast.components import Body, Guard, Shape, Side
 from tests.conftest import scaled
+from tests.helpers.naive_world import TOLERANCE, World, read
+from tests.helpers.random_worlds import RUNS
 from tests.reference.random_numbers import draw_index, philox, uniform2
-from tests.twin_scenes import RUNS
-from tests.twin_world import TOLERANCE, World, read
 
 COUNT = scaled(40, least=3)
 CASES = {
     "as run": ("teams_4", RUNS),
     "paper": ("ffa_1", {}),
-    "every cell is taken": ("ffa_4", {"n_agents": 9, "n_boxes": 7, "n_heals": 9, "spawn_cells": 5}),
+    "every cell is taken": ("ffa_4", {"n_agents": 9, "n_boxes": 7, "n_heals": 9, "spawn_grid_cells": 5}),
     "boxes of one size, zones in the middle": ("teams_3", {
-        "boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0, "zone_centres": "middle", "zone_radii": (3.0,),
+        "boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0, "safe_zone_centres": "middle",
+        "safe_zone_radii": (3.0,),
     }),
     "nearly all boxes as small as can be": ("ffa_3", {"boxes_width": 0.004, "boxes_least": 0.003}),
 }  # fmt: skip
@@ -36,7 +37,7 @@ def fresh(name: str) -> list[World]:
 
 def cells(world: World) -> list[tuple[float, float]]:
     """Centres for agents, boxes and heals in this order: each draws one of the cells that are left."""
-    side, size = world.numbers["spawn_cells"], world.numbers["room_size"]
+    side, size = world.numbers["spawn_grid_cells"], world.numbers["room_size"]
     left, places = list(range(side**2)), []
     for k, thing in enumerate(world.of("agent", "box", "heal")):
         pick = k + (philox(world, "spawn.place", draw_index(thing))[0] * (side**2 - k) >> 64)
@@ -53,7 +54,7 @@ def normal(world: World, index: int) -> float:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_everybody_gets_the_cell_that_the_dice_say(name: str) -> None:
+def test_everybody_gets_the_cell_that_the_random_numbers_give(name: str) -> None:
     for world in fresh(name):
         got = [(thing.x, thing.y) for thing in world.of("agent", "box", "heal")]
         assert got == [pytest.approx(place, abs=TOLERANCE) for place in cells(world)]
@@ -61,7 +62,7 @@ def test_everybody_gets_the_cell_that_the_dice_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name != "paper"])
-def test_boxes_have_the_sides_that_the_dice_say(name: str) -> None:
+def test_boxes_have_the_sides_that_the_random_numbers_give(name: str) -> None:
     for world in fresh(name):
         numbers = world.numbers
         for k, box in enumerate(world.of("box")):
@@ -71,11 +72,11 @@ def test_boxes_have_the_sides_that_the_dice_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_zones_have_the_centres_that_the_dice_say(name: str) -> None:
+def test_zones_have_the_centres_that_the_random_numbers_give(name: str) -> None:
     for world in fresh(name):
-        radii = [*world.numbers["zone_radii"], 0.0]
+        radii = [*world.numbers["safe_zone_radii"], 0.0]
         for k, (centre, radius) in enumerate(zip(world.centres, radii, strict=True)):
-            room = world.numbers["room_size"] - 2 * radius if world.numbers["zone_centres"] == "random" else 0.0
+            room = world.numbers["room_size"] - 2 * radius if world.numbers["safe_zone_centres"] == "random" else 0.0
             drawn = [room * (share - 0.5) for share in uniform2(world, "zone.draw", k)]
             assert centre == pytest.approx(tuple(drawn), abs=TOLERANCE)
 
@@ -84,11 +85,11 @@ def test_zones_have_the_centres_that_the_dice_say(name: str) -> None:
 def test_sides_are_teams_as_even_as_it_goes_or_everybody(agents: int) -> None:
     for teams in [None, *range(1, min(agents, 4) + 1)]:
         scenario = outlast.variant("ffa_1" if teams is None else "teams_2")
-        counts = {"n_agents": agents} | ({} if teams is None else {"sides_count": teams})
+        counts = {"n_agents": agents} | ({} if teams is None else {"teams_count": teams})
         env = outlast.make_vec(scenario.replace(**counts), 1, seed=0)
         env.reset()
         span = env.worlds.span("agent")
-        sides, ignores = (column[0, span].tolist() for column in (env.worlds[Side].side, env.worlds[Guard].ignores))
+        sides, ignores = (column[0, span].tolist() for column in (env.worlds[Side].side, env.worlds[Guard].immune_to))
         if teams is None:
             assert (sides, ignores) == (list(range(agents)), [-1] * agents)
         else:

@@ -12,11 +12,11 @@ from outlast.components import Bag, Body, Drop, Item, Shape
 from outlast.ecs import Component, Entity, Module
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import DropLast, drop_last
-from tests import twin_faces, twins
 from tests.conftest import COMPILED, draw_actions, scaled
-from tests.stage import Stage
-from tests.twin_scenes import RUNS
-from tests.twin_world import TOLERANCE, read
+from tests.helpers import naive_mechanics, naive_observations
+from tests.helpers.naive_world import TOLERANCE, read
+from tests.helpers.random_worlds import RUNS
+from tests.helpers.scenario_builder import ScenarioBuilder
 
 COUNT = scaled(2000, least=20)
 
@@ -74,7 +74,7 @@ def test_nobody_is_hurt_and_nothing_is_carried_at_the_start(fresh: SurvivalVecto
         assert not any(agent.bag for agent in world.of("agent"))
         assert not any(item.here for item in world.of("box_item"))
         assert world.statistics["returns"] == [0] * fresh.num_agents
-        assert world.zone == pytest.approx(twins.zone_at(world, 0), abs=TOLERANCE)
+        assert world.zone == pytest.approx(naive_mechanics.zone_at(world, 0), abs=TOLERANCE)
         assert world.zone[:3] == [0, 0, 12.5]  # the first zone fits into the room in one way only
 
 
@@ -99,7 +99,7 @@ def test_motors_push_and_damping_slows_in_open_space(give: str) -> None:
                 push = dict(zip(("ahead", "left", "turn"), actions[w, agent.index, :3].tolist(), strict=True))
                 push = {name: value - 1 for name, value in push.items()}
                 assert [float(column[w, agent.row]) for column in (*body[:3], *body[5:])] == pytest.approx(
-                    twin_faces.free_motion(agent, push, world.numbers), abs=TOLERANCE
+                    naive_observations.free_motion(agent, push, world.numbers), abs=TOLERANCE
                 )
     env.close()
 
@@ -139,7 +139,7 @@ def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) ->
             dropped = agent.here and wish[agent.index] and agent.bag
             assert after.of("agent")[agent.index].bag == (agent.bag[:-1] if dropped else agent.bag)
             if dropped:
-                item, (x, y) = after.things[agent.bag[-1]], twins.ahead(agent, 1.5)
+                item, (x, y) = after.things[agent.bag[-1]], naive_mechanics.ahead(agent, 1.5)
                 assert (item.here, item.holder) == (True, -1)
                 assert (item.x, item.y) == pytest.approx((agent.x + x, agent.y + y), abs=TOLERANCE)
 
@@ -153,7 +153,7 @@ def test_other_numbers_compile_nothing_anew() -> None:
 
 def test_a_limit_of_one_hit_point_is_a_limit() -> None:
     """0 is none, and nothing else."""
-    stage = Stage("ffa_1", agents_health=1, health_limit=1, zone_harm=0)
+    stage = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
     stage.hand(0, "heal", 0)
     assert stage.step({0: "use"}).health(0) == 1
     assert stage.bag(0) == []

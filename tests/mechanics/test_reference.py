@@ -7,15 +7,15 @@ import pytest
 from outlast import variant
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, scaled
+from tests.helpers.naive_world import TOLERANCE
 from tests.reference.__main__ import main
 from tests.reference.episodes import Episode, compare, held, record
-from tests.twin_world import TOLERANCE
 
 POLICY = {"held": held, **POLICIES}
 # Fights, deaths and everything else within a hundred ticks.
 QUICK: dict[str, Any] = {
-    "agents_health": 30, "room_size": 14.0, "zone_radii": (6.0, 3.0), "zone_stand": 20, "zone_shrink": 20,
-    "heals_amount": 20, "motors_ahead": 0.5,
+    "agents_health": 30, "room_size": 14.0, "safe_zone_radii": (6.0, 3.0), "safe_zone_stand": 20,
+    "safe_zone_shrink": 20, "heals_amount": 20, "motors_ahead": 0.5,
 }  # fmt: skip
 
 

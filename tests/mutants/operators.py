@@ -40,7 +40,7 @@ UNTESTED = {"decorator", "fstring", "import_from", "import_name"}  # types of pa
 class Mutant:
     """A change to a file; `occurrence` counts the places where the operator could change it."""
 
-    file: str  # as in "systems/give.py"
+    file: str  # as in "systems/give_last.py"
     operator: str
     occurrence: int
     line: int

@@ -1,4 +1,4 @@
-"""The two Box2D bridges: equal bit for bit, free of history, close to a world that is never taken apart."""
+"""The two Box2D backends: equal bit for bit, free of history, close to a world that is never taken apart."""
 
 import gc
 import os
@@ -14,50 +14,52 @@ import numpy as np
 import pytest
 
 from outlast.ecs.jit import compiled
-from outlast.systems.box2d import arena as box2d_arena
 from outlast.systems.box2d import layout as box2d_layout
 from outlast.systems.box2d import native as box2d_native
 from outlast.systems.box2d import portable as box2d_portable
 from outlast.systems.box2d import verify as box2d_verify
+from outlast.systems.box2d import workspace as box2d_workspace
 
-from outlast.systems.box2d.scene import (  # isort: skip
+from outlast.systems.box2d.batch import (  # isort: skip
     ABANDONED, ANGLE, COLUMNS, DYNAMIC, HALF_HEIGHT, HALF_WIDTH, INERTIA, INVALID, JTURN, JX, MASS, OMEGA, RADIUS,
-    REACH, SOLVED, VX, VY, X, Y, IncompatibleBox2D, Scene, Settings,
+    MAX_TRAVEL, SOLVED, VX, VY, X, Y, IncompatibleBox2D, ContactBatch, Settings,
 )  # fmt: skip
 
 SETTINGS = Settings()
-needs_native = pytest.mark.skipif(not box2d_native.available(), reason="the native bridge does not run here")
-bridges = pytest.mark.parametrize("bridge", [box2d_portable, pytest.param(box2d_native, marks=needs_native)])
+needs_native = pytest.mark.skipif(not box2d_native.available(), reason="the native backend does not run here")
+backends = pytest.mark.parametrize("backend", [box2d_portable, pytest.param(box2d_native, marks=needs_native)])
 f4 = np.float32
 
 
-def random_scene(rng: np.random.Generator) -> Scene:
-    """Two to nine bodies in a space of 2 to 6 metres: overlaps, high speeds, impulses, sometimes short REACH."""
+def random_batch(rng: np.random.Generator) -> ContactBatch:
+    """Two to nine bodies in a space of 2 to 6 metres: overlaps, high speeds, impulses, sometimes short MAX_TRAVEL."""
     count = rng.integers(2, 10)
-    scene = np.zeros((count, COLUMNS), np.float32)
+    batch = np.zeros((count, COLUMNS), np.float32)
     span = rng.choice([1.0, 2.0, 3.0])
-    scene[:, X : Y + 1] = rng.uniform(-span, span, (count, 2))
-    scene[:, VX : VY + 1] = rng.normal(0, rng.choice([0.1, 3, 15, 150]), (count, 2))
-    scene[:, OMEGA] = rng.normal(0, rng.choice([2, 50]), count)
-    scene[:, RADIUS] = np.where(rng.random(count) < 0.6, rng.uniform(0.2, 0.7, count), 0)
-    scene[:, HALF_WIDTH : HALF_HEIGHT + 1] = rng.uniform(0.05, 1.5, (count, 2))
-    scene[:, DYNAMIC] = rng.random(count) < 0.7
-    scene[:, ANGLE] = np.where(rng.random(count) < 0.5, 0, rng.uniform(-3, 3, count))
-    scene[:, VX : OMEGA + 1] *= scene[:, DYNAMIC : DYNAMIC + 1]
-    scene[:, MASS : INERTIA + 1] = rng.uniform(0.1, 3, (count, 2))
-    scene[:, REACH] = rng.choice([100, 0.5])
-    scene[:, JX:] = rng.normal(0, 0.2, (count, 3)) * (rng.random((count, 1)) < 0.5)
-    return scene
+    batch[:, X : Y + 1] = rng.uniform(-span, span, (count, 2))
+    batch[:, VX : VY + 1] = rng.normal(0, rng.choice([0.1, 3, 15, 150]), (count, 2))
+    batch[:, OMEGA] = rng.normal(0, rng.choice([2, 50]), count)
+    batch[:, RADIUS] = np.where(rng.random(count) < 0.6, rng.uniform(0.2, 0.7, count), 0)
+    batch[:, HALF_WIDTH : HALF_HEIGHT + 1] = rng.uniform(0.05, 1.5, (count, 2))
+    batch[:, DYNAMIC] = rng.random(count) < 0.7
+    batch[:, ANGLE] = np.where(rng.random(count) < 0.5, 0, rng.uniform(-3, 3, count))
+    batch[:, VX : OMEGA + 1] *= batch[:, DYNAMIC : DYNAMIC + 1]
+    batch[:, MASS : INERTIA + 1] = rng.uniform(0.1, 3, (count, 2))
+    batch[:, MAX_TRAVEL] = rng.choice([100, 0.5])
+    batch[:, JX:] = rng.normal(0, 0.2, (count, 3)) * (rng.random((count, 1)) < 0.5)
+    return batch
 
 
-def random_scenes(number: int, seed: int = 0) -> list[Scene]:
+def random_batches(number: int, seed: int = 0) -> list[ContactBatch]:
     rng = np.random.default_rng(seed)
-    return [random_scene(rng) for _ in range(number)]
+    return [random_batch(rng) for _ in range(number)]
 
 
-def solved(bridge: Any, arena: Any, scene: Scene, settings: Settings = SETTINGS) -> tuple[int, Scene]:
-    scene = scene.copy()
-    return bridge.solve(arena, settings, scene, len(scene)), scene
+def solved(
+    backend: Any, workspace: Any, batch: ContactBatch, settings: Settings = SETTINGS
+) -> tuple[int, ContactBatch]:
+    batch = batch.copy()
+    return backend.solve(workspace, settings, batch, len(batch)), batch
 
 
 @needs_native
@@ -66,59 +68,62 @@ def solved(bridge: Any, arena: Any, scene: Scene, settings: Settings = SETTINGS)
     Settings(substeps=4, velocity_iterations=3, position_iterations=2, friction=f4(0.9), restitution=f4(0.6)),
     Settings(dt=f4(1 / 30), linear_damping=f4(0), angular_damping=f4(40), continuous=0),
 ])  # fmt: skip
-def test_bridges_agree(settings: Settings) -> None:
-    arena, results = box2d_native.make_arena(), set()
-    for scene in random_scenes(1500, seed=settings.substeps):
-        native, portable = solved(box2d_native, arena, scene, settings), solved(box2d_portable, None, scene, settings)
+def test_backendss_agree(settings: Settings) -> None:
+    workspace, results = box2d_native.make_workspace(), set()
+    for batch in random_batches(1500, seed=settings.substeps):
+        native, portable = (
+            solved(box2d_native, workspace, batch, settings),
+            solved(box2d_portable, None, batch, settings),
+        )
         assert native[0] == portable[0]
         assert native[1].tobytes() == portable[1].tobytes()
-        assert native[0] == SOLVED or native[1].tobytes() == scene.tobytes()
+        assert native[0] == SOLVED or native[1].tobytes() == batch.tobytes()
         results.add(native[0])
     assert results == {SOLVED, ABANDONED}
 
 
-@bridges
-def test_reach_exceeded_leaves_the_scene_untouched(bridge: Any) -> None:
-    scene = circles((0, 0), (0.9, 0))
-    scene[0, VX] = 6
-    scene[:, REACH] = 10
-    assert solved(bridge, bridge.make_arena(), scene)[0] == SOLVED
-    scene[1, REACH] = 0.01
-    result, after = solved(bridge, bridge.make_arena(), scene)
+@backends
+def test_reach_exceeded_leaves_the_scene_untouched(backend: Any) -> None:
+    batch = circles((0, 0), (0.9, 0))
+    batch[0, VX] = 6
+    batch[:, MAX_TRAVEL] = 10
+    assert solved(backend, backend.make_workspace(), batch)[0] == SOLVED
+    batch[1, MAX_TRAVEL] = 0.01
+    result, after = solved(backend, backend.make_workspace(), batch)
     assert result == ABANDONED
-    assert after.tobytes() == scene.tobytes()
+    assert after.tobytes() == batch.tobytes()
 
 
-@bridges
+@backends
 @pytest.mark.parametrize(
     ("column", "value"),
     [(X, np.nan), (VY, np.inf), (X, 2e6), (RADIUS, -1), (JTURN, np.nan), (MASS, 0), (INERTIA, -1)],
 )
-def test_what_box2d_would_reject_is_invalid(bridge: Any, column: int, value: float) -> None:
-    scene = circles((0, 0), (0.9, 0))
-    scene[1, column] = value
-    assert solved(bridge, bridge.make_arena(), scene)[0] == INVALID
+def test_what_box2d_would_reject_is_invalid(backend: Any, column: int, value: float) -> None:
+    batch = circles((0, 0), (0.9, 0))
+    batch[1, column] = value
+    assert solved(backend, backend.make_workspace(), batch)[0] == INVALID
 
 
-@bridges
-def test_flat_boxes_and_too_many_bodies_are_invalid(bridge: Any) -> None:
-    scene = circles((0, 0), (0.9, 0))
-    scene[1, RADIUS] = 0
-    assert solved(bridge, bridge.make_arena(), scene)[0] == INVALID
+@backends
+def test_flat_boxes_and_too_many_bodies_are_invalid(backend: Any) -> None:
+    batch = circles((0, 0), (0.9, 0))
+    batch[1, RADIUS] = 0
+    assert solved(backend, backend.make_workspace(), batch)[0] == INVALID
     crowd = circles(*((2.0 * k, 0) for k in range(box2d_native.CAPACITY + 1)))
-    assert solved(bridge, bridge.make_arena(), crowd)[0] == INVALID
+    assert solved(backend, backend.make_workspace(), crowd)[0] == INVALID
 
 
 @needs_native
 def test_the_world_of_an_arena_ends_with_its_last_view_and_before_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    ended, destroy = [], box2d_arena._destroy
+    ended, destroy = [], box2d_workspace._destroy
 
     def watched(base: int, memory: np.ndarray[Any, Any]) -> None:
         destroy(base, memory)
         ended.append(0 <= base - memory.ctypes.data < 64)
 
-    monkeypatch.setattr(box2d_arena, "_destroy", watched)
-    view = box2d_native.make_arena()[64:]
+    monkeypatch.setattr(box2d_workspace, "_destroy", watched)
+    view = box2d_native.make_workspace()[64:]
     gc.collect()
     assert not ended
     del view
@@ -127,24 +132,24 @@ def test_the_world_of_an_arena_ends_with_its_last_view_and_before_its_memory(mon
 
 @needs_native
 def test_a_full_arena_agrees_and_is_as_good_as_new_afterwards() -> None:
-    rng, arena = np.random.default_rng(5), box2d_native.make_arena()
+    rng, workspace = np.random.default_rng(5), box2d_native.make_workspace()
     crowd = circles(*rng.uniform(-6, 6, (box2d_native.CAPACITY, 2)))
-    assert solved(box2d_native, arena, crowd)[1].tobytes() == solved(box2d_portable, None, crowd)[1].tobytes()
-    fresh = box2d_native.make_arena()
-    for scene in random_scenes(50):
-        assert solved(box2d_native, arena, scene)[1].tobytes() == solved(box2d_native, fresh, scene)[1].tobytes()
+    assert solved(box2d_native, workspace, crowd)[1].tobytes() == solved(box2d_portable, None, crowd)[1].tobytes()
+    fresh = box2d_native.make_workspace()
+    for batch in random_batches(50):
+        assert solved(box2d_native, workspace, batch)[1].tobytes() == solved(box2d_native, fresh, batch)[1].tobytes()
 
 
 @needs_native
 def test_history_and_threads_leave_no_trace() -> None:
-    scenes = random_scenes(400, seed=3)
-    expected = [solved(box2d_native, box2d_native.make_arena(), scene)[1].tobytes() for scene in scenes]
+    batches = random_batches(400, seed=3)
+    expected = [solved(box2d_native, box2d_native.make_workspace(), batch)[1].tobytes() for batch in batches]
     found: dict[int, list[bytes]] = {}
 
     def work(seed: int) -> None:
-        arena, order = box2d_native.make_arena(), np.random.default_rng(seed).permutation(len(scenes))
-        results = {k: solved(box2d_native, arena, scenes[k])[1].tobytes() for k in (*order, *order[::-1])}
-        found[seed] = [results[k] for k in range(len(scenes))]
+        workspace, order = box2d_native.make_workspace(), np.random.default_rng(seed).permutation(len(batches))
+        results = {k: solved(box2d_native, workspace, batches[k])[1].tobytes() for k in (*order, *order[::-1])}
+        found[seed] = [results[k] for k in range(len(batches))]
 
     threads = [threading.Thread(target=work, args=(seed,)) for seed in (1, 2)]
     for thread in threads:
@@ -154,21 +159,21 @@ def test_history_and_threads_leave_no_trace() -> None:
     assert found == {1: expected, 2: expected}
 
 
-@bridges
-def test_free_flight_is_the_formula(bridge: Any) -> None:
-    rng, arena = np.random.default_rng(1), bridge.make_arena()
+@backends
+def test_free_flight_is_the_formula(backend: Any) -> None:
+    rng, workspace = np.random.default_rng(1), backend.make_workspace()
     for speed in (0.0, 1.0, 30.0, 300.0):  # the last one is beyond 2 m and a quarter turn a substep
         for _ in range(20):
-            scene = circles((0, 0))
-            scene[0, X : OMEGA + 1] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
-            scene[0, RADIUS] = rng.uniform(0.1, 2)
-            scene[0, JX:] = rng.normal(0, 0.3, 3)
-            result, after = solved(bridge, arena, scene)
+            batch = circles((0, 0))
+            batch[0, X : OMEGA + 1] = rng.normal(0, 1, 6) * [5, 5, 3, speed, speed, speed]
+            batch[0, RADIUS] = rng.uniform(0.1, 2)
+            batch[0, JX:] = rng.normal(0, 0.3, 3)
+            result, after = solved(backend, workspace, batch)
             assert result == SOLVED
-            assert after[0, X : OMEGA + 1].tobytes() == flown(scene[0]).tobytes()
+            assert after[0, X : OMEGA + 1].tobytes() == flown(batch[0]).tobytes()
 
 
-def flown(row: Scene) -> Scene:
+def flown(row: ContactBatch) -> ContactBatch:
     """Two substeps of a circle that touches nothing, in float32."""
     dt, damping = SETTINGS.dt, SETTINGS.linear_damping
     place, motion, push = row[X : ANGLE + 1].copy(), row[VX : OMEGA + 1].copy(), row[JX:]
@@ -196,59 +201,59 @@ DRIVES: dict[str, tuple[float, float, float]] = {
 }  # fmt: skip
 
 
-def circles(*places: Any) -> Scene:
-    scene = np.zeros((len(places), COLUMNS), np.float32)
-    scene[:, X : Y + 1] = places
-    scene[:, RADIUS], scene[:, DYNAMIC], scene[:, REACH] = 0.5, 1, 1e5
-    scene[:, MASS], scene[:, INERTIA] = np.pi / 4, np.pi / 32
-    return scene
+def circles(*places: Any) -> ContactBatch:
+    batch = np.zeros((len(places), COLUMNS), np.float32)
+    batch[:, X : Y + 1] = places
+    batch[:, RADIUS], batch[:, DYNAMIC], batch[:, MAX_TRAVEL] = 0.5, 1, 1e5
+    batch[:, MASS], batch[:, INERTIA] = np.pi / 4, np.pi / 32
+    return batch
 
 
-def room(*rows: Scene) -> Scene:
+def room(*rows: ContactBatch) -> ContactBatch:
     """The rows between four walls, 6 metres apart."""
     walls = boxes((3, 0, 0.125, 3), (-3, 0, 0.125, 3), (0, 3, 3, 0.125), (0, -3, 3, 0.125))
     return np.concatenate([*rows, walls])
 
 
-def boxes(*sizes: tuple[float, float, float, float], dynamic: int = 0) -> Scene:
-    scene = np.zeros((len(sizes), COLUMNS), np.float32)
-    scene[:, [X, Y, HALF_WIDTH, HALF_HEIGHT]] = sizes
-    scene[:, DYNAMIC], scene[:, REACH] = dynamic, 1e5
-    width, height = scene[:, HALF_WIDTH], scene[:, HALF_HEIGHT]
-    scene[:, MASS], scene[:, INERTIA] = 4 * width * height, 4 * width * height * (width**2 + height**2) / 3
-    return scene
+def boxes(*sizes: tuple[float, float, float, float], dynamic: int = 0) -> ContactBatch:
+    batch = np.zeros((len(sizes), COLUMNS), np.float32)
+    batch[:, [X, Y, HALF_WIDTH, HALF_HEIGHT]] = sizes
+    batch[:, DYNAMIC], batch[:, MAX_TRAVEL] = dynamic, 1e5
+    width, height = batch[:, HALF_WIDTH], batch[:, HALF_HEIGHT]
+    batch[:, MASS], batch[:, INERTIA] = 4 * width * height, 4 * width * height * (width**2 + height**2) / 3
+    return batch
 
 
-def deviation(scene: Scene, drive: Callable[[Scene, int], None]) -> float:
-    """Metres between 300 ticks of solved scenes and of one pybox2d world that is kept; the largest of all."""
-    bridge = box2d_native if box2d_native.available() else box2d_portable
-    world, arena, largest = Box2D.b2World(gravity=(0, 0)), bridge.make_arena(), 0.0
-    bodies = [box2d_portable._build(world, SETTINGS, row) for row in scene]
+def deviation(batch: ContactBatch, drive: Callable[[ContactBatch, int], None]) -> float:
+    """Metres between 300 ticks of solved batches and of one pybox2d world that is kept; the largest of all."""
+    backend = box2d_native if box2d_native.available() else box2d_portable
+    world, workspace, largest = Box2D.b2World(gravity=(0, 0)), backend.make_workspace(), 0.0
+    bodies = [box2d_portable._build(world, SETTINGS, row) for row in batch]
     for tick in range(300):
-        drive(scene, tick)
+        drive(batch, tick)
         for _ in range(SETTINGS.substeps):
-            for body, row in zip(bodies, scene, strict=True):
+            for body, row in zip(bodies, batch, strict=True):
                 box2d_portable._push(body, row)
             world.Step(float(SETTINGS.dt), SETTINGS.velocity_iterations, SETTINGS.position_iterations)
-        assert bridge.solve(arena, SETTINGS, scene, len(scene)) == SOLVED
+        assert backend.solve(workspace, SETTINGS, batch, len(batch)) == SOLVED
         places = np.array([tuple(body.position) for body in bodies])
-        largest = max(largest, float(np.linalg.norm(places - scene[:, X : Y + 1], axis=1).max()))
+        largest = max(largest, float(np.linalg.norm(places - batch[:, X : Y + 1], axis=1).max()))
     return largest
 
 
-def constant(name: str) -> Callable[[Scene, int], None]:
-    def drive(scene: Scene, tick: int) -> None:
-        scene[0, JX : JTURN + 1] = DRIVES[name]
+def constant(name: str) -> Callable[[ContactBatch, int], None]:
+    def drive(batch: ContactBatch, tick: int) -> None:
+        batch[0, JX : JTURN + 1] = DRIVES[name]
 
     return drive
 
 
-def wandering(seed: int, bodies: int) -> Callable[[Scene, int], None]:
+def wandering(seed: int, bodies: int) -> Callable[[ContactBatch, int], None]:
     rng = np.random.default_rng(seed)
 
-    def drive(scene: Scene, tick: int) -> None:
+    def drive(batch: ContactBatch, tick: int) -> None:
         if tick % 15 == 0:
-            scene[:bodies, JX : JTURN + 1] = rng.uniform(-1, 1, (bodies, 3)) * [0.125, 0.125, 0.00625]
+            batch[:bodies, JX : JTURN + 1] = rng.uniform(-1, 1, (bodies, 3)) * [0.125, 0.125, 0.00625]
 
     return drive
 
@@ -304,36 +309,36 @@ import numpy as np
 
 from outlast.ecs.jit import entry_point
 from outlast.systems.box2d import native as box2d_native
-from outlast.systems.box2d.scene import Settings
+from outlast.systems.box2d.batch import Settings
 
 
-def twice(arena, settings, scene, count):
-    first = box2d_native.solve(arena, settings, scene, count)
-    return first + box2d_native.solve(arena, settings, scene, count)
+def twice(workspace, settings, batch, count):
+    first = box2d_native.solve(workspace, settings, batch, count)
+    return first + box2d_native.solve(workspace, settings, batch, count)
 
 
 def main(file):
-    outer, scene = entry_point(twice), np.load(file)
+    outer, batch = entry_point(twice), np.load(file)
     outer.enable_caching()
-    assert outer(box2d_native.make_arena(), Settings(), scene, len(scene)) == 0
-    print(sum(outer.stats.cache_hits.values()), scene.tobytes().hex())
+    assert outer(box2d_native.make_workspace(), Settings(), batch, len(batch)) == 0
+    print(sum(outer.stats.cache_hits.values()), batch.tobytes().hex())
 """
 
 
 @needs_native
 def test_a_cached_kernel_runs_in_another_process(tmp_path: Path) -> None:
     (tmp_path / "outer.py").write_text(OUTER)
-    scene = room(circles((0, 0), (0.9, 0.1)))
-    np.save(tmp_path / "scene.npy", scene)
+    batch = room(circles((0, 0), (0.9, 0.1)))
+    np.save(tmp_path / "batch.npy", batch)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    command = [sys.executable, "-c", f"import outer; outer.main({str(tmp_path / 'scene.npy')!r})"]
+    command = [sys.executable, "-c", f"import outer; outer.main({str(tmp_path / 'batch.npy')!r})"]
     first, second = (subprocess.check_output(command, env=environment, text=True).split() for _ in range(2))
-    expected = solved(box2d_portable, None, solved(box2d_portable, None, scene)[1])[1].tobytes().hex()
+    expected = solved(box2d_portable, None, solved(box2d_portable, None, batch)[1])[1].tobytes().hex()
     assert first == ["0", expected]
     assert second == ["1", expected]
 
 
-def test_uncompiled_runs_use_the_portable_bridge() -> None:
+def test_uncompiled_runs_use_the_portable_backend() -> None:
     assert compiled() or not box2d_native.available()
 
 

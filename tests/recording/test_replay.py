@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Fault, Health, Told
+from outlast.components import Body, Fault, Health, ObservationMasks
 from outlast.ecs import Action, Clock, Entity, Signal
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -19,7 +19,7 @@ from outlast.envs.recording.digests import Digests
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import COMPILED, digest, draw_actions, scaled
-from tests.ways import short
+from tests.helpers.execution_modes import short
 
 WORLDS, STEPS = 5, scaled(90, least=12)
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
@@ -31,7 +31,7 @@ def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Surv
 
 def state(worlds: Any) -> str:
     """Everything but the actions of worlds that took no step, and observation masks: they mean nothing any more."""
-    parts = [c for c in worlds.components if not c.packed and c is not Told and not issubclass(c, Action)]
+    parts = [c for c in worlds.components if not c.packed and c is not ObservationMasks and not issubclass(c, Action)]
     buffers = [column.tobytes() for c in parts for column in worlds[c]]
     return worlds.block.tobytes().hex() + b"".join(buffers).hex()
 

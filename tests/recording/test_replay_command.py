@@ -42,7 +42,7 @@ ROLLOUT = (
     "--policy",
     "noop",
     "--set",
-    "zone_harm=50",
+    "safe_zone_damage=50",
     "--quiet",
 )
 

@@ -13,12 +13,12 @@ import numpy as np
 from outlast import Scenario, make_vec
 from outlast.components.score import End, Reward
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from tests import twin_faces, twins
 from tests.digests import numbered_actions
+from tests.helpers import naive_mechanics, naive_observations
+from tests.helpers.ambiguity import collecting
+from tests.helpers.naive_world import TOLERANCE, World, differences, read
 from tests.reference.physics import move
 from tests.reference.random_numbers import scattered
-from tests.twin_doubts import noting
-from tests.twin_world import TOLERANCE, World, differences, read
 
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 FACTS = {  # columns of each kind of entity that are compared exactly
@@ -39,7 +39,7 @@ class Outcome:
     ambiguous: list[str] = field(default_factory=list)
 
 
-def play(world: World, actions: Iterable[twins.Actions]) -> list[Outcome]:
+def play(world: World, actions: Iterable[naive_mechanics.Actions]) -> list[Outcome]:
     """The ticks of an episode that starts with `world`, until it ends or there are no more actions."""
     outcomes: list[Outcome] = []
     for action in actions:
@@ -50,15 +50,21 @@ def play(world: World, actions: Iterable[twins.Actions]) -> list[Outcome]:
     return outcomes
 
 
-def step(world: World, actions: twins.Actions, physics: twins.Move = move) -> Outcome:
+def step(world: World, actions: naive_mechanics.Actions, physics: naive_mechanics.Move = move) -> Outcome:
     """One tick."""
-    with noting() as ambiguous:
-        after = twins.tick(world, actions, physics, scattered, twin_faces.see)
-    after.statistics = twin_faces.statistics(after, world.statistics)
+    with collecting() as ambiguous:
+        after = naive_mechanics.tick(world, actions, physics, scattered, naive_observations.see)
+    after.statistics = naive_observations.statistics(after, world.statistics)
     agents = range(len(after.of("agent")))
-    rows = [twin_faces.observe(after, i) for i in agents]
+    rows = [naive_observations.observe(after, i) for i in agents]
     observation = {key: np.array([row[key] for row in rows], float) for key in rows[0]}
-    return Outcome(after, observation, [twin_faces.reward(after, i) for i in agents], twin_faces.end(after), ambiguous)
+    return Outcome(
+        after,
+        observation,
+        [naive_observations.reward(after, i) for i in agents],
+        naive_observations.end(after),
+        ambiguous,
+    )
 
 
 def held(env: SurvivalVectorEnv, seed: int) -> Any:
@@ -72,7 +78,7 @@ class Episode:
     """One episode of the engine: its first world, the actions, and the outcome of each tick."""
 
     start: World
-    actions: list[twins.Actions] = field(default_factory=list)
+    actions: list[naive_mechanics.Actions] = field(default_factory=list)
     ticks: list[Outcome] = field(default_factory=list)
 
 

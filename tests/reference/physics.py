@@ -4,11 +4,11 @@ from typing import Any
 
 import Box2D
 
-from tests import twins
-from tests.twin_world import Thing, World
+from tests.helpers import naive_mechanics
+from tests.helpers.naive_world import Thing, World
 
 
-def move(world: World, actions: twins.Actions) -> None:
+def move(world: World, actions: naive_mechanics.Actions) -> None:
     """The substeps of a new Box2D world that holds everything that can be touched."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]

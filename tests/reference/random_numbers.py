@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tests.twin_world import Thing, World
+from tests.helpers.naive_world import Thing, World
 
 
 def name_hash(name: str) -> int:
@@ -35,6 +35,6 @@ def uniform2(world: World, stream: str, index: int) -> tuple[float, float]:
 def scattered(world: World, item: Thing, agent: Thing) -> tuple[float, float]:
     """Where an item of a dead agent falls: on a circle around it, or anywhere inside."""
     direction, area = uniform2(world, "drop.scatter", draw_index(item))
-    share = math.sqrt(area) if world.numbers["drop_scatter"] == "disc" else 1.0
-    radius, angle = world.numbers["drop_radius"] * share, 2 * math.pi * direction
+    share = math.sqrt(area) if world.numbers["death_drop_scatter"] == "disc" else 1.0
+    radius, angle = world.numbers["death_drop_radius"] * share, 2 * math.pi * direction
     return agent.x + radius * math.cos(angle), agent.y + radius * math.sin(angle)

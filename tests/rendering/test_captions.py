@@ -26,8 +26,8 @@ from outlast.envs.rendering.layers import (
     select,
 )
 from outlast.envs.rendering.rgb import draw
+from tests.helpers.scenario_builder import ScenarioBuilder, duel
 from tests.rendering.test_layers import HALF, SIZE, spot
-from tests.stage import Stage, duel
 
 Picture = np.ndarray[Any, Any]
 ROOM = 12.5  # metres
@@ -41,7 +41,7 @@ class Notes(Canvas):
         super().text(x, y, words, height, color, anchor)
 
 
-def words(stage: Stage, layer: Layer, size: int = SIZE) -> list[str]:
+def words(stage: ScenarioBuilder, layer: Layer, size: int = SIZE) -> list[str]:
     """What the layer writes."""
     scene = Scene(stage.env.worlds, 0)
     canvas = Notes(size, scene.half)
@@ -57,7 +57,7 @@ def places(image: Picture, other: Picture) -> tuple[Picture, Picture]:
     return columns / size * 2 * HALF - HALF, HALF - rows / size * 2 * HALF
 
 
-def killed(stage: Stage, agent: int, by: int) -> Stage:
+def killed(stage: ScenarioBuilder, agent: int, by: int) -> ScenarioBuilder:
     """`agent` dies by the hand of `by`, which stands before it."""
     stage.put("agent", by, 0, 0)
     stage.put("agent", agent, 1.5, 0, math.pi)
@@ -71,7 +71,7 @@ def killed(stage: Stage, agent: int, by: int) -> Stage:
 @pytest.mark.parametrize("size", [64, 128, 256, 512, 1024])
 @pytest.mark.parametrize("layer", [StepCounterLayer(), KillFeedLayer()])
 def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: int, layer: Layer) -> None:
-    stage = killed(Stage("teams_3"), 2, 0)
+    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
     rest = [other for other in LAYERS if other != layer]
     xs, ys = places(draw(stage.env.worlds, 0, size), draw(stage.env.worlds, 0, size, rest))
     assert bool(len(xs)) == (size >= 256)
@@ -80,7 +80,7 @@ def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: in
 
 
 def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
-    stage = Stage("teams_3")
+    stage = ScenarioBuilder("teams_3")
     for step in range(3):
         assert words(stage, StepCounterLayer()) == [f"step {step}"]
         stage.step()
@@ -89,7 +89,7 @@ def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
 
 
 def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
-    stage = Stage("teams_3", zone_harm=50)
+    stage = ScenarioBuilder("teams_3", safe_zone_damage=50)
     assert words(stage, KillFeedLayer()) == []
     killed(stage, 2, 0)
     assert words(stage, KillFeedLayer()) == ["2 killed by side 0"]
@@ -105,7 +105,7 @@ def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
 
 
 def test_the_feed_has_no_more_than_fits_and_fades() -> None:
-    stage = killed(Stage("teams_3"), 2, 0)
+    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
     feed, brightness = KillFeedLayer(fresh=5, fading=10), []
     for _ in range(16):
         image = draw(stage.env.worlds, 0, SIZE, [feed])
@@ -116,13 +116,13 @@ def test_the_feed_has_no_more_than_fits_and_fades() -> None:
     assert brightness[-1] == int(draw(stage.env.worlds, 0, SIZE, []).max()) < brightness[-2]
     crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
     crowd.reset()
-    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].cause[0, :20] = 0, 0
+    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].damage_type[0, :20] = 0, 0
     xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeedLayer()]), draw(crowd.worlds, 0, SIZE, []))
     assert (3 if cv2.__version__ < "5" else 5) < xs.max() < ROOM + 0.2  # letters of OpenCV 4 are narrower
 
 
 def test_the_feed_is_read_from_the_state_alone() -> None:
-    stage = killed(Stage("teams_3"), 2, 0)
+    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
     other = make_vec(stage.env.scenario, 2, seed=9)
     other.reset()
     other.set_state(stage.env.get_state(), [1])
@@ -130,7 +130,7 @@ def test_the_feed_is_read_from_the_state_alone() -> None:
 
 
 def test_in_free_for_all_agents_kill_not_sides() -> None:
-    assert words(killed(Stage("ffa_4"), 1, 0), KillFeedLayer()) == ["1 killed by 0"]
+    assert words(killed(ScenarioBuilder("ffa_4"), 1, 0), KillFeedLayer()) == ["1 killed by 0"]
 
 
 # ---- hits
@@ -138,7 +138,7 @@ def test_in_free_for_all_agents_kill_not_sides() -> None:
 
 @pytest.mark.parametrize("far", [1.2, 1.6, 2.3])
 def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
-    stage = duel(Stage(), far).step({0: "attack"})
+    stage = duel(ScenarioBuilder(), far).step({0: "attack"})
     worlds = stage.env.worlds
     xs, ys = places(draw(worlds, 0, SIZE), draw(worlds, 0, SIZE, [v for v in LAYERS if not isinstance(v, HitsLayer)]))
     assert (xs.min() + xs.max()) / 2 == pytest.approx(stage.place("agent", 1)[0] - 0.5, abs=0.1)
@@ -149,7 +149,7 @@ def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.4, math.pi / 4, 2.0])
 def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
     """The nearest point of the box on the line y = 0, found by walking along it."""
-    stage = duel(Stage("ffa_3"), far=9)
+    stage = duel(ScenarioBuilder("ffa_3"), far=9)
     stage.put("box", 0, 1.6, 0.1, angle, size=(1.5, 0.6))
     stage.step({0: "attack"})
     walk = np.linspace(0, 3, 3001)

@@ -26,7 +26,7 @@ from outlast.envs.rendering.layers import (
 )
 from outlast.envs.rendering.rgb import draw
 from tests.conftest import scaled
-from tests.stage import Stage, duel
+from tests.helpers.scenario_builder import ScenarioBuilder, duel
 
 SIZE = 512
 HALF = colors.SIZES.margin * 12.5  # metres from the middle of the picture to its edge
@@ -44,7 +44,7 @@ def without(*kinds: type[Layer]) -> list[Layer]:
     return [layer for layer in LAYERS if not isinstance(layer, kinds)]
 
 
-def picture(stage: Stage, *left_out: type[Layer]) -> Picture:
+def picture(stage: ScenarioBuilder, *left_out: type[Layer]) -> Picture:
     """All of it but the zone, which is somewhere else in every episode."""
     return draw(stage.env.worlds, 0, SIZE, without(SafeZoneLayer, *left_out))
 
@@ -53,7 +53,7 @@ def picture(stage: Stage, *left_out: type[Layer]) -> Picture:
 
 
 def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
-    stage = Stage("teams_3")
+    stage = ScenarioBuilder("teams_3")
     for agent, (x, y, angle) in enumerate([(3, -4, 0.0), (-5, 2, 0.5), (0, 6, 2.0), (6, 5, -2.5)]):
         before = picture(stage)
         stage.put("agent", agent, x, y, angle)
@@ -69,7 +69,7 @@ def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
 
 
 def test_heals_boxes_and_broken_boxes() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     empty = picture(stage)
     stage.put("heal", 0, 2, 3)
     stage.put("box", 0, -3, 1, math.pi / 4, size=(4, 1))
@@ -80,13 +80,13 @@ def test_heals_boxes_and_broken_boxes() -> None:
     assert spot(image, -1.9, -0.1) == spot(empty, -1.9, -0.1) == colors.FLOOR  # across it
     assert spot(image, 4, -4) == colors.BOX
     for side in (0, 1):
-        stage.column(Guard).heeds[0, stage.env.worlds.span("box")] = side
+        stage.column(Guard).vulnerable_only_to[0, stage.env.worlds.span("box")] = side
         image = picture(stage)
         assert spot(image, -3, 1) == spot(image, 4, -4) == colors.of_box(side)
 
 
 def test_the_zone_is_clear_the_rest_dark_and_the_next_one_dashed() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     zone = stage.column(Zone)
     zone.x[0], zone.y[0], zone.radius[0] = 2, 1, 6
     zone.next_x[0], zone.next_y[0], zone.next_radius[0] = 3, 0, 3
@@ -105,7 +105,7 @@ def test_the_zone_is_clear_the_rest_dark_and_the_next_one_dashed() -> None:
 
 
 def test_strikes_are_shown_in_their_tick() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     assert spot(picture(stage), 1, 0) == colors.FLOOR
     stage.step({0: "attack"})
     assert spot(picture(stage), 1, 0) == colors.STRIKE
@@ -130,7 +130,7 @@ def test_strikes_are_shown_in_their_tick() -> None:
     ],
 )
 def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, share: float) -> None:
-    stage = duel(Stage(), far=5)
+    stage = duel(ScenarioBuilder(), far=5)
     stage.wound(0, points)
     image = picture(stage)
     bar = [spot(image, x, 0.88) for x in np.linspace(-0.55, 0.55, 110)]
@@ -139,7 +139,7 @@ def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, 
 
 
 def test_carried_items_lie_below_their_carrier() -> None:
-    stage = duel(Stage(), far=5)
+    stage = duel(ScenarioBuilder(), far=5)
     bare = picture(stage)
     stage.hand(0, "heal", 0)
     stage.hand(0, "box_item", 1)
@@ -155,7 +155,7 @@ def test_carried_items_lie_below_their_carrier() -> None:
 @pytest.mark.parametrize(("cone", "area"), [("kite", math.sin(0.2 * math.pi)), ("sector", 0.2 * math.pi)])
 def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
     """Area of a kite: depth^2 sin(fov / 2); of a sector: depth^2 fov / 2."""
-    stage = Stage(cameras_cone=cone, cameras_depth=9.0)
+    stage = ScenarioBuilder(cameras_cone=cone, cameras_depth=9.0)
     stage.put("agent", 0, -5, -4, 0.3)
     shades = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
     covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
@@ -178,7 +178,7 @@ def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
 
 
 def test_a_line_of_sight_ends_at_what_is_seen() -> None:
-    stage = duel(Stage(), far=8)
+    stage = duel(ScenarioBuilder(), far=8)
     stage.step()
     image = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], cones=False, width=0.2)])
     assert spot(image, 4, 0) == spot(image, 7.8, 0) == colors.BLUE
@@ -186,7 +186,7 @@ def test_a_line_of_sight_ends_at_what_is_seen() -> None:
 
 
 def test_numbers_are_written_within_their_disc() -> None:
-    stage = duel(Stage(), far=5)
+    stage = duel(ScenarioBuilder(), far=5)
     plain = draw(stage.env.worlds, 0, SIZE, [AgentsLayer()])
     rows, columns = (
         where / SIZE * 2 * HALF - HALF

@@ -16,10 +16,10 @@ from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, Scene, ZOrder
 from outlast.envs.rendering.rgb import draw, text
 from tests.conftest import digest, scaled
-from tests.stage import Stage
+from tests.helpers.scenario_builder import ScenarioBuilder
 
 EVERYTHING = (*LAYERS, CamerasLayer())
-CARRYING = (systems.Inventory, systems.AutoPickup, systems.GiveLast, systems.DeathDrop)
+CARRYING = (systems.Inventory, systems.Pickup, systems.GiveLast, systems.DeathDrop)
 
 
 def played(name: str, ticks: int, worlds: int = 2, first_world: int = 0) -> Worlds:
@@ -79,7 +79,7 @@ def test_the_order_of_layers_makes_no_difference() -> None:
 
 
 def test_what_is_no_number_or_far_away_is_left_out() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("heal", 0, 2, 2)
     everybody = draw(stage.env.worlds, 0, 256)
     rows = [stage.row("agent", 0), stage.row("box", 0)]
@@ -151,7 +151,7 @@ def test_a_layer_that_is_left_out_is_not_seen(left_out: str) -> None:
     worlds[Entity].alive[0, items] = 1
     worlds[Body].x[0, items], worlds[Body].y[0, items] = np.arange(8) - 4, -9
     worlds[Bag].items[0, 0, 0], worlds[Bag].count[0, 0] = worlds.span("heal").start, 1
-    worlds[Entity].alive[0, 2], worlds[Death].cause[0, 2], worlds[Health].doomed[0, 2] = 0, 0, 7
+    worlds[Entity].alive[0, 2], worlds[Death].damage_type[0, 2], worlds[Health].fatal_tick[0, 2] = 0, 0, 7
     hidden = "SafeZoneLayer" if left_out == "RoomLayer" else ""  # which paints the floor anew
     every = [layer for layer in EVERYTHING if type(layer).__name__ != hidden]
     layers = [layer for layer in every if type(layer).__name__ != left_out]
@@ -173,7 +173,7 @@ WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {
     "room": ((systems.Room, systems.SpawnGrid, systems.SafeZone), {"RoomLayer", "SafeZoneLayer"}),
     "mortality": ((systems.Mortality,), set()),
     "motors": ((systems.Motors,), set()),
-    "contacts": ((systems.Contacts,), set()),
+    "contacts": ((systems.Physics,), set()),
 }
 
 
@@ -195,7 +195,7 @@ def test_agents_may_be_all_there_is() -> None:
     """No walls, nobody but one agent, of any size of room."""
     bare = variant("ffa_1").without(systems.Heals, systems.SafeZone).replace(n_agents=1, room_walls=False)
     for size in (2.0, 400.0):
-        worlds = Worlds(bare.replace(room_size=size, spawn_cells=1).modules, 1)
+        worlds = Worlds(bare.replace(room_size=size, spawn_grid_cells=1).modules, 1)
         assert not np.array_equal(draw(worlds, 0, 64), draw(worlds, 0, 64, []))
         assert "0" in text(worlds, 0).splitlines()[11]
 
@@ -230,7 +230,7 @@ def test_new_layers_need_no_change_elsewhere() -> None:
 
 
 def test_a_map_shows_everything_where_it_is() -> None:
-    stage = Stage(n_agents=2)
+    stage = ScenarioBuilder(n_agents=2)
     zone, alive = stage.column(Zone), stage.column(Entity).alive
     zone.x[0], zone.y[0], zone.radius[0] = 0, 0, 12.5
     stage.put("heal", 0, 0.1, 0.1)

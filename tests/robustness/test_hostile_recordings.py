@@ -19,11 +19,11 @@ def recordings() -> Recordings:
 
 ABSURD = {
     "slots": ({"inventory_slots": 2**31 - 1}, "it would have 2147483647 slots: at most 65536 is possible"),
-    "cells": ({"spawn_cells": 2**30}, "it would have .* cells"),
+    "cells": ({"spawn_grid_cells": 2**30}, "it would have .* cells"),
     "agents": ({"agents_count": 2**31 - 1}, "it would have 2147483647 agents"),
-    "heals": ({"heals_count": 900_000, "spawn_cells": 250}, "it would have 900000 heals"),
+    "heals": ({"heals_count": 900_000, "spawn_grid_cells": 250}, "it would have 900000 heals"),
     "bags": ({"inventory_slots": 60_000}, "a world would have 5.* bytes of state: at most 4194304 is possible"),
-    "bodies": ({"agents_count": 600, "spawn_cells": 100}, "604 bodies that take part in contacts"),
+    "bodies": ({"agents_count": 600, "spawn_grid_cells": 100}, "604 bodies that take part in contacts"),
     "others": ({"agents_count": 3}, "agents are 2 there and 3 here"),
     "substeps": ({"physics_substeps": 2**31 - 1}, "physics_substeps is 2147483647: of a file, at most 1000 is"),
     "iterations": ({"physics_velocity_iterations": 10**9}, "of a file, at most 10000 is accepted"),

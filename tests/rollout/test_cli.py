@@ -36,12 +36,23 @@ def test_variants_lists_all_eight_with_their_original_names(capsys):
 def test_schedule_prints_the_tick(capsys):
     status, out, _ = run(capsys, "schedule", "1v1_heals_low")
     assert status == 0
-    assert out.index("motors.drive") < out.index("physics.collide") < out.index("zone.burn")
+    assert out.index("motors.drive") < out.index("physics.collide") < out.index("safe_zone.apply_damage")
     assert "boxes." not in out
 
 
 def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
-    arguments = ("rollout", "ffa_2", "--worlds", "3", "--steps", "150", "--policy", "noop", "--set", "zone_harm=50")
+    arguments = (
+        "rollout",
+        "ffa_2",
+        "--worlds",
+        "3",
+        "--steps",
+        "150",
+        "--policy",
+        "noop",
+        "--set",
+        "safe_zone_damage=50",
+    )
     status, out, err = run(capsys, *arguments)
     assert status == 0
     assert "world-step" in err  # the progress bar
@@ -53,7 +64,7 @@ def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
 
 
 def test_rollout_plays_whole_episodes_unless_steps_are_given(capsys):
-    arguments = ("rollout", "ffa_2", "--worlds", "3", "--policy", "noop", "--set", "zone_harm=100")
+    arguments = ("rollout", "ffa_2", "--worlds", "3", "--policy", "noop", "--set", "safe_zone_damage=100")
     status, out, err = run(capsys, *arguments)
     assert status == 0
     assert "3 worlds x 1 episode\n" in out
@@ -71,7 +82,7 @@ def test_rollout_plays_whole_episodes_unless_steps_are_given(capsys):
 
 
 def test_the_same_seed_gives_the_same_table(capsys):
-    arguments = ("rollout", "ffa_2", "--worlds", "2", "--steps", "120", "--set", "zone_harm=100", "--quiet")
+    arguments = ("rollout", "ffa_2", "--worlds", "2", "--steps", "120", "--set", "safe_zone_damage=100", "--quiet")
     tables = [run(capsys, *arguments, "--seed", seed)[1].split("ended")[1] for seed in ("5", "5", "6")]
     assert tables[0] == tables[1] != tables[2]
 
@@ -84,9 +95,12 @@ def test_the_same_seed_gives_the_same_table(capsys):
         (("rollout", "ffa_1", "--set", "mele_damage=3"), ("mele_damage", "melee_damage")),
         (("rollout", "ffa_1", "--set", "n_heals=0"), ("heals.count = 0: must be >= 1", "Scenario.without('heals')")),
         (("rollout", "ffa_3", "--set", "n_boxes=0"), ("boxes.count = 0: must be >= 1", "Scenario.without('boxes')")),
-        (("rollout", "ffa_1", "--set", "zone_radii=5,x"), ("zone.radii[1] = 'x'", "finite number")),
-        (("rollout", "ffa_1", "--set", "zone_radii="), ("zone.radii[0] = ''", "finite number")),
-        (("rollout", "ffa_1", "--set", "zone_radii=13,4"), ("zone.radii: 13 does not fit into a room of side 25",)),
+        (("rollout", "ffa_1", "--set", "safe_zone_radii=5,x"), ("safe_zone.radii[1] = 'x'", "finite number")),
+        (("rollout", "ffa_1", "--set", "safe_zone_radii="), ("safe_zone.radii[0] = ''", "finite number")),
+        (
+            ("rollout", "ffa_1", "--set", "safe_zone_radii=13,4"),
+            ("safe_zone.radii: 13 does not fit into a room of side 25",),
+        ),
         (("rollout", "ffa_1", "--set", "melee_damage=1,2"), ("melee.damage = '1,2': an integer",)),
         (("rollout", "ffa_1", "--set", "melee_damage"), ("--set melee_damage: NUMBER=VALUE is needed",)),
         (("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"), ("physics cannot take",)),
@@ -132,8 +146,19 @@ def test_set_changes_any_number(name: str) -> None:
 
 
 def test_a_smaller_room_gets_a_smaller_zone(capsys):
-    numbers = ("--set", "room_size=20", "--set", "zone_radii=8,4", "--set", "zone_stand=5", "--set", "zone_shrink=5")
-    status, out, _ = run(capsys, "rollout", "ffa_2", *numbers, "--set", "zone_harm=100", "--worlds", "2", "--quiet")
+    numbers = (
+        "--set",
+        "room_size=20",
+        "--set",
+        "safe_zone_radii=8,4",
+        "--set",
+        "safe_zone_stand=5",
+        "--set",
+        "safe_zone_shrink=5",
+    )
+    status, out, _ = run(
+        capsys, "rollout", "ffa_2", *numbers, "--set", "safe_zone_damage=100", "--worlds", "2", "--quiet"
+    )
     assert status == 0
     assert float(out.split("length")[1].split()[0]) <= 21  # when the last circle is gone
 
@@ -162,7 +187,7 @@ def test_a_misspelt_policy_gets_a_hint(capsys):
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
     monkeypatch.setitem(POLICIES, "random", interrupted_after(110))
-    arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "zone_harm=100", *quiet)
+    arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "safe_zone_damage=100", *quiet)
     status, out, _ = run(capsys, *arguments)
     assert status == 130
     assert "220 world-steps" in out
@@ -170,7 +195,19 @@ def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
 
 def test_deaths_are_logged_on_request(capsys, caplog):
     with caplog.at_level("INFO", "outlast.deaths"):
-        run(capsys, "rollout", "ffa_1", "--worlds", "4", "--steps", "103", "--policy", "noop", "--set", "zone_harm=100")
+        run(
+            capsys,
+            "rollout",
+            "ffa_1",
+            "--worlds",
+            "4",
+            "--steps",
+            "103",
+            "--policy",
+            "noop",
+            "--set",
+            "safe_zone_damage=100",
+        )
     assert "died of zone" in caplog.text
 
 

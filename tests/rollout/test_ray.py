@@ -26,7 +26,13 @@ from outlast.envs.rollout import ray as cluster  # noqa: E402
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
 WORLDS, STEPS, SEED = 10, scaled(150, least=30), 3
-SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+SHORT = {
+    "agents_health": 10,
+    "safe_zone_radii": (9.0, 4.0),
+    "safe_zone_stand": 10,
+    "safe_zone_shrink": 10,
+    "ending_limit": 25,
+}
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +99,7 @@ def test_an_episode_without_an_end_is_told_as_on_one_machine(workers):
         local.MAX_STEPS = 30  # in the worker, which has this module, too
         return POLICIES["noop"](env, seed)
 
-    never = Task(outlast.variant("ffa_1").replace(zone_harm=0), impatient, 0, SEED)
+    never = Task(outlast.variant("ffa_1").replace(safe_zone_damage=0), impatient, 0, SEED)
     with pytest.raises(EndlessError, match="world 0 has been in one episode for 30 steps"):
         cluster.rollout_on_cluster(never, 1)
 
@@ -173,7 +179,7 @@ def test_ctrl_c_leaves_the_summary_of_the_finished_batches(workers, monkeypatch,
 
 
 def test_the_command_prints_the_same_table(workers, capsys):
-    arguments = ["rollout", "ffa_2", "--worlds", "5", "--steps", "150", "--set", "zone_harm=100", "--quiet"]
+    arguments = ["rollout", "ffa_2", "--worlds", "5", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
     tables = []
     for more in ([], ["--ray"]):
         assert cli.main([*arguments, *more]) == 0

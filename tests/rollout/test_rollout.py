@@ -15,7 +15,13 @@ from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, scaled
 
 WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
-SHORT = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 25}
+SHORT = {
+    "agents_health": 10,
+    "safe_zone_radii": (9.0, 4.0),
+    "safe_zone_stand": 10,
+    "safe_zone_shrink": 10,
+    "ending_limit": 25,
+}
 
 
 def task(policy: str = "random", variant: str = "ffa_1") -> Task:
@@ -24,7 +30,13 @@ def task(policy: str = "random", variant: str = "ffa_1") -> Task:
 
 def whole(policy: str = "random", variant: str = "ffa_1", seed: int = 3, episodes: int = 1) -> Task:
     """Whole episodes of very different lengths: agents strike each other dead, or the zone gets them in the end."""
-    numbers = {"agents_health": 5, "zone_radii": (9.0, 4.0), "zone_stand": 100, "zone_shrink": 50, "room_size": 20.0}
+    numbers = {
+        "agents_health": 5,
+        "safe_zone_radii": (9.0, 4.0),
+        "safe_zone_stand": 100,
+        "safe_zone_shrink": 50,
+        "room_size": 20.0,
+    }
     return Task(outlast.variant(variant).replace(**numbers), POLICIES[policy], 0, seed, episodes)
 
 
@@ -186,14 +198,14 @@ def test_whole_episodes_are_unbiased_and_those_that_fit_into_a_time_are_not():
 
 def test_an_episode_without_an_end_is_not_waited_for_in_silence(monkeypatch, capsys):
     monkeypatch.setattr(rollouts, "MAX_STEPS", 40)
-    never = outlast.variant("ffa_1").replace(zone_harm=0)
+    never = outlast.variant("ffa_1").replace(safe_zone_damage=0)
     env = outlast.make_vec(never, 2, seed=0, first_world=7)
     with pytest.raises(EndlessError, match=r"world 7 has been in one episode for 40 steps, .* set ending_limit, or"):
         rollout(env, POLICIES["noop"](env, 0))
     assert rollout(env, POLICIES["noop"](env, 0), 50).episodes == 0
     env = outlast.make_vec(never.replace(ending_limit=60), 2, seed=0)
     assert length(rollout(env, POLICIES["noop"](env, 0))) == (60, 0)
-    arguments = ("rollout", "ffa_1", "--set", "zone_harm=0", "--worlds", "2", "--policy", "noop", "--quiet")
+    arguments = ("rollout", "ffa_1", "--set", "safe_zone_damage=0", "--worlds", "2", "--policy", "noop", "--quiet")
     assert cli.main(arguments) == 2
     assert capsys.readouterr().err.startswith("outlast: world 0 has been in one episode for 40 steps")
 

@@ -32,7 +32,9 @@ from tests.training.test_training_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
-QUICK = [word for number in ("zone_harm=50", "zone_stand=10", "zone_shrink=5") for word in ("--set", number)]
+QUICK = [
+    word for number in ("safe_zone_damage=50", "safe_zone_stand=10", "safe_zone_shrink=5") for word in ("--set", number)
+]
 
 
 def evaluate(*arguments: object) -> int:
@@ -151,11 +153,11 @@ def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
 
 def test_a_saved_policy_rolls_out_with_the_observations_it_was_trained_with(capsys, tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
-    scenario = variant("teams_3").replace(zone_harm=50, cameras_mode="revealed")
+    scenario = variant("teams_3").replace(safe_zone_damage=50, cameras_mode="revealed")
     env = make_vec(scenario, 3, seed=2)
     expected = rollout(env, load_policy(tmp_path / "a.zip", 2), 150)
     arguments = ("rollout", "teams_3", "--policy", str(tmp_path / "a.zip"), "--worlds", "3", "--steps", "150")
-    assert cli.main((*arguments, "--seed", "2", "--set", "zone_harm=50", "--quiet")) == 0
+    assert cli.main((*arguments, "--seed", "2", "--set", "safe_zone_damage=50", "--quiet")) == 0
     assert str(expected) in capsys.readouterr().out
     film = ("--out", str(tmp_path / "film"), "--steps", "3", "--size", "64", "--quiet")
     assert cli.main(("frames", "teams_3", "--policy", str(tmp_path / "a.zip"), *film)) == 0

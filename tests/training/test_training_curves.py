@@ -174,10 +174,12 @@ def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> P
 
 
 def test_a_run_is_what_it_says(tmp_path: Path) -> None:
-    changed = folder(tmp_path / "x", {"zone_harm": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5})
+    changed = folder(
+        tmp_path / "x", {"safe_zone_damage": 2}, preset="paper", seed=4, settings={"gamma": 0.9, "vf_coef": 0.5}
+    )
     (run,) = results.load_runs([changed])
     assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4.csv")
-    assert run.unlike == {"worlds": 64, "gamma": 0.9, "zone_harm": 2}
+    assert run.unlike == {"worlds": 64, "gamma": 0.9, "safe_zone_damage": 2}
     (plain,) = results.load_runs([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}
 
@@ -202,7 +204,10 @@ def test_runs_that_differ_in_more_than_seeds_are_not_mixed(tmp_path: Path) -> No
     one = folder(tmp_path / "one")
     refused([one, folder(tmp_path / "a", seed=1, dead="drop")], "dead is keep in .*one and drop in .*a: plot them one")
     refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
-    refused([one, folder(tmp_path / "c", {"zone_harm": 2}, seed=1)], "zone_harm is as usual in .*one and 2 in .*c")
+    refused(
+        [one, folder(tmp_path / "c", {"safe_zone_damage": 2}, seed=1)],
+        "safe_zone_damage is as usual in .*one and 2 in .*c",
+    )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
     refused([one, one], "are the same run")
 

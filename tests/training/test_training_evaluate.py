@@ -24,7 +24,12 @@ from tests.training.test_training_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
-QUICK = {"zone_harm": 20, "zone_stand": 20, "zone_shrink": 10, "melee_damage": 20}  # episodes of a hundred steps
+QUICK = {
+    "safe_zone_damage": 20,
+    "safe_zone_stand": 20,
+    "safe_zone_shrink": 10,
+    "melee_damage": 20,
+}  # episodes of a hundred steps
 
 
 def quick(name: str) -> Scenario:
@@ -93,7 +98,7 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
 @pytest.mark.parametrize("name", ["ffa_1", "teams_3"])
 def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
     names, worlds, each, seed = ("scripted", "random"), 3, 2, 5
-    scenario = quick(name).replace(zone_stand=100, zone_shrink=100, motors_ahead=1.0)  # in which agents meet
+    scenario = quick(name).replace(safe_zone_stand=100, safe_zone_shrink=100, motors_ahead=1.0)  # in which agents meet
     expected = counted(scenario, names, worlds, each, seed)
     env = make_vec(scenario, worlds, seed=seed, autoreset_mode="Disabled")
     acts = [contender.act(env, seed) for contender in contenders(names)]
@@ -184,7 +189,7 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"chooses among \[3, 3\] actions; here are \[3, 3, 3, 2, 2, 2\]"):
         Evaluation(variant("teams_3"), chosen, worlds=2)
     with pytest.raises(TrainingError, match="one side"):
-        Evaluation(variant("teams_3").replace(sides_count=1), chosen[1:], worlds=2)
+        Evaluation(variant("teams_3").replace(teams_count=1), chosen[1:], worlds=2)
 
 
 # ---- Elo ratings and standard errors, against closed forms and against random games

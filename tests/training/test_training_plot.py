@@ -217,7 +217,9 @@ def trainer() -> Any:
 @pytest.mark.usefixtures("one_torch_thread")
 def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
     run = trainer()
-    scenario = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
+    scenario = variant("ffa_1").replace(
+        agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10
+    )
     settings = {"batch_size": 64, "n_epochs": 1}
     for seed in (1, 2):
         config = run.TrainingConfig(
@@ -226,7 +228,9 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
         run.TrainingRun(config, tmp_path / "runs" / str(seed)).train()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0
     assert files(tmp_path / "kept") == [f"ffa_1-original-{seed}.{form}" for seed in (1, 2) for form in ("csv", "zip")]
-    unlike = "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, zone_radii = [9.0, 4.0]"
+    unlike = (
+        "worlds = 8, rollout = 192, batch_size = 64, n_epochs = 1, agents_health = 10, safe_zone_radii = [9.0, 4.0]"
+    )
     assert f"Unlike the paper: {unlike}" in (tmp_path / "out/ends.md").read_text()
     shown = group(tmp_path / "kept")
     assert figures.digest(group(tmp_path / "runs")) == figures.digest(shown)
@@ -240,7 +244,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
     from outlast.training import checkpoint
 
     folder, kept = tmp_path / "run", tmp_path / "kept"
-    scenario = variant("ffa_1").replace(zone_harm=50, zone_stand=5)
+    scenario = variant("ffa_1").replace(safe_zone_damage=50, safe_zone_stand=5)
     config = run.TrainingConfig(scenario, steps=4096, worlds=8, rollout=512, threads=1, settings={"n_epochs": 1})
     run.TrainingRun(config, folder).train()
     for _ in range(2):  # the second time from what was kept

@@ -20,7 +20,13 @@ from outlast.training.presets import preset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 6, 40  # steps of each world in a rollout
-QUICK = {"agents_health": 10, "zone_radii": (9.0, 4.0), "zone_stand": 10, "zone_shrink": 10, "ending_limit": 22}
+QUICK = {
+    "agents_health": 10,
+    "safe_zone_radii": (9.0, 4.0),
+    "safe_zone_stand": 10,
+    "safe_zone_shrink": 10,
+    "ending_limit": 22,
+}
 SHORT = variant("teams_3").replace(**QUICK)  # ends both ways, early
 GAMMA, LAMBDA = 0.99, 0.95
 

@@ -19,8 +19,14 @@ from outlast.training.presets import preset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
-SHORT = {"agents_health": 60, "heals_amount": 10, "zone_radii": (4.0,), "zone_stand": 30, "zone_shrink": 20}
-GIVING = {"give_reach": 4.0, "give_nearest": "suitable"}
+SHORT = {
+    "agents_health": 60,
+    "heals_amount": 10,
+    "safe_zone_radii": (4.0,),
+    "safe_zone_stand": 30,
+    "safe_zone_shrink": 20,
+}
+GIVING = {"give_last_reach": 4.0, "give_last_nearest": "suitable"}
 CLOSE = {"room_size": 8.0, "pickup_reach": 1.5, "n_boxes": 1, "rewards_death": -3.0, **GIVING}
 CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
 

@@ -27,7 +27,7 @@ from outlast.training.log_file import read_log  # noqa: E402
 from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-SHORT = variant("ffa_1").replace(agents_health=10, zone_radii=(9.0, 4.0), zone_stand=10, zone_shrink=10)
+SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
 EACH = 8 * 24 * 2  # agent-steps of a rollout
 
 
@@ -258,7 +258,7 @@ def test_the_command_refuses_numbers_that_ppo_has_not(text: str, message: str) -
 @pytest.mark.nightly
 def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
     """In a world that is all about it: they live longer, and nearer to its middle, than at first."""
-    zone = {"zone_radii": (4.0,), "zone_centres": "middle", "zone_stand": 1000, "zone_harm": 2}
+    zone = {"safe_zone_radii": (4.0,), "safe_zone_centres": "middle", "safe_zone_stand": 1000, "safe_zone_damage": 2}
     world = variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **zone)
     settings = {"n_epochs": 8, "gamma": 0.98, "learning_rate": 1e-3}
     TrainingRun(

@@ -141,7 +141,7 @@ def test_every_variant_is_described(variant: str) -> None:
     assert len(now["zone"]) == 6
 
 
-BARE = ("zone", "heals", "cameras", "give", "inventory", "pickup", "drop", "melee")
+BARE = ("safe_zone", "heals", "cameras", "give_last", "inventory", "pickup", "death_drop", "melee")
 
 
 def described(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:

@@ -4,16 +4,16 @@ from typing import Any
 
 from outlast.envs.inspect.events import events
 from outlast.envs.inspect.trace import describe, snapshot
-from tests.stage import Stage, duel, mates
+from tests.helpers.scenario_builder import ScenarioBuilder, duel, mates
 
 
-def happened(stage: Stage) -> list[dict[str, Any]]:
+def happened(stage: ScenarioBuilder) -> list[dict[str, Any]]:
     """Events of the last tick without what they leave open."""
     return [{k: v for k, v in event.items() if v not in (-1, "")} for event in events(stage.env.worlds, 0)]
 
 
 def test_a_kill_names_who_died_and_by_whose_hand() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     stage.wound(1, 5)
     stage.step({0: "attack"})
     assert happened(stage) == [
@@ -23,14 +23,14 @@ def test_a_kill_names_who_died_and_by_whose_hand() -> None:
 
 
 def test_in_a_team_it_was_the_one_that_struck() -> None:
-    stage = mates(Stage("teams_3"))
+    stage = mates(ScenarioBuilder("teams_3"))
     stage.wound(2, 5)
     stage.step({0: "attack", 1: "attack"})
     assert happened(stage) == [{"kind": "kill", "agent": 2, "by": 0, "side": 0, "cause": "melee"}]
 
 
 def test_a_death_in_the_zone_is_nobodys() -> None:
-    stage = Stage("teams_3")
+    stage = ScenarioBuilder("teams_3")
     stage.put("agent", 3, 12, 12)
     stage.wound(3, 1)
     stage.step(times=2)
@@ -38,7 +38,7 @@ def test_a_death_in_the_zone_is_nobodys() -> None:
 
 
 def test_boxes_break_are_picked_up_and_placed() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.put("agent", 0, 0, 0)
     stage.put("box", 1, 1.2, 0)
     stage.step({0: "attack"})
@@ -55,7 +55,7 @@ def test_boxes_break_are_picked_up_and_placed() -> None:
 
 
 def test_a_heal_is_used() -> None:
-    stage = Stage()
+    stage = ScenarioBuilder()
     stage.hand(1, "heal", 4)
     assert snapshot(stage.env.worlds, 0)["agents"][1]["bag"] == [8]
     stage.step({1: "use"})
@@ -64,7 +64,7 @@ def test_a_heal_is_used() -> None:
 
 
 def test_strikes_say_whether_they_met_something() -> None:
-    stage = duel(Stage())
+    stage = duel(ScenarioBuilder())
     strikes = lambda: [agent["strike"] for agent in snapshot(stage.env.worlds, 0)["agents"]]  # noqa: E731
     assert strikes() == [0, 0]
     stage.step({0: "attack"})

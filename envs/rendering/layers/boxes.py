@@ -20,7 +20,7 @@ class BoxesLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Their shapes, with a rim; very thin ones are all rim."""
-        owner = scene[Guard].heeds
+        owner = scene[Guard].vulnerable_only_to
         for e in scene.living(Body, Shape, Box):
             color = of_box(owner[e])
             canvas.body(scene, e, mix(color, INK, 0.5))
@@ -46,4 +46,4 @@ class BoxItemsLayer(Layer):
 
 def owner_of(scene: Scene, item: int) -> int:
     """The side that owns the box which the broken box in row `item` was, -1: nobody."""
-    return int(scene[Guard].heeds[scene.rows(Box)[scene[BoxItem].index[item]]])
+    return int(scene[Guard].vulnerable_only_to[scene.rows(Box)[scene[BoxItem].index[item]]])

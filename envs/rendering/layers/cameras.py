@@ -55,7 +55,7 @@ def cone_corners(cameras: systems.Cameras) -> list[Point]:
 
 def seen_rows(scene: Scene, i: int) -> list[int]:
     """Rows in the world that agent number `i` sees, in ascending order; without walls, which are seen, too."""
-    words = scene[Sight].seen[i]
+    words = scene[Sight].visible[i]
     rows = sorted({e for kind in (Side, Box, Item) for e in scene.living(Body, kind)})
     return [e for e in rows if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1]
 

@@ -59,7 +59,7 @@ class KillFeedLayer(Layer):
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
         """Age in ticks, agent and row, the youngest first."""
-        cause, doomed, tick = scene[Death].cause, scene[Health].doomed, scene[Clock].tick[0]
+        cause, doomed, tick = scene[Death].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
         alive = set(scene.living(Death))
         dead = [(tick - doomed[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
@@ -68,7 +68,7 @@ class KillFeedLayer(Layer):
 def _cause_of_death(scene: Scene, e: int) -> str:
     source = scene[Death].source[e]
     if source < 0:
-        return f"died of {scene.worlds.layout.damage_types[scene[Death].cause[e]]}"
+        return f"died of {scene.worlds.layout.damage_types[scene[Death].damage_type[e]]}"
     return f"killed by {'side ' if scene[Sides].teams[0] else ''}{source}"
 
 

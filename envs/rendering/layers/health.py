@@ -26,7 +26,7 @@ class HealthBarsLayer(Layer):
         """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
         if self.height * canvas.scale < VISIBLE:
             return
-        points, whole, mortal = scene[Health].points, scene.birth(Health).points, scene[Health].mortal
+        points, whole, mortal = scene[Health].points, scene.birth(Health).points, scene[Health].has_health
         agents = set(scene.rows(Side))
         for e in scene.living(Body, Shape, Health):
             if mortal[e] and (e in agents or points[e] < whole[e]):

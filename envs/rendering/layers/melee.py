@@ -32,7 +32,7 @@ class MeleeLayer(Layer):
                 far = _distance(scene, me, weapon.target[me], reach)
                 self._draw(canvas, scene, me, far, INK, 2 * self.width)
                 self._draw(canvas, scene, me, far, STRIKE, self.width)
-            elif me in alive and scene[Attack].attack[i] and not weapon.wait[me]:  # or it waited until just now
+            elif me in alive and scene[Attack].attack[i] and not weapon.cooldown[me]:  # or it waited until just now
                 self._draw(canvas, scene, me, reach, INK, self.width / 2)
 
     def _draw(self, canvas: Canvas, scene: Scene, me: int, far: float, color: Color, width: float) -> None:

@@ -1,4 +1,4 @@
-"""A stage: one world of a variant, emptied, where tests put agents and things and tell agents what to do."""
+"""One world of a variant, emptied, in which tests place agents and items and give agents their actions."""
 
 import functools
 import math
@@ -21,7 +21,7 @@ def _environment(variant: str, numbers: frozenset[tuple[str, Any]]) -> SurvivalV
     return outlast.make_vec(outlast.variant(variant).replace(**dict(numbers)), 1, seed=0)
 
 
-class Stage:
+class ScenarioBuilder:
     """Agents idle in the corners; heals and boxes are nowhere until they are put somewhere."""
 
     def __init__(self, variant: str = "ffa_4", **numbers: Any) -> None:
@@ -68,7 +68,7 @@ class Stage:
         """Leave it with so many hit points."""
         self.column(Health).points[0, agent] = points
 
-    def step(self, deeds: dict[int, str] | None = None, times: int = 1) -> "Stage":
+    def step(self, deeds: dict[int, str] | None = None, times: int = 1) -> "ScenarioBuilder":
         """So many ticks in which agents do what `deeds` says, as in {0: "ahead attack"}, and else idle."""
         actions = np.tile(np.array(IDLE), (1, self.env.num_agents, 1))
         for agent, words in (deeds or {}).items():
@@ -101,7 +101,7 @@ class Stage:
     def death(self, agent: int) -> tuple[str, int]:
         """What killed it, and which side."""
         death = self.column(Death)
-        return self.env.worlds.layout.damage_types[death.cause[0, agent]], int(death.source[0, agent])
+        return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:
         """The mask that it is told."""
@@ -120,14 +120,14 @@ class Stage:
         return self.column(Box).broken[0, self.env.worlds.span("box")].tolist()
 
 
-def duel(stage: Stage, far: float = 2.0) -> Stage:
+def duel(stage: ScenarioBuilder, far: float = 2.0) -> ScenarioBuilder:
     """Agent 0 stands at the origin and looks at agent 1, which looks back."""
     stage.put("agent", 0, 0, 0)
     stage.put("agent", 1, far, 0, math.pi)
     return stage
 
 
-def mates(stage: Stage) -> Stage:
+def mates(stage: ScenarioBuilder) -> ScenarioBuilder:
     """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
     for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
         stage.put("agent", agent, x, y, math.pi if x > 0 else 0.0)

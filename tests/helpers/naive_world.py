@@ -1,4 +1,4 @@
-"""One world as plain Python objects: what the twins take, what they give back, and how the two are compared."""
+"""One world as plain Python objects: what the naive forms take, what they give back, and how the two are compared."""
 
 import copy
 from collections.abc import Iterator
@@ -79,7 +79,7 @@ class World:
     zone: list[float]
     deaths: list[tuple[int, int, int]]
     statistics: dict[str, Any]
-    key: tuple[int, int, int]  # of its dice: seed, world, episode
+    key: tuple[int, int, int]  # of its random numbers: seed, world, episode
     used: list[int] = field(default_factory=list)  # items used in this tick
     fallen: list[tuple[int, int]] = field(default_factory=list)  # (item, agent that dropped it dying) in this tick
     seen: list[set[int]] = field(default_factory=list)  # by agent: rows that its camera sees
@@ -92,11 +92,11 @@ class World:
 
     @property
     def teams(self) -> bool:
-        return "sides_count" in self.numbers
+        return "teams_count" in self.numbers
 
     @property
     def sides(self) -> int:
-        return self.numbers["sides_count"] if self.teams else len(self.of("agent"))
+        return self.numbers["teams_count"] if self.teams else len(self.of("agent"))
 
     def copy(self) -> "World":
         return copy.deepcopy(self)
@@ -121,12 +121,14 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
                 *(shape[name][row] for name in ("radius", "half_width", "half_height")),
             )
             if kind in ("agent", "box"):
-                thing.health, thing.cause, thing.source = (health[name][row] for name in ("points", "cause", "source"))
-                thing.losses = _past(thing, health["doomed"][row])
+                thing.health, thing.cause, thing.source = (
+                    health[name][row] for name in ("points", "damage_type", "source")
+                )
+                thing.losses = _past(thing, health["fatal_tick"][row])
             if kind == "agent":
-                thing.side, thing.wait = side["side"][row], weapon["wait"][row]
+                thing.side, thing.wait = side["side"][row], weapon["cooldown"][row]
                 thing.bag = bag["items"][row][: bag["count"][row]]
-            thing.owner, thing.holder = guard["heeds"][row], item["holder"][row]
+            thing.owner, thing.holder = guard["vulnerable_only_to"][row], item["holder"][row]
             thing.broken, thing.placed = boxes["broken"][row] == 1, boxes["placed"][row] == 1
             things.append(thing)
     zone, clock = _rows(tables[Zone], w), _rows(tables[Clock], w)
@@ -150,7 +152,7 @@ def differences(got: World, want: World, kinds: tuple[str, ...], *columns: str) 
         for column in columns:
             a, b = getattr(one, column), getattr(other, column)
             if abs(a - b) > TOLERANCE if isinstance(b, float) else a != b:
-                found.append(f"{one.kind} {one.index}: {column} is {a}, its twin's {b}")
+                found.append(f"{one.kind} {one.index}: {column} is {a}, the naive one's {b}")
     return found
 
 
@@ -167,7 +169,7 @@ def _past(thing: Thing, doomed: int) -> list[Loss]:
 
 def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:
     death = _rows(env.worlds[Death], w)
-    return [(i, death["cause"][i], death["source"][i]) for i in range(env.num_agents) if death["now"][i]]
+    return [(i, death["damage_type"][i], death["source"][i]) for i in range(env.num_agents) if death["now"][i]]
 
 
 def _statistics(env: SurvivalVectorEnv, w: int) -> dict[str, Any]:

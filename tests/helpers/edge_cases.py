@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from outlast.components import Body, Box, Guard, Health, Weapon, Zone
 from outlast.ecs import Clock, Entity
-from tests.stage import Stage
-from tests.twin_world import read
-from tests.twins import zone_at
+from tests.helpers.naive_mechanics import zone_at
+from tests.helpers.naive_world import read
+from tests.helpers.scenario_builder import ScenarioBuilder
 
 AGENTS, HEALS, BOXES = 4, 6, 2
 SLOTS = 4
@@ -141,11 +141,11 @@ CASES = {
 }  # fmt: skip
 
 
-def build(sketch: Sketch, variant: str, **numbers: Any) -> Stage:
+def build(sketch: Sketch, variant: str, **numbers: Any) -> ScenarioBuilder:
     """The sketch on a stage, before a tick."""
     agents = {"n_agents": AGENTS} if variant.startswith("ffa") else {}
-    stage = Stage(variant, n_heals=HEALS, n_boxes=BOXES, **agents | numbers)
-    stage.column(Clock).tick[:], stage.column(Clock).episode[:] = sketch.tick, 1  # always the same dice
+    stage = ScenarioBuilder(variant, n_heals=HEALS, n_boxes=BOXES, **agents | numbers)
+    stage.column(Clock).tick[:], stage.column(Clock).episode[:] = sketch.tick, 1  # always the same random numbers
     for k, agent in enumerate(sketch.agents):
         _put_agent(stage, k, agent, sketch.tick)
     for k, box in enumerate(sketch.boxes):
@@ -159,28 +159,28 @@ def build(sketch: Sketch, variant: str, **numbers: Any) -> Stage:
     return stage
 
 
-def _put_agent(stage: Stage, k: int, agent: Agent, tick: int) -> None:
+def _put_agent(stage: ScenarioBuilder, k: int, agent: Agent, tick: int) -> None:
     stage.put("agent", k, *agent.place, agent.quarters * math.pi / 2)
     body, health = stage.column(Body), stage.column(Health)
     for column in (body.cosine, body.sine):
         column[0, k] = np.round(column[0, k])  # or a right angle would be one in the last bit only nearly
     stage.column(Entity).alive[0, k] = agent.alive
     health.points[0, k] = agent.health if agent.alive else min(agent.health, 0)
-    health.cause[0, k], health.source[0, k] = 0, -1
-    health.doomed[0, k] = tick if health.points[0, k] <= 0 else -1
-    stage.column(Weapon).wait[0, k] = agent.wait
+    health.damage_type[0, k], health.source[0, k] = 0, -1
+    health.fatal_tick[0, k] = tick if health.points[0, k] <= 0 else -1
+    stage.column(Weapon).cooldown[0, k] = agent.wait
 
 
-def _put_box(stage: Stage, k: int, box: Thing) -> None:
+def _put_box(stage: ScenarioBuilder, k: int, box: Thing) -> None:
     stage.put("box", k, *box.place, size=box.size)
     row = stage.row("box", k)
     stage.column(Entity).alive[0, row] = box.state == "stands"
     stage.column(Box).broken[0, row] = box.state == "broken"
-    stage.column(Guard).heeds[0, row] = box.owner
+    stage.column(Guard).vulnerable_only_to[0, row] = box.owner
     _put_item(stage, "box_item", k, box)
 
 
-def _put_item(stage: Stage, kind: str, k: int, thing: Thing) -> None:
+def _put_item(stage: ScenarioBuilder, kind: str, k: int, thing: Thing) -> None:
     """On the ground, or in a bag; what does not fit, or whose holder is dead, is gone."""
     row, holder = stage.row(kind, k), thing.holder
     body = stage.column(Body)

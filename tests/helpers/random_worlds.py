@@ -1,4 +1,4 @@
-"""Random worlds for the twins, in states that play could reach, some of them only just; and ticks played from them."""
+"""Random worlds for the naive forms, in states that play could reach, some only just; and ticks played from them."""
 
 import functools
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Rew
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from tests import twin_faces, twins
 from tests.conftest import draw_actions, scaled
+from tests.helpers import naive_mechanics, naive_observations
+from tests.helpers.ambiguity import Ambiguous
+from tests.helpers.naive_world import World, differences, read
 from tests.reference.random_numbers import scattered
-from tests.twin_doubts import Unsure
-from tests.twin_world import World, differences, read
 
 COUNT = scaled(160, least=40)  # worlds of each kind
 TICKS = 3  # played from each random state
@@ -25,10 +25,11 @@ KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 # As in the paper's runs; and as in its text, which are the defaults of the mechanics. Neither compiles anything anew.
 RUNS = {"agents_count": 5, "boxes_count": 6, "heals_count": 9, "rewards_kill": 100.0, "rewards_death": -100.0}
 TEXT = RUNS | {
-    "melee_blocked": False, "melee_damage": 20, "melee_cooldown": 2, "give_nearest": "suitable", "pickup_touch": True,
-    "drop_scatter": "disc", "cameras_cone": "sector", "cameras_items_occlude": False, "cameras_mode": "revealed",
+    "melee_blocked": False, "melee_damage": 20, "melee_cooldown": 2, "give_last_nearest": "suitable",
+    "pickup_touch": True, "death_drop_scatter": "disc",
+    "cameras_cone": "sector", "cameras_items_occlude": False, "cameras_mode": "revealed",
     "boxes_offset": 0.0, "boxes_owned": False, "boxes_dynamic": True, "motors_give": "evenly", "ending_limit": 700,
-    "inventory_slots": 2, "zone_harm": 3, "give_passes_on": False, "boxes_settles": False,
+    "inventory_slots": 2, "safe_zone_damage": 3, "give_last_passes_on": False, "boxes_settles": False,
     "boxes_corners": "lower left",
 }  # fmt: skip
 KINDS = {
@@ -38,14 +39,14 @@ KINDS = {
         RUNS
         | {
             "agents_count": 6,
-            "sides_count": 3,
+            "teams_count": 3,
             "rewards_basis": "members",
             "rewards_outlive": 7.0,
-            "health_limit": 110,
+            "mortality_limit": 110,
         },
     ),
     "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
-    "teams as run": ("teams_4", RUNS | {"agents_count": 6, "sides_count": 3, "ending_rule": "all dead"}),
+    "teams as run": ("teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),
 }
 TURNING_POINTS = (0, 98, 99, 100, 101, 199, 200, 399, 699, 1300, 1398, 1399, 1400, 1700)
@@ -53,7 +54,7 @@ TURNING_POINTS = (0, 98, 99, 100, 101, 199, 200, 399, 699, 1300, 1398, 1399, 140
 
 @dataclass
 class Played:
-    """A tick: the world before it, the actions, the world after it, and what its twins say must come out."""
+    """A tick: the world before it, the actions, the world after it, and what the naive forms say must come out."""
 
     before: World
     actions: list[dict[str, int]]
@@ -66,14 +67,14 @@ class Played:
 
 @functools.cache
 def play(kind: str) -> tuple[Played, ...]:
-    """Ticks from random worlds of one of KINDS, in which no hair's breadth decides."""
+    """Ticks from random worlds of one of KINDS, in which rounding does not decide."""
     variant, numbers = KINDS[kind]
     env = outlast.make_vec(outlast.variant(variant).replace(**numbers), COUNT, seed=5)
     rng = np.random.default_rng(6)
     env.reset()
     for w in range(COUNT):
         scramble(env, w, rng)
-    played, unsure, running = [], 0, range(COUNT)
+    played, ambiguous, running = [], 0, range(COUNT)
     for _ in range(TICKS):
         before = {w: read(env, w) for w in running}
         actions = draw_actions(env, rng)
@@ -82,24 +83,24 @@ def play(kind: str) -> tuple[Played, ...]:
             moves = [dict(zip(KEYS, row, strict=True)) for row in (actions[w] - [1, 1, 1, 0, 0, 0]).tolist()]
             try:
                 played.append(_played(env, w, world, moves))
-            except Unsure:
-                unsure += 1
+            except Ambiguous:
+                ambiguous += 1
         running = [w for w in running if not _over(env, w)[0] and not _over(env, w)[1]]
     env.close()
-    assert unsure < max(2, 0.05 * len(played))
+    assert ambiguous < max(2, 0.05 * len(played))
     return tuple(played)
 
 
 def disagreements(kind: str, kinds: Sequence[str], *columns: str) -> list[str]:
-    """Where the tick and its twins differ, over all ticks of a kind; the first few, in words."""
+    """Where the tick and its naive forms differ, over all ticks of a kind; the first few, in words."""
     found = (differences(tick.after, tick.want, tuple(kinds), *columns) for tick in play(kind))
     return [f"tick {k}: {words}" for k, all_words in enumerate(found) for words in all_words][:5]
 
 
-def moved_as_in(after: World) -> twins.Move:
+def moved_as_in(after: World) -> naive_mechanics.Move:
     """Box2D's part of a tick, taken from the world that came out of it."""
 
-    def move(world: World, actions: twins.Actions) -> None:
+    def move(world: World, actions: naive_mechanics.Actions) -> None:
         for thing, moved in zip(world.things, after.things, strict=True):
             if thing.kind == "agent" or (thing.kind == "box" and thing.here and world.numbers["boxes_dynamic"]):
                 thing.x, thing.y, thing.angle = moved.x, moved.y, moved.angle
@@ -110,7 +111,7 @@ def moved_as_in(after: World) -> twins.Move:
 
 def _played(env: SurvivalVectorEnv, w: int, before: World, actions: list[dict[str, int]]) -> Played:
     after = read(env, w)
-    want = twins.tick(before, actions, moved_as_in(after), scattered, twin_faces.see)
+    want = naive_mechanics.tick(before, actions, moved_as_in(after), scattered, naive_observations.see)
     observation = {key: buffer[w].copy() for key, buffer in env._observe().items()}
     return Played(before, actions, after, want, observation, env.worlds[Reward].reward[w].tolist(), _over(env, w))
 
@@ -130,15 +131,15 @@ def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
     health = tables[Health]
     health.points[w, list(agents)] = points = rng.choice([-3, 0, 1, 5, 20, 100, 175], len(agents))
     health.points[w, list(agents)] = points = np.where(alive[list(agents)] & (rng.random(len(agents)) < 0.5), 5, points)
-    health.cause[w, list(agents)] = 0
+    health.damage_type[w, list(agents)] = 0
     health.source[w, list(agents)] = rng.integers(-1, 2, len(agents))
-    health.doomed[w, list(agents)] = np.where(points <= 0, time, -1)
-    tables[Weapon].wait[w, list(agents)] = rng.integers(0, 3, len(agents))
+    health.fatal_tick[w, list(agents)] = np.where(points <= 0, time, -1)
+    tables[Weapon].cooldown[w, list(agents)] = rng.integers(0, 3, len(agents))
     tables[Episode].returns[w] = rng.normal(0, 100, len(agents))
     tables[Episode].first_death[w] = rng.choice([0, min(time, 7)])
     _scatter_items(env, w, rng)
     zone = tables[Zone]
-    for column, value in zip(zone[:6], twins.zone_at(read(env, w), int(time)), strict=True):
+    for column, value in zip(zone[:6], naive_mechanics.zone_at(read(env, w), int(time)), strict=True):
         column[w] = value
 
 
@@ -169,7 +170,7 @@ def _scatter_items(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> 
     solid.inertia[w, boxes.start] = mass * (width**2 + 0.05**2) / 3
     loose = list(range(tables.span("heal").start, tables.span("heal").stop))
     for box, item in zip(range(boxes.start, boxes.stop), range(items.start, items.stop), strict=True):
-        tables[Guard].heeds[w, box] = rng.integers(-1, 2) if env.scenario.numbers()["boxes_owned"] else -1
+        tables[Guard].vulnerable_only_to[w, box] = rng.integers(-1, 2) if env.scenario.numbers()["boxes_owned"] else -1
         state = rng.integers(4)
         alive[box], tables[Box].broken[w, box] = state == 0, state == 1
         if state > 1:

@@ -1,4 +1,4 @@
-"""The native bridge asks first: a Box2D whose insides are elsewhere is refused by name, and asking never crashes."""
+"""The native backend asks first: a Box2D whose insides are elsewhere is refused by name, and asking never crashes."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ from outlast.systems.box2d import layout, native, verify
 from tests.conftest import COMPILED
 
 pytestmark = [
-    pytest.mark.skipif(not (COMPILED and native.available()), reason="the native bridge does not run here"),
+    pytest.mark.skipif(not (COMPILED and native.available()), reason="the native backend does not run here"),
     pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing can be tried in a copy of this process"),
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
 ]
@@ -45,23 +45,23 @@ def asked(offset: str, value: int) -> str:
             os._exit(0)
     os.close(writing)
     with open(reading, "rb") as pipe:
-        told = pipe.read().decode()
-    return "crash" if os.WIFSIGNALED(os.waitpid(child, 0)[1]) else told
+        said = pipe.read().decode()
+    return "crash" if os.WIFSIGNALED(os.waitpid(child, 0)[1]) else said
 
 
 def check(deltas: tuple[int, ...]) -> None:
     """Every offset but for these amounts is refused, mostly by its own name."""
-    told = {(name, delta): asked(name, getattr(layout, name) + delta) for name in OFFSETS for delta in deltas}
-    near = {key for key in told if key[0] in IN_PLACE and 0 < key[1] < 8}
-    assert [key for key, text in told.items() if text == "crash" or text.startswith("raised")] == []
-    assert len({key for key, text in told.items() if not text} - near) <= CHANCE * len(told)
-    named = Counter(text.startswith(f"{name} ") for (name, _), text in told.items() if text)
+    said = {(name, delta): asked(name, getattr(layout, name) + delta) for name in OFFSETS for delta in deltas}
+    near = {key for key in said if key[0] in IN_PLACE and 0 < key[1] < 8}
+    assert [key for key, text in said.items() if text == "crash" or text.startswith("raised")] == []
+    assert len({key for key, text in said.items() if not text} - near) <= CHANCE * len(said)
+    named = Counter(text.startswith(f"{name} ") for (name, _), text in said.items() if text)
     assert named[True] > 0.9 * named.total()
 
 
 def at_start(deltas: tuple[int, ...]) -> None:
     """In a process of its own: what others have left in memory looks right more often."""
-    script = f"from tests.physics.test_bridge import check; check({deltas})"
+    script = f"from tests.physics.test_backends import check; check({deltas})"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
@@ -83,10 +83,10 @@ def test_every_offset_that_is_a_little_off_is_found() -> None:
 @pytest.mark.parametrize("second", [name for name in OFFSETS if name.startswith("SOLVER_")])
 def test_pointers_that_changed_places_are_found(first: str, second: str) -> None:
     """Where Box2D would take one thing for another."""
-    told = asked(first, getattr(layout, second))
-    assert (told == "") == (getattr(layout, first) == getattr(layout, second))
-    assert told != "crash"
-    assert not told.startswith("raised")
+    said = asked(first, getattr(layout, second))
+    assert (said == "") == (getattr(layout, first) == getattr(layout, second))
+    assert said != "crash"
+    assert not said.startswith("raised")
 
 
 def test_another_version_is_refused_before_anything_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +108,7 @@ def test_every_missing_function_is_named(symbol: str, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.nightly
-def test_a_library_that_cannot_be_loaded_leaves_the_portable_bridge(tmp_path: Path) -> None:
+def test_a_library_that_cannot_be_loaded_leaves_the_portable_backend(tmp_path: Path) -> None:
     """As a Box2D for another machine, or one that is damaged."""
     script = """
 import Box2D, pathlib, sys
@@ -120,26 +120,26 @@ from outlast.systems.box2d import native
 print(native.available(), outlast.make_vec("ffa_1", 1, seed=0).worlds is not None)
 """
     (broken := tmp_path / "_Box2D.so").write_bytes(b"\x7fELF" + bytes(100))
-    told = subprocess.run([sys.executable, "-c", script, str(broken)], capture_output=True, text=True)
-    assert told.stdout.split() == ["False", "True"], told.stderr
+    said = subprocess.run([sys.executable, "-c", script, str(broken)], capture_output=True, text=True)
+    assert said.stdout.split() == ["False", "True"], said.stderr
 
 
 @pytest.mark.parametrize("kind", ["native", "auto"])
-def test_a_world_of_another_box2d_is_refused_or_made_by_the_portable_bridge(
+def test_a_world_of_another_box2d_is_refused_or_made_by_the_portable_backend(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from outlast import variant
-    from outlast.systems.box2d.scene import IncompatibleBox2D
+    from outlast.systems.box2d.batch import IncompatibleBox2D
 
     monkeypatch.setattr(layout, "BODY_OMEGA", layout.BODY_OMEGA + 4)
     monkeypatch.setattr(verify, "_report", verify._report.__wrapped__)
-    contacts = next(
+    physics = next(
         module
-        for module in variant("ffa_1").replace(physics_bridge=kind).modules
-        if type(module).__name__ == "Contacts"
+        for module in variant("ffa_1").replace(physics_backend=kind).modules
+        if type(module).__name__ == "Physics"
     )
     if kind == "auto":
-        assert not contacts.native()
+        assert not physics.native()
     else:
-        with pytest.raises(IncompatibleBox2D, match=r"BODY_OMEGA holds .*bridge=\"portable\""):
-            contacts.native()
+        with pytest.raises(IncompatibleBox2D, match=r"BODY_OMEGA holds .*backend=\"portable\""):
+            physics.native()

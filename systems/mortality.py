@@ -1,4 +1,4 @@
-"""Mortality: how much health there can be, and who has none left is gone."""
+"""Mortality: the limit of health, and the death of agents without any."""
 
 from dataclasses import dataclass
 
@@ -14,29 +14,27 @@ class Mortality(Module):
     """Agents whose health is 0 or less at the check despawn and count as dead (paper, section 3.1).
 
     limit: the most hit points that an agent keeps after items had their effect; 0: no maximum, as in the paper, which
-    names that as its first flaw (section 5): nothing speaks against using a heal as soon as it is found.
+    names that as its first flaw (section 5): using a heal as soon as it is found costs nothing.
     """
-
-    name = "health"
 
     limit: int = number(0, low=0, high=MOST)  # hit points
 
     def check(self, layout: Layout) -> None:
         birth = layout.prefab_values(Health, "points").get("agent", 0)
         if self.limit and birth > self.limit:
-            raise NumberError(f"health.limit = {self.limit}: agents are born with {birth}; take at least as many")
+            raise NumberError(f"mortality.limit = {self.limit}: agents begin with {birth}; take at least as many")
 
 
 @Mortality.system(Phase.RESPAWN)
-def forget(death: Write[Death], agents: Rows[Death]) -> None:
-    """The deaths of the tick before are old news."""
+def clear_deaths(death: Write[Death], agents: Rows[Death]) -> None:
+    """Clear `Death.now` of the previous tick."""
     for e in agents:
         death.now[e] = 0
 
 
-@Mortality.system(Phase.EFFECT, after="heals.cure")
+@Mortality.system(Phase.EFFECT, after="heals.heal")
 def cap(health: Write[Health], agents: Rows[Death, Health], limit: int) -> None:
-    """What is above the limit is lost."""
+    """Health above the limit is lost."""
     if limit > 0:
         for e in agents:
             health.points[e] = min(health.points[e], np.int32(limit))
@@ -44,10 +42,10 @@ def cap(health: Write[Health], agents: Rows[Death, Health], limit: int) -> None:
 
 @Mortality.system(Phase.DIE)
 def die(health: Read[Health], death: Write[Death], entities: Write[Entity], agents: Rows[Death, Health]) -> None:
-    """Despawn, and track who did it and how."""
+    """Despawn, and record the source and the type of the damage."""
     for e in agents:
         if entities.alive[e] and health.points[e] <= 0:
             entities.alive[e] = 0
             death.now[e] = 1
-            death.cause[e] = health.cause[e]
+            death.damage_type[e] = health.damage_type[e]
             death.source[e] = health.source[e]

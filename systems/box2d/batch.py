@@ -1,6 +1,6 @@
-"""A scene: the few bodies of one world that are near something, handed to Box2D for one tick.
+"""A contact batch: the few bodies of one world that may touch something, handed to Box2D for one tick.
 
-Both bridges (`native`, `portable`) take the same scene and give the same bits. A scene is a float32
+Both backends (`native`, `portable`) take the same batch and give the same bits. A batch is a float32
 array (capacity, 16), one row a body in the order in which Box2D gets them; the columns are named here.
 """
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from outlast.ecs.errors import OutlastError
 
-Scene = NDArray[np.float32]
+ContactBatch = NDArray[np.float32]
 
 X, Y = 0, 1  # metres, centre of the body; read and written
 ANGLE = 2  # radians; read and written
@@ -21,16 +21,16 @@ RADIUS = 6  # metres; above 0 for a circle, 0 for a rectangle
 HALF_WIDTH, HALF_HEIGHT = 7, 8  # metres; of a rectangle
 DYNAMIC = 9  # 1 moves, 0 stays where it is
 MASS, INERTIA = 10, 11  # kilograms, kilogram square metres about the centre; of a dynamic body, above 0
-REACH = 12  # metres a dynamic body may be away from its start after any substep; further abandons the call
+MAX_TRAVEL = 12  # metres a dynamic body may be away from its start after any substep; further abandons the call
 JX, JY = 13, 14  # newton seconds, at the centre, at the start of EVERY substep; both 0 for none
 JTURN = 15  # newton metre seconds, likewise
 COLUMNS = 16
 
-SOLVED = 0  # the scene holds the state after the tick
-ABANDONED = 1  # a body went further than its REACH; the scene is untouched
-INVALID = 2  # too many bodies, or a number out of bounds or NaN: a fault of the caller; the scene is untouched
-CAPACITY = 512  # bodies in a scene
-LIMIT = np.float32(1e6)  # every number but REACH is below it
+SOLVED = 0  # the batch holds the state after the tick
+ABANDONED = 1  # a body went further than its MAX_TRAVEL; the batch is untouched
+INVALID = 2  # too many bodies, or a number out of bounds or NaN: an error of the caller; the batch is untouched
+CAPACITY = 512  # bodies in a batch
+LIMIT = np.float32(1e6)  # every number except MAX_TRAVEL is below it
 LONGEST = np.float32(2)  # metres: how far Box2D lets a body fly in a substep (b2_maxTranslation)
 SMALLEST = np.float32(1e-3)  # metres; radii and half sides are above it
 
@@ -50,4 +50,4 @@ class Settings(NamedTuple):
 
 
 class IncompatibleBox2D(OutlastError, RuntimeError):
-    """The installed Box2D is not laid out as the native bridge expects; the portable bridge works with any."""
+    """The installed Box2D is not laid out as the native backend expects; the portable backend works with any."""

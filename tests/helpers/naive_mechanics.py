@@ -1,7 +1,7 @@
-"""Plain-Python twins of the mechanics, from the reference rules: one thing at a time, float64, nothing clever.
+"""Naive plain-Python forms of the mechanics, from the reference rules: one thing at a time, float64, nothing clever.
 
-Each takes a World and changes it as the tick should. Where a hair's breadth decides, which float32 may see
-otherwise, they raise Unsure (or note it: see twin_doubts). How bodies move and where items of the dead fall is up to
+Each takes a World and changes it as the tick should. Where float32 rounding may decide, which float32 may see
+otherwise, they raise Ambiguous (or note it: see ambiguity). How bodies move and where items of the dead fall is up to
 two functions that `tick` is given.
 """
 
@@ -9,9 +9,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from tests.helpers.naive_geometry import MISS, ray_box, ray_circle
-from tests.twin_doubts import doubt, surely, within
-from tests.twin_world import TOLERANCE, Loss, Thing, World
+from tests.helpers.ambiguity import ambiguous, unambiguous, within
+from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
+from tests.helpers.naive_world import TOLERANCE, Loss, Thing, World
 
 Actions = Sequence[dict[str, int]]
 Move = Callable[[World, Actions], None]  # of all bodies
@@ -31,24 +31,24 @@ def _whole(number: float) -> float:
     return round(number) if abs(number - round(number)) < 1e-7 else number
 
 
-def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, hair: float = 0.0) -> float:
-    """Fraction at which the ray enters the thing, were it a hair larger; MISS if it does not, or starts inside."""
+def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, offset: float = 0.0) -> float:
+    """Fraction at which the ray enters the thing, made larger by `offset`; NO_HIT if it does not, or starts inside."""
     if 0 < math.hypot(*ray) < 1e-3:
-        doubt("a short ray")
+        ambiguous("a short ray")
     if thing.radius > 0:
-        return ray_circle(origin, ray, (thing.x, thing.y), thing.radius + hair)
-    half = thing.half_width + hair, thing.half_height + hair
+        return ray_circle(origin, ray, (thing.x, thing.y), thing.radius + offset)
+    half = thing.half_width + offset, thing.half_height + offset
     return ray_box(origin, ray, (thing.x, thing.y), thing.angle, *half)
 
 
 def first_on_ray(origin: tuple[float, float], ray: tuple[float, float], things: Sequence[Thing]) -> Thing | None:
     """Whom the ray meets first; of several at the very same place, the first in order."""
 
-    def ask(hair: float) -> int:
-        entries = [entry(origin, ray, thing, hair) for thing in things]
-        return entries.index(min(entries)) if min(entries, default=MISS) < MISS else -1
+    def ask(offset: float) -> int:
+        entries = [entry(origin, ray, thing, offset) for thing in things]
+        return entries.index(min(entries)) if min(entries, default=NO_HIT) < NO_HIT else -1
 
-    met = surely(ask)
+    met = unambiguous(ask)
     return None if met < 0 else things[met]
 
 
@@ -97,12 +97,14 @@ def use(world: World, actions: Actions) -> None:
             box.health, box.losses = world.numbers["boxes_toughness"], []
             world.statistics["boxes_placed"] += 1
     for agent in world.of("agent"):
-        agent.health = min(agent.health, world.numbers["health_limit"] or math.inf)
+        agent.health = min(agent.health, world.numbers["mortality_limit"] or math.inf)
 
 
 def give(world: World, actions: Actions) -> None:
     """Everybody chooses a taker, then the last items change hands in order; a full taker takes nothing."""
-    givers = [a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_passes_on"])]
+    givers = [
+        a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_last_passes_on"])
+    ]
     for giver, taker in [(giver, choose_taker(world, giver)) for giver in givers]:
         if taker and giver.bag and len(taker.bag) < world.numbers["inventory_slots"]:
             taker.bag.append(giver.bag.pop())
@@ -116,15 +118,15 @@ def choose_taker(world: World, giver: Thing) -> Thing | None:
         return thing.kind == "agent" and (not world.teams or thing.side == giver.side)
 
     others = [thing for thing in world.things if thing.here and thing is not giver]
-    if world.numbers["give_nearest"] == "suitable":
+    if world.numbers["give_last_nearest"] == "suitable":
         others = [thing for thing in others if suits(thing)]
-    near = [thing for thing in others if within(distance(giver, thing), world.numbers["give_reach"])]
+    near = [thing for thing in others if within(distance(giver, thing), world.numbers["give_last_reach"])]
     if not near:
         return None
     nearest = min(near, key=lambda thing: distance(giver, thing))
     for thing in near:
         if thing is not nearest and 0 < distance(giver, thing) - distance(giver, nearest) < TOLERANCE:
-            doubt("two are equally near")
+            ambiguous("two are equally near")
     return nearest if suits(nearest) else None
 
 
@@ -187,7 +189,7 @@ def pick_up(world: World) -> None:
         for item in world.live("box_item", "heal"):
             reach = world.numbers["pickup_reach"] + (item.radius if world.numbers["pickup_touch"] else 0)
             if item.row in fallen and abs(distance(agent, item) - reach) < TOLERANCE:
-                doubt("an item fell to where reach ends")
+                ambiguous("an item fell to where reach ends")
             if within(distance(agent, item), reach) and len(agent.bag) < world.numbers["inventory_slots"]:
                 agent.bag.append(item.row)
                 item.here, item.holder = False, agent.row
@@ -195,8 +197,8 @@ def pick_up(world: World) -> None:
 
 def zone_at(world: World, tick: int) -> list[float]:
     """x, y, radius and next x, y, radius at the end of step `tick`, from the calendar."""
-    radii = [*world.numbers["zone_radii"], 0.0]
-    stand, shrink = world.numbers["zone_stand"], world.numbers["zone_shrink"]
+    radii = [*world.numbers["safe_zone_radii"], 0.0]
+    stand, shrink = world.numbers["safe_zone_stand"], world.numbers["safe_zone_shrink"]
     circles = [(*centre, radius) for centre, radius in zip(world.centres, radii, strict=True)]
     phase = tick // (stand + shrink)
     if phase >= len(radii) - 1:
@@ -207,12 +209,12 @@ def zone_at(world: World, tick: int) -> list[float]:
     return [*((1 - share) * a + share * b for a, b in zip(old, new, strict=True)), *new]
 
 
-def burn(world: World) -> None:
+def zone_damage(world: World) -> None:
     """Who is outside of the zone as it was a tick ago loses health; in the void phase everybody is."""
     x, y, radius = zone_at(world, world.tick - 1)[:3]
     for agent in world.live("agent"):
         if radius == 0 or not within(math.dist((agent.x, agent.y), (x, y)), radius):
-            hurt(world, agent, world.numbers["zone_harm"], "zone", -1)
+            hurt(world, agent, world.numbers["safe_zone_damage"], "zone", -1)
 
 
 def tick(world: World, actions: Actions, move: Move, fall: Fall, see: Callable[[World], list[set[int]]]) -> World:
@@ -229,6 +231,6 @@ def tick(world: World, actions: Actions, move: Move, fall: Fall, see: Callable[[
     world.seen = see(world)
     die(world, fall)
     pick_up(world)
-    burn(world)
+    zone_damage(world)
     world.zone = zone_at(world, world.tick)
     return world

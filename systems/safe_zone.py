@@ -1,4 +1,4 @@
-"""The safe zone: a circle that stands, then shrinks and moves, and hurts whoever is outside."""
+"""The safe zone: a circle that stands, then shrinks and moves; agents outside of it are damaged."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -27,7 +27,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import uniform2
 
-from .inner.places import ROUNDED
+from .geometry.bounds import ROUNDING
 
 HALF = np.float32(0.5)
 
@@ -40,13 +40,13 @@ class SafeZone(Module):
     over where the circle fits into the room. "middle": always the origin.
     """
 
-    name = "zone"
+    stream = "zone"
     damage_type: ClassVar[str] = "zone"
 
     radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
     stand: int = number(100, low=0)  # ticks
     shrink: int = number(100, low=1)  # ticks
-    harm: int = number(1, low=0, high=MOST)  # hit points a tick outside
+    damage: int = number(1, low=0, high=MOST)  # hit points a tick outside
     centres: str = number("random", choices=("random", "middle"))
 
     def singletons(self) -> Iterable[Singleton]:
@@ -57,15 +57,15 @@ class SafeZone(Module):
 
     def check(self, layout: Layout) -> None:
         if not self.radii:
-            raise NumberError("zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
+            raise NumberError("safe_zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
         size = _size(layout)
         if max(self.radii) > size / 2:
             raise NumberError(
-                f"zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
+                f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
-        far, most = _size(layout) / 2 * ROUNDED, max(self.radii) * ROUNDED
+        far, most = _size(layout) / 2 * ROUNDING, max(self.radii) * ROUNDING
         return {"zone": ([-far, -far, 0] * 2, [far, far, most] * 2)}
 
 
@@ -86,8 +86,8 @@ def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centre
 
 
 @kernel
-def locate(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> None:
-    """Where the zone is after `tick` ticks: a function of time alone, so that nothing has to be counted."""
+def zone_at(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> None:
+    """Where the zone is after `tick` ticks: a function of time alone."""
     cycle = stand + shrink
     phase = min(tick // cycle, len(radii))
     zone.x[0], zone.y[0] = zone.centres[phase, 0], zone.centres[phase, 1]
@@ -107,11 +107,11 @@ def locate(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> Non
 @SafeZone.system(Phase.SPAWN)
 def begin(zone: Write[Zone], radii: tuple[float, ...], stand: int, shrink: int) -> None:
     """The zone of the first phase."""
-    locate(zone, radii, 0, stand, shrink)
+    zone_at(zone, radii, 0, stand, shrink)
 
 
 @SafeZone.system(Phase.ZONE)
-def burn(
+def apply_damage(
     health: Write[Health],
     guard: Read[Guard],
     body: Read[Body],
@@ -119,26 +119,26 @@ def burn(
     entities: Read[Entity],
     clock: Read[Clock],
     agents: Rows[Side, Health],
-    harm: int,
-    cause: DamageType,
+    damage: int,
+    damage_type: DamageType,
 ) -> None:
-    """Outside means the centre is beyond the rim. It kills at the next check, so a heal can still save."""
+    """Outside means the centre is beyond the rim. It kills at the next check, so a heal before that saves the agent."""
     for e in agents:
         x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
         outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
         if entities.alive[e] and outside:
-            hurt(health, guard, e, harm, cause, -1, clock.tick[0])
+            hurt(health, guard, e, damage, damage_type, -1, clock.tick[0])
 
 
-@SafeZone.system(Phase.ZONE, after="zone.burn")
+@SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")
 def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand: int, shrink: int) -> None:
-    """On to where it is after this tick."""
-    locate(zone, radii, int(clock.tick[0]), stand, shrink)
+    """Move it to where it is after this tick."""
+    zone_at(zone, radii, int(clock.tick[0]), stand, shrink)
 
 
 @SafeZone.system(Phase.OBSERVE)
 def see_zone(zone: Read[Zone], view: Write[ZoneView], agents: Rows[Side]) -> None:
-    """Everybody knows the zone, dead or alive."""
+    """Every agent observes the zone, dead or alive."""
     for i in range(agents.size):
         view.zone[i, 0], view.zone[i, 1], view.zone[i, 2] = zone.x[0], zone.y[0], zone.radius[0]
         view.zone[i, 3], view.zone[i, 4], view.zone[i, 5] = zone.next_x[0], zone.next_y[0], zone.next_radius[0]

@@ -1,4 +1,4 @@
-"""The broad phase: how far bodies are apart, and how far they can get before they could meet."""
+"""The broad phase of contacts: distances between bodies, and how far each may move before it could touch another."""
 
 import numpy as np
 
@@ -6,8 +6,9 @@ from outlast.components.body import inverse
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
-from .geometry import gap_circle_box
-from .sweep import present, row, within
+from .aabb import AABBs, aabbs_near_point
+from .blocks import alive_bits, first_row
+from .points import gap_circle_box
 
 ZERO = np.float32(0)
 
@@ -15,9 +16,9 @@ ZERO = np.float32(0)
 @kernel
 def travel(body: Array, push: Array, solid: Array, e: int, time: Real) -> Real:
     """Upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
-    lightness = inverse(solid.mass[e])
-    vx = abs(body.vx[e]) + lightness * abs(push.x[e])
-    vy = abs(body.vy[e]) + lightness * abs(push.y[e])
+    inverse_mass = inverse(solid.mass[e])
+    vx = abs(body.vx[e]) + inverse_mass * abs(push.x[e])
+    vy = abs(body.vy[e]) + inverse_mass * abs(push.y[e])
     return np.float32(np.sqrt(vx * vx + vy * vy)) * time
 
 
@@ -42,17 +43,17 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
 
 @kernel
 def clearance(
-    crowd: Array, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
+    aabbs: AABBs, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
 ) -> Real:
-    """How far marked body `e` may be pushed before it could meet a body that is not in the scene; `most` at most."""
+    """How far body `e` may be pushed before it could touch a body that is not in the contact batch, at most `most`."""
     free = most
-    for g in range(solids.size):
-        left = present(entities, solids, g) & ~to_bits(load_flags(solid.near, SIMD_WIDTH * g))
-        if left:
-            reach = load(solid.reach, SIMD_WIDTH * g) + (shape.bound[e] + most)
-            left &= within(crowd, g, body.x[e], body.y[e], reach)
-        while left:
-            o = row(g, left)
-            left &= left - 1
-            free = min(free, gap(body, shape, e, o) - solid.reach[o])
+    for b in range(solids.size):
+        pending = alive_bits(entities, solids, b) & ~to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b))
+        if pending:
+            distance = load(solid.max_travel, SIMD_WIDTH * b) + (shape.bound[e] + most)
+            pending &= aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance)
+        while pending:
+            o = first_row(b, pending)
+            pending &= pending - 1
+            free = min(free, gap(body, shape, e, o) - solid.max_travel[o])
     return max(free, ZERO)

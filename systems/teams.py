@@ -1,4 +1,4 @@
-"""Sides: every agent for itself, or teams."""
+"""Teams: agents that share their rewards and cannot hurt each other."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,39 +8,15 @@ import numpy as np
 from outlast.components import Guard, Phase, Side, Sides
 from outlast.ecs import Layout, Module, NumberError, Rows, Singleton, Write, number
 
-
-@dataclass(frozen=True)
-class FreeForAll(Module):
-    """Every agent is a side of its own."""
-
-    name = "sides"
-
-    @classmethod
-    def slot(cls) -> type[Module]:
-        return FreeForAll
-
-    def singletons(self) -> Iterable[Singleton]:
-        return [Sides(teams=0)]
-
-    def dims(self) -> dict[str, int | str]:
-        return {"sides": "agents"}
-
-
-@FreeForAll.system(Phase.DRAW)
-def part(side: Write[Side], agents: Rows[Side]) -> None:
-    """Agent i is side i."""
-    for i in range(agents.size):
-        side.side[agents[i]] = np.int32(i)
+from .free_for_all import FreeForAll
 
 
 @dataclass(frozen=True)
 class Teams(Module):
-    """Agents are split into `count` teams by id, as evenly as it goes (paper, section 3.1 and appendix).
+    """Agents are split into `count` teams by id, as evenly as possible (paper, section 3.1 and appendix).
 
     Members cannot hurt each other, give only to each other, and share their rewards.
     """
-
-    name = "sides"
 
     count: int = number(2, low=1)
 
@@ -56,7 +32,7 @@ class Teams(Module):
 
     def check(self, layout: Layout) -> None:
         if self.count > layout.dims["agents"]:
-            raise NumberError(f"sides.count = {self.count} teams, but there are only {layout.dims['agents']} agents")
+            raise NumberError(f"teams.count = {self.count} teams, but there are only {layout.dims['agents']} agents")
 
 
 @Teams.system(Phase.DRAW)
@@ -65,4 +41,4 @@ def split(side: Write[Side], guard: Write[Guard], agents: Rows[Side], count: int
     for i in range(agents.size):
         e = agents[i]
         side.side[e] = np.int32(((i + 1) * count - 1) // agents.size)
-        guard.ignores[e] = side.side[e]
+        guard.immune_to[e] = side.side[e]

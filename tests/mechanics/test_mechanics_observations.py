@@ -1,11 +1,11 @@
-"""Cameras, observations, rewards, ends, statistics and the zone: ticks of random worlds against their twins."""
+"""Cameras, observations, rewards, ends, statistics and the zone: ticks of random worlds against their naive forms."""
 
 import numpy as np
 import pytest
 
-from tests import twin_faces
-from tests.twin_scenes import KINDS, play
-from tests.twin_world import TOLERANCE
+from tests.helpers import naive_observations
+from tests.helpers.naive_world import TOLERANCE
+from tests.helpers.random_worlds import KINDS, play
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 
@@ -15,7 +15,7 @@ def test_everybody_is_told_what_its_camera_sees_and_nothing_else(kind: str) -> N
     for tick in play(kind):
         tick.want.zone = tick.after.zone
         for i in range(len(tick.want.of("agent"))):
-            told = twin_faces.observe(tick.want, i)
+            told = naive_observations.observe(tick.want, i)
             assert set(told) == set(tick.observation)
             for key, value in told.items():
                 np.testing.assert_allclose(tick.observation[key][i], value, atol=TOLERANCE, err_msg=f"{key} of {i}")
@@ -37,14 +37,14 @@ def test_the_zone_keeps_to_its_calendar(kind: str) -> None:
 
 @kinds
 def test_rewards_are_the_papers_formula(kind: str) -> None:
-    rewards = [[twin_faces.reward(tick.want, i) for i in range(len(tick.reward))] for tick in play(kind)]
+    rewards = [[naive_observations.reward(tick.want, i) for i in range(len(tick.reward))] for tick in play(kind)]
     assert [tick.reward for tick in play(kind)] == rewards
     assert len({reward for row in rewards for reward in row}) >= 4
 
 
 @kinds
 def test_episodes_end_by_their_rule_or_at_the_limit(kind: str) -> None:
-    ends = [twin_faces.end(tick.want) for tick in play(kind)]
+    ends = [naive_observations.end(tick.want) for tick in play(kind)]
     assert [tick.end for tick in play(kind)] == ends
     assert len(set(ends)) == (3 if "written" in kind else 2)
 
@@ -52,7 +52,7 @@ def test_episodes_end_by_their_rule_or_at_the_limit(kind: str) -> None:
 @kinds
 def test_statistics_count_every_tick(kind: str) -> None:
     for tick in play(kind):
-        want = twin_faces.statistics(tick.want, tick.before.statistics)
+        want = naive_observations.statistics(tick.want, tick.before.statistics)
         assert tick.after.statistics.keys() == want.keys()
         for key, value in want.items():
             assert tick.after.statistics[key] == pytest.approx(value, rel=1e-6), key

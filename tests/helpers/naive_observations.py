@@ -1,12 +1,12 @@
-"""Plain-Python twins of what agents are told: cameras, observations, rewards, ends and statistics."""
+"""Naive plain-Python forms of cameras, observations, rewards, ends and statistics."""
 
 import math
 from typing import Any
 
+from tests.helpers.ambiguity import ambiguous, unambiguous
 from tests.helpers.naive_geometry import in_kite, in_sector
-from tests.twin_doubts import doubt, surely
-from tests.twin_world import Thing, World
-from tests.twins import distance, entry
+from tests.helpers.naive_mechanics import distance, entry
+from tests.helpers.naive_world import Thing, World
 
 STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
 
@@ -26,18 +26,18 @@ def sees(world: World, me: Thing, thing: Thing) -> bool:
     if place == eye:
         return False
     if distance(me, thing) < 1e-3:
-        doubt("two at nearly the same place")
-    if not surely(lambda hair: cone(place, eye, me.angle, depth + hair, fov / 2 + hair)):
+        ambiguous("two at nearly the same place")
+    if not unambiguous(lambda offset: cone(place, eye, me.angle, depth + offset, fov / 2 + offset)):
         return False
     kinds = ("agent", "box", "wall") + (("box_item", "heal") if world.numbers["cameras_items_occlude"] else ())
     others = [other for other in world.live(*kinds) if other is not me and other is not thing]
     ray = (thing.x - me.x) * STRETCH, (thing.y - me.y) * STRETCH
 
-    def first(hair: float) -> bool:
-        own = entry(eye, ray, thing, hair)
-        return own <= 1 and not any(entry(eye, ray, other, -hair) < own for other in others)
+    def first(offset: float) -> bool:
+        own = entry(eye, ray, thing, offset)
+        return own <= 1 and not any(entry(eye, ray, other, -offset) < own for other in others)
 
-    return surely(first)
+    return unambiguous(first)
 
 
 def agent_row(world: World, agent: Thing) -> list[float]:
@@ -71,28 +71,28 @@ def entity_row(world: World, thing: Thing) -> list[float]:
 
 
 def observe(world: World, i: int) -> dict[str, Any]:
-    """What agent `i` is told, by key."""
+    """What agent `i` observes, by key."""
     me = world.of("agent")[i]
-    told: dict[str, Any] = {"self": agent_row(world, me), "zone": world.zone}
+    seen: dict[str, Any] = {"self": agent_row(world, me), "zone": world.zone}
     for key, kind in (("others", "agent"), ("heals", "heal"), ("boxes", "box"), ("box_items", "box_item")):
         things = [thing for thing in world.of(kind) if thing is not me]
         if things or kind == "agent":
-            told[f"{key}_mask"] = [int(is_told(world, me, thing)) for thing in things]
+            seen[f"{key}_mask"] = [int(is_masked_in(world, me, thing)) for thing in things]
             secret = world.numbers["cameras_mode"] == "masked"
-            rows = [(entity_row(world, thing), is_told(world, me, thing) or not secret) for thing in things]
-            told[key] = [row if shown else [0] * len(row) for row, shown in rows]
+            rows = [(entity_row(world, thing), is_masked_in(world, me, thing) or not secret) for thing in things]
+            seen[key] = [row if shown else [0] * len(row) for row, shown in rows]
     last = world.things[me.bag[-1]] if me.bag and me.here else None
     if world.of("heal"):
         heal = last is not None and last.kind == "heal"
-        told["heal_slot"], told["heal_slot_mask"] = [[world.numbers["heals_amount"] if heal else 0]], [int(heal)]
+        seen["heal_slot"], seen["heal_slot_mask"] = [[world.numbers["heals_amount"] if heal else 0]], [int(heal)]
     if world.of("box"):
         box = last is not None and last.kind == "box_item"
-        told["box_slot"], told["box_slot_mask"] = [corners(world, last.index, True) if box else [0] * 8], [int(box)]
-    return told
+        seen["box_slot"], seen["box_slot_mask"] = [corners(world, last.index, True) if box else [0] * 8], [int(box)]
+    return seen
 
 
-def is_told(world: World, me: Thing, thing: Thing) -> bool:
-    """What the mask says: the living are told of what exists, as far as their camera sees it if that counts."""
+def is_masked_in(world: World, me: Thing, thing: Thing) -> bool:
+    """The mask: a living agent observes what exists, and what its camera sees if that counts."""
     if not me.here or not thing.here:
         return False
     return world.numbers["cameras_mode"] == "omniscient" or thing.row in world.seen[me.index]

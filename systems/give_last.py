@@ -1,4 +1,4 @@
-"""Giving: the last item of the bag goes to whoever is nearest."""
+"""Giving: the last item of the bag goes to the nearest agent."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ from outlast.ecs import (
     number,
 )
 
-from .inner.sweep import GROUP, SET, enclose, make_extent, make_groups, populated, row, within, without
+from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
+from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
 
 ANY = 1  # index into the choices of GiveLast.nearest
 
@@ -35,11 +36,9 @@ class GiveLast(Module):
 
     nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, and only if it is such an
     agent, as in the paper's runs (reference rules, section 6, point 4). If the taker's bag is full the giver keeps
-    the item. passes_on: who has nothing gives away what it is given in the same tick, if its turn comes later; an item
-    that two agents give to each other then comes straight back, as in the paper's runs.
+    the item. passes_on: an agent whose bag is empty gives away what it is given in the same tick by an agent
+    of lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
-
-    name = "give"
 
     reach: float = number(2.0, above=0)  # metres, centre to centre
     nearest: str = number("suitable", choices=("suitable", "any"))
@@ -52,7 +51,7 @@ class GiveLast(Module):
         return [Give()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_extent(dims) if name == "extent" else make_groups(dims)
+        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
 
 
 @kernel
@@ -74,32 +73,32 @@ def choose(
     agents: Rows[Gift],
     index: RowIndex[Gift],
     bodies: Bitset[Shape],
-    extent: Scratch,
-    groups: Scratch,
+    half_extents: Scratch,
+    blocks: Scratch,
     reach: float,
     nearest: int,
     passes_on: bool,
 ) -> None:
     """All takers are chosen before anything changes hands."""
-    laden = 0  # givers who have something; without one, nobody gets anything to pass on either
+    givers = 0  # with an item; without one, there is nothing to pass on either
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1
-        laden += entities.alive[me] != 0 and give.give[i] != 0 and bag.count[me] > 0
-    if laden == 0:
+        givers += entities.alive[me] != 0 and give.give[i] != 0 and bag.count[me] > 0
+    if givers == 0:
         return
-    crowd, count = enclose(extent, body, shape), populated(groups, entities, bodies)
+    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
         closest = np.float32(np.inf)
         for k in range(count):
-            g = groups[GROUP, k]
-            left = without(groups[SET, k] & within(crowd, g, body.x[me], body.y[me], reach), g, me)
-            while left:
-                e = row(g, left)
-                left &= left - 1
+            b = blocks[BLOCK, k]
+            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], reach), b, me)
+            while pending:
+                e = first_row(b, pending)
+                pending &= pending - 1
                 if nearest != ANY and not may_take(side, sides, index, me, e):
                     continue
                 x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
@@ -111,7 +110,7 @@ def choose(
             gift.taker[me] = np.int32(-1)
 
 
-@GiveLast.system(Phase.GIVE, after="give.choose")
+@GiveLast.system(Phase.GIVE, after="give_last.choose")
 def hand_over(bag: Write[Bag], item: Write[Item], gift: Read[Gift], agents: Rows[Gift], items: Rows[Item]) -> None:
     """In order of agents."""
     for me in agents:

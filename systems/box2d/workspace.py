@@ -1,4 +1,4 @@
-"""An arena: the memory in which one thread's scenes are built, with a b2World that is empty between calls."""
+"""A workspace: the memory in which one thread's batches are built, with a b2World that is empty between calls."""
 
 import ctypes
 import weakref
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import layout as at
-from .scene import CAPACITY
+from .batch import CAPACITY
 
 _PAIRS = CAPACITY * (CAPACITY - 1) // 2
 
-# Byte offsets in an arena; the b2World comes first
+# Byte offsets in a workspace; the b2World comes first
 STEP = 103_424  # b2TimeStep
 SOLVER_DEF = STEP + 64  # b2ContactSolverDef
 SOLVER = SOLVER_DEF + 64  # b2ContactSolver
@@ -27,7 +27,7 @@ CONTACTS = BEFORE + 12 * CAPACITY  # the contacts of the island
 IMPULSES = CONTACTS + 8 * _PAIRS  # what their impulses were an iteration ago
 SLOTS = (IMPULSES + 16 * _PAIRS + 63) // 64 * 64
 
-# Body k of a scene lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
+# Body k of a batch lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
 SLOT = 640
 FIXTURE = 192
 PROXY = FIXTURE + at.FIXTURE_SIZE
@@ -36,7 +36,7 @@ BOX = DISC + at.CIRCLE_SIZE
 SIZE = SLOTS + CAPACITY * SLOT
 
 
-def make_arena() -> NDArray[np.uint8]:
+def make_workspace() -> NDArray[np.uint8]:
     """Memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
 
     Holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
@@ -45,14 +45,14 @@ def make_arena() -> NDArray[np.uint8]:
     memory = np.zeros(SIZE + 64, np.uint8)
     owner = _Owner(memory)
     start = -memory.ctypes.data % 64
-    arena = np.asarray(owner)[start : start + SIZE]
-    base = arena.ctypes.data
+    workspace = np.asarray(owner)[start : start + SIZE]
+    base = workspace.ctypes.data
     construct = ctypes.CDLL(at.FILE)["_ZN7b2WorldC1ERK6b2Vec2"]
     construct(ctypes.c_void_p(base), ctypes.c_void_p(base + GROUP))  # gravity: zeros
     weakref.finalize(owner, _destroy, base, memory).atexit = False
-    _write_templates(arena)
-    _write_pointers(arena, base)
-    return arena
+    _write_templates(workspace)
+    _write_pointers(workspace, base)
+    return workspace
 
 
 class _Owner:
@@ -67,24 +67,24 @@ def _destroy(base: int, memory: NDArray[np.uint8]) -> None:
     ctypes.CDLL(at.FILE)["_ZN7b2WorldD1Ev"](ctypes.c_void_p(base))
 
 
-def _write_templates(arena: NDArray[np.uint8]) -> None:
+def _write_templates(workspace: NDArray[np.uint8]) -> None:
     """Copy objects made by the public API; they bring vtable pointers and the defaults of unused fields."""
     disc, box = Box2D.b2CircleShape(), Box2D.b2PolygonShape(box=(1, 1))
     world = Box2D.b2World()
     fixture = world.CreateStaticBody().CreateFixture(shape=disc)
-    _copy(arena, BODY_DEF, Box2D.b2BodyDef(), at.DEF_SIZE)
+    _copy(workspace, BODY_DEF, Box2D.b2BodyDef(), at.DEF_SIZE)
     for slot in range(SLOTS, SIZE, SLOT):
-        _copy(arena, slot + FIXTURE, fixture, at.FIXTURE_SIZE)
-        _copy(arena, slot + DISC, disc, at.CIRCLE_SIZE)
-        _copy(arena, slot + BOX, box, at.POLYGON_SIZE)
+        _copy(workspace, slot + FIXTURE, fixture, at.FIXTURE_SIZE)
+        _copy(workspace, slot + DISC, disc, at.CIRCLE_SIZE)
+        _copy(workspace, slot + BOX, box, at.POLYGON_SIZE)
 
 
-def _copy(arena: NDArray[np.uint8], offset: int, thing: Any, size: int) -> None:
-    arena[offset : offset + size] = np.frombuffer(ctypes.string_at(int(thing.this), size), np.uint8)
+def _copy(workspace: NDArray[np.uint8], offset: int, item: Any, size: int) -> None:
+    workspace[offset : offset + size] = np.frombuffer(ctypes.string_at(int(item.this), size), np.uint8)
 
 
-def _write_pointers(arena: NDArray[np.uint8], base: int) -> None:
-    words = arena.view(np.int64)
+def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
+    words = workspace.view(np.int64)
     words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8] = 0  # none: every pair may touch
     words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8] = 0
     words[(SOLVER_DEF + at.SOLVER_CONTACTS) // 8] = base + CONTACTS

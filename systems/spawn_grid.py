@@ -9,7 +9,7 @@ from outlast.ecs.random import integer
 
 
 class Cells(Singleton):
-    """The cells in the order in which they are taken; written at reset."""
+    """The cells in the order in which they are taken; drawn at reset."""
 
     cells: Array = column("i4", "cells")
 
@@ -18,7 +18,7 @@ class Cells(Singleton):
 class SpawnGrid(Module):
     """Cells on a side; at most one body a cell, whatever its kind (reference rules, section 1)."""
 
-    name = "spawn"
+    stream = "spawn"
 
     cells: int = number(8, low=1)
 
@@ -34,7 +34,7 @@ class SpawnGrid(Module):
             kinds = [a for a in layout.archetypes.values() if any(isinstance(part, Spawned) for part in a.parts)]
             what = ", ".join(f"{kind.count} {kind.name}" for kind in kinds)
             raise NumberError(
-                f"{bodies} bodies ({what}) do not fit into spawn.cells = {self.cells} x {self.cells} = "
+                f"{bodies} bodies ({what}) do not fit into spawn_grid.cells = {self.cells} x {self.cells} = "
                 f"{self.cells**2} cells; take fewer bodies or more cells"
             )
 
@@ -49,7 +49,7 @@ def place(
     rows: Rows[Spawned],
     key: Random,
 ) -> None:
-    """Each body takes a random free cell, facing +x. Agents have the first rows, so items never move them."""
+    """Each body takes a random free cell, facing +x. Agents come first, so items never change their cells."""
     side = int(cells.cells.size**0.5 + 0.5)
     for c in range(cells.cells.size):
         cells.cells[c] = c

@@ -1,4 +1,4 @@
-"""The sweeps that rule most bodies out, and the broad phase: nobody is ruled out who is hit, seen or touched."""
+"""Culling by AABBs, and the broad phase: nothing is culled that is hit, seen or touched."""
 
 import math
 from typing import Any, NamedTuple
@@ -10,19 +10,20 @@ from hypothesis import strategies as st
 
 from outlast.ecs import kernel
 from outlast.ecs.simd import SIMD_WIDTH
-from outlast.systems.inner import broad, geometry, sweep
+from outlast.systems.geometry import aabb, blocks, broad_phase
+from outlast.systems.geometry.rays import NO_HIT
 from tests.conftest import COMPILED
 from tests.helpers import naive_geometry as naive
 
-GROUPS = 3
-ROWS = GROUPS * SIMD_WIDTH - 5  # the last group is not full
+BLOCKS = 3
+ROWS = BLOCKS * SIMD_WIDTH - 5  # the last block is not full
 F4 = np.float32
 SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
 SOME = settings(max_examples=150 if COMPILED else 15, deadline=None, derandomize=True)
 
 
 class Body(NamedTuple):
-    """The columns of components.Body that sweeps look at; a column is followed by room for a whole group."""
+    """The columns of components.Body that sweeps look at; a column is followed by room for a whole block."""
 
     x: np.ndarray
     y: np.ndarray
@@ -45,8 +46,8 @@ class Entity(NamedTuple):
 
 
 class Solid(NamedTuple):
-    near: np.ndarray
-    reach: np.ndarray
+    may_collide: np.ndarray
+    max_travel: np.ndarray
 
 
 class Weighed(NamedTuple):
@@ -59,25 +60,29 @@ class Push(NamedTuple):
 
 
 @kernel
-def _sweep(extent: Any, groups: Any, body: Any, shape: Any, entities: Any, members: Any, ray: Any, found: Any) -> int:
-    """found: int32 (3, blocks): who may be crossed by `ray`, who may be within its last number, who is populated."""
-    crowd, count = sweep.enclose(extent, body, shape), sweep.populated(groups, entities, members)
+def _cull(
+    half_extents: Any, lines: Any, body: Any, shape: Any, entities: Any, members: Any, ray: Any, found: Any
+) -> int:
+    """found: int32 (3, blocks): bitsets of what `ray` may hit, what may be within its last number, what is alive."""
+    aabbs, count = aabb.compute_aabbs(half_extents, body, shape), blocks.nonempty_blocks(lines, entities, members)
     for k in range(count):
-        g = groups[sweep.GROUP, k]
-        found[0, g] = groups[sweep.SET, k] & sweep.across(crowd, g, ray[0], ray[1], ray[2], ray[3])
-        found[1, g] = groups[sweep.SET, k] & sweep.within(crowd, g, ray[0], ray[1], ray[4])
-        found[2, g] = groups[sweep.SET, k]
+        b = lines[blocks.BLOCK, k]
+        found[0, b] = lines[blocks.BITS, k] & aabb.aabbs_hit_by_ray(aabbs, b, ray[0], ray[1], ray[2], ray[3])
+        found[1, b] = lines[blocks.BITS, k] & aabb.aabbs_near_point(aabbs, b, ray[0], ray[1], ray[4])
+        found[2, b] = lines[blocks.BITS, k]
     return count
 
 
 @kernel
-def _gaps(extent: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any) -> None:
+def _gaps(
+    half_extents: Any, body: Any, shape: Any, solid: Any, entities: Any, members: Any, most: Any, out: Any
+) -> None:
     """out: f4 (1 + rows, rows): clearances of all, then gaps of each from each."""
-    crowd = sweep.enclose(extent, body, shape)
+    aabbs = aabb.compute_aabbs(half_extents, body, shape)
     for e in range(out.shape[1]):
-        out[0, e] = broad.clearance(crowd, body, shape, solid, entities, members, most, e)
+        out[0, e] = broad_phase.clearance(aabbs, body, shape, solid, entities, members, most, e)
         for o in range(out.shape[1]):
-            out[1 + e, o] = broad.gap(body, shape, e, o)
+            out[1 + e, o] = broad_phase.gap(body, shape, e, o)
 
 
 def _column(values: Any) -> np.ndarray:
@@ -86,7 +91,7 @@ def _column(values: Any) -> np.ndarray:
     return column[:ROWS]
 
 
-def crowd(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
+def random_bodies(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
     """Discs, rectangles, slivers and walls; on a grid many stand at the same place and touch to the bit."""
     rng = np.random.default_rng(seed)
     place = rng.integers(-6, 7, (2, ROWS)) / 2 if grid else rng.uniform(-12, 12, (2, ROWS))
@@ -105,19 +110,19 @@ def crowd(seed: int, grid: bool) -> tuple[Body, Shape, Entity]:
 
 
 def to_bits(rows: list[int]) -> np.ndarray:
-    words = np.zeros(GROUPS, np.int32)
+    words = np.zeros(BLOCKS, np.int32)
     for e in rows:
         words[e // SIMD_WIDTH] |= 1 << e % SIMD_WIDTH
     return words
 
 
 def listed(words: np.ndarray) -> list[int]:
-    """The rows of sets, by the kernels that take them apart."""
+    """The rows of bitsets, by the kernels that iterate over them."""
     found = []
-    for g, word in enumerate(words.tolist()):
+    for b, word in enumerate(words.tolist()):
         while word:
-            found.append(int(sweep.row(g, word)))
-            word = int(sweep.without(word, g, found[-1]))
+            found.append(int(blocks.first_row(b, word)))
+            word = int(blocks.without_row(word, b, found[-1]))
     return found
 
 
@@ -163,20 +168,20 @@ rays = st.tuples(
 
 @SOME
 @given(seeds, grids, rays)
-def test_a_sweep_rules_out_nobody_who_is_hit_or_near(seed: int, grid: bool, ray: tuple[float, ...]) -> None:
-    body, shape, entities = crowd(seed, grid)
+def test_culling_keeps_all_that_is_hit_or_near(seed: int, grid: bool, ray: tuple[float, ...]) -> None:
+    body, shape, entities = random_bodies(seed, grid)
     members = [e for e in range(ROWS) if e % 7]
-    extent, groups = sweep.make_extent({"blocks": GROUPS}), sweep.make_groups({"blocks": GROUPS})
-    found = np.zeros((3, GROUPS), np.int32)
+    half_extents, lines = aabb.make_half_extents({"blocks": BLOCKS}), blocks.make_blocks({"blocks": BLOCKS})
+    found = np.zeros((3, BLOCKS), np.int32)
     given_ray = np.array(ray, F4)
-    count = _sweep(extent, groups, body, shape, entities, to_bits(members), given_ray, found)
+    count = _cull(half_extents, lines, body, shape, entities, to_bits(members), given_ray, found)
     living = [e for e in members if entities.alive[e]]
     assert listed(found[2]) == living
     assert count == len({e // SIMD_WIDTH for e in living})
     crossed, near = set(listed(found[0])), set(listed(found[1]))
     assert crossed | near <= set(living)
     for e in living:
-        assert e in crossed or entry(body, shape, e, given_ray) == naive.MISS
+        assert e in crossed or entry(body, shape, e, given_ray) == naive.NO_HIT
         assert e in near or surface(body, shape, e, float(given_ray[0]), float(given_ray[1])) > float(given_ray[4])
     for e in crossed | near:  # and few others
         parted, far = apart(body, shape, e, given_ray)
@@ -188,13 +193,15 @@ def test_a_sweep_rules_out_nobody_who_is_hit_or_near(seed: int, grid: bool, ray:
 @given(seeds, grids)
 def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool) -> None:
     """From the circle around one body to the surface of another, and so at most the way between them."""
-    body, shape, entities = crowd(seed, grid)
+    body, shape, entities = random_bodies(seed, grid)
     solid = Solid((np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1))
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
-    near[:ROWS] = solid.near
+    near[:ROWS] = solid.may_collide
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
-    extent = sweep.make_extent({"blocks": GROUPS})
-    _gaps(extent, body, shape, solid._replace(near=near[:ROWS]), entities, to_bits([*range(ROWS)]), most, out)
+    half_extents = aabb.make_half_extents({"blocks": BLOCKS})
+    _gaps(
+        half_extents, body, shape, solid._replace(may_collide=near[:ROWS]), entities, to_bits([*range(ROWS)]), most, out
+    )
     for e in range(0, ROWS, 5):
         centre, others = (float(body.x[e]), float(body.y[e])), [o for o in range(ROWS) if entities.alive[o]]
         for o in others:
@@ -202,7 +209,7 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
             gap = float(out[1 + e, o])
             assert gap <= exact + SLACK
             assert gap >= exact - SLACK or surface(body, shape, o, *centre) > 0  # a corner's distance is exact, too
-        free = [float(out[1 + e, o]) - float(solid.reach[o]) for o in others if not solid.near[o]]
+        free = [float(out[1 + e, o]) - float(solid.max_travel[o]) for o in others if not solid.may_collide[o]]
         assert float(out[0, e]) == pytest.approx(max(0.0, min([float(most), *free])), abs=SLACK)
 
 
@@ -213,7 +220,7 @@ def test_travel_is_never_less_than_the_way_of_a_push(motion: tuple[float, ...], 
     vx, vy, jx, jy = motion
     body = Body(*(np.array([value], F4) for value in (0, 0, 0, 1, 0, vx, vy)))
     push, inverse_mass = Push(*(np.array([value], F4) for value in (jx, jy))), 1 / mass if mass else 0.0
-    bound = float(broad.travel(body, push, Weighed(np.array([mass], F4)), 0, F4(time)))
+    bound = float(broad_phase.travel(body, push, Weighed(np.array([mass], F4)), 0, F4(time)))
     exact = [
         math.hypot(vx + sign * inverse_mass * jx, vy + other * inverse_mass * jy)
         for sign in (1, -1)
@@ -223,7 +230,7 @@ def test_travel_is_never_less_than_the_way_of_a_push(motion: tuple[float, ...], 
     assert bound == pytest.approx(max(exact) * time, rel=1e-4, abs=1e-6)
 
 
-def test_the_span_of_a_set_holds_its_groups() -> None:
-    for rows, expected in (([], (GROUPS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, 3))):
-        assert tuple(sweep.span(to_bits(rows))) == expected
-    assert geometry.MISS > 1
+def test_the_span_of_a_bitset_holds_its_blocks() -> None:
+    for rows, expected in (([], (BLOCKS, 0)), ([0], (0, 1)), ([20], (1, 2)), ([20, ROWS - 1], (1, 3))):
+        assert tuple(blocks.block_span(to_bits(rows))) == expected
+    assert NO_HIT > 1

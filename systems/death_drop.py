@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import Bag, Body, Death, Item, Phase
-from outlast.components.inventory import lay, pop
+from outlast.components.inventory import place, pop
 from outlast.ecs import Entity, Module, Random, Read, Rows, Write, number
 from outlast.ecs.random import uniform2
 
@@ -15,19 +15,19 @@ TURN = np.float32(2 * math.pi)
 
 @dataclass(frozen=True)
 class DeathDrop(Module):
-    """Drop everything at death (paper, section 3.1).
+    """Drop everyrow at death (paper, section 3.1).
 
     scatter = "disc": anywhere in a circle of `radius`, as the paper says. "rim": exactly on it, as in the paper's runs
     (reference rules, section 6, point 5).
     """
 
-    name = "drop"
+    stream = "drop"
 
     radius: float = number(0.5, low=0)  # metres
     scatter: str = number("disc", choices=("disc", "rim"))
 
 
-@DeathDrop.system(Phase.DIE, after="health.die")
+@DeathDrop.system(Phase.DIE, after="mortality.die")
 def scatter(
     bag: Write[Bag],
     item: Write[Item],
@@ -43,9 +43,9 @@ def scatter(
     """Each item gets a random direction of its own."""
     for e in agents:
         while death.now[e] and bag.count[e] > 0:
-            thing = pop(bag, item, e)
-            direction, far = uniform2(key, entities.identity[thing])
+            row = pop(bag, item, e)
+            direction, far = uniform2(key, entities.identity[row])
             distance = radius * np.float32(np.sqrt(far)) if scatter == 0 else radius
             x = body.x[e] + distance * np.float32(np.cos(TURN * direction))
             y = body.y[e] + distance * np.float32(np.sin(TURN * direction))
-            lay(body, entities, thing, x, y)
+            place(body, entities, row, x, y)

@@ -1,0 +1,72 @@
+"""outlast schedule: the tick of a variant, or its components and the systems that use them, as a table."""
+
+import argparse
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+from outlast.ecs import Component, Entity, Worlds
+
+from ..scenarios.variants import variant
+
+
+class Use(NamedTuple):
+    """A row of the table of components.
+
+    Attributes:
+        component: The name of its class.
+        kind: The name of its base class.
+        archetypes: Kinds of entities that have it; empty if it belongs to the world.
+        writers: Labels of the systems that write it, in the order of the tick; "heals.heal (adds)" only adds to it.
+        readers: Labels of the systems that read it.
+    """
+
+    component: str
+    kind: str
+    archetypes: list[str]
+    writers: list[str]
+    readers: list[str]
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    table = commands.add_parser("schedule", help="print the tick of a variant as a table")
+    table.add_argument("variant")
+    table.add_argument("--components", action="store_true", help="print which systems write and read each component")
+    table.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the table."""
+    worlds = Worlds(variant(options.variant).modules, 1)
+    print(as_text(uses(worlds)) if options.components else worlds.schedule)
+    return 0
+
+
+def uses(worlds: Worlds) -> list[Use]:
+    """Every component of these worlds, in the order of storage."""
+    return [_use(worlds, component) for component in worlds.components]
+
+
+def _use(worlds: Worlds, component: type[Component]) -> Use:
+    writers, readers = [], []
+    for system in worlds.schedule.systems:
+        kinds = {parameter.kind for parameter in system.parameters if component in parameter.components}
+        if kinds & {"write", "add"}:
+            writers.append(system.label if "write" in kinds else f"{system.label} (adds)")
+        if "read" in kinds:
+            readers.append(system.label)
+    having = [
+        name
+        for name, archetype in worlds.layout.archetypes.items()
+        if component is Entity or component in map(type, archetype.parts)
+    ]
+    return Use(component.__name__, component.__bases__[0].__name__, having, writers, readers)
+
+
+def as_text(rows: list[Use]) -> str:
+    """Columns of text, one archetype or system a line."""
+    heads = ("component", "kind", "archetypes", "written by", "read by")
+    cells = [([row.component], [row.kind], *row[2:]) for row in rows]
+    widths = [max(map(len, [head, *(text for row in cells for text in row[k])])) for k, head in enumerate(heads)]
+    lines = [heads, *(line for row in cells for line in zip_longest(*row, fillvalue=""))]
+    return "\n".join("  ".join(text.ljust(width) for text, width in zip(line, widths)).rstrip() for line in lines)

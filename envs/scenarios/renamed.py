@@ -1,0 +1,74 @@
+"""Names that were other ones in earlier versions: those that users type work with a warning, those in files without."""
+
+import sys
+import warnings
+from collections.abc import Collection
+from typing import Any
+
+NUMBERS = {
+    "drop_radius": "death_drop_radius",
+    "drop_scatter": "death_drop_scatter",
+    "give_nearest": "give_last_nearest",
+    "give_passes_on": "give_last_passes_on",
+    "give_reach": "give_last_reach",
+    "health_limit": "mortality_limit",
+    "motors_speed": "steering_speed",
+    "motors_spin": "steering_spin",
+    "physics_bridge": "physics_backend",
+    "sides_count": "teams_count",
+    "spawn_cells": "spawn_grid_cells",
+    "zone_centres": "safe_zone_centres",
+    "zone_harm": "safe_zone_damage",
+    "zone_radii": "safe_zone_radii",
+    "zone_shrink": "safe_zone_shrink",
+    "zone_stand": "safe_zone_stand",
+}
+MECHANICS = {  # by the name of now, as two can have had the same
+    "death_drop": "drop",
+    "free_for_all": "sides",
+    "give_last": "give",
+    "mortality": "health",
+    "safe_zone": "zone",
+    "spawn_grid": "spawn",
+    "steering": "motors",
+    "teams": "sides",
+}
+CLASSES = {
+    "outlast.systems.drop.DeathDrop": "outlast.systems.death_drop.DeathDrop",
+    "outlast.systems.give.GiveLast": "outlast.systems.give_last.GiveLast",
+    "outlast.systems.health.Mortality": "outlast.systems.mortality.Mortality",
+    "outlast.systems.motors.Steering": "outlast.systems.steering.Steering",
+    "outlast.systems.physics.Contacts": "outlast.systems.physics.Physics",
+    "outlast.systems.pickup.AutoPickup": "outlast.systems.pickup.Pickup",
+    "outlast.systems.sides.FreeForAll": "outlast.systems.free_for_all.FreeForAll",
+    "outlast.systems.sides.Teams": "outlast.systems.teams.Teams",
+    "outlast.systems.spawn.SpawnGrid": "outlast.systems.spawn_grid.SpawnGrid",
+    "outlast.systems.zone.SafeZone": "outlast.systems.safe_zone.SafeZone",
+}
+ARRAYS = {  # of states
+    "outlast.components.sight.Told.filled": "outlast.components.sight.ObservationMasks.filled",
+    "outlast.components.sight.Told.masks": "outlast.components.sight.ObservationMasks.mask",
+    "outlast.components.sight.Told.stale": "outlast.components.sight.ObservationMasks.dirty",
+}
+
+
+def current(given: dict[str, Any], table: dict[str, str], known: Collection[str] = ()) -> dict[str, Any]:
+    """The same by current names. A key stays if it is `known`, as a name of somebody else's can be an earlier one here.
+
+    Args:
+        given: by name, from a file.
+        table: earlier names and the current ones.
+        known: names that are current wherever `given` is used.
+    """
+    return {
+        name if name in known or table.get(name, name) in given else table.get(name, name): value
+        for name, value in given.items()
+    }
+
+
+def warn(old: str, new: str) -> None:
+    """A DeprecationWarning at the line outside of outlast that uses the old name."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back and frame.f_globals["__name__"].partition(".")[0] == "outlast":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(f"the name {old} is now {new}", DeprecationWarning, stacklevel=level)

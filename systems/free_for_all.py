@@ -1,0 +1,27 @@
+"""Free for all: every agent is a side of its own."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import Phase, Side, Sides
+from outlast.ecs import Module, Rows, Singleton, Write
+
+
+@dataclass(frozen=True)
+class FreeForAll(Module):
+    """Every agent is a side of its own."""
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Sides(teams=0)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"sides": "agents"}
+
+
+@FreeForAll.system(Phase.DRAW)
+def split(side: Write[Side], agents: Rows[Side]) -> None:
+    """Agent i is side i."""
+    for i in range(agents.size):
+        side.side[agents[i]] = np.int32(i)

@@ -1,0 +1,61 @@
+"""Axis-aligned bounding boxes (AABBs) of all rows, and culling: sixteen rows at a time, which ones a ray may hit.
+
+Rays and contacts test one body against all others, and nearly all answers are no. The functions here take a block of
+rows and return a bitset (see blocks) of those for which the answer may be yes, and few others; only those get the exact
+test. Each AABB is enlarged by SLACK, so that rounding never loses a hit.
+
+    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
+    for k in range(count):
+        b = blocks[BLOCK, k]
+        pending = blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy)
+"""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from outlast.ecs import Array, Real, kernel
+from outlast.ecs.simd import SIMD_WIDTH, load, store, to_bits
+
+AABBs: TypeAlias = tuple[Array, Array, Array, Array]
+"""Columns of all rows: centre x and y, half extent along x and y; metres."""
+
+ALONG_X, ALONG_Y = 0, 1  # rows of `half_extents`
+SLACK = np.float32(1e-3)  # metres: more than float32 loses in a test
+ZERO = np.float32(0)
+
+
+def make_half_extents(dims: dict[str, int]) -> np.ndarray[Any, Any]:
+    """Scratch for `compute_aabbs`: float32 (2, rows), room for whole blocks."""
+    return np.zeros((2, SIMD_WIDTH * dims["blocks"]), np.float32)
+
+
+@kernel
+def compute_aabbs(half_extents: Array, body: Array, shape: Array) -> AABBs:
+    """The AABBs of all rows where they are now; the half extents are written into the scratch `half_extents`."""
+    for start in range(0, half_extents.shape[1], SIMD_WIDTH):
+        cosine, sine = abs(load(body.cosine, start)), abs(load(body.sine, start))
+        width, height = load(shape.half_width, start), load(shape.half_height, start)
+        radius = load(shape.radius, start) + SLACK
+        store(half_extents[ALONG_X], start, cosine * width + sine * height + radius)
+        store(half_extents[ALONG_Y], start, sine * width + cosine * height + radius)
+    return body.x, body.y, half_extents[ALONG_X], half_extents[ALONG_Y]
+
+
+@kernel
+def aabbs_near_point(aabbs: AABBs, b: int, x: Real, y: Real, distance: Real) -> int:
+    """Bitset of the rows of block `b` whose AABB comes within `distance` of the point, along both axes."""
+    xs, ys, half_x, half_y = aabbs
+    near_x = abs(load(xs, SIMD_WIDTH * b) - x) <= load(half_x, SIMD_WIDTH * b) + distance
+    return int(to_bits(near_x & (abs(load(ys, SIMD_WIDTH * b) - y) <= load(half_y, SIMD_WIDTH * b) + distance)))
+
+
+@kernel
+def aabbs_hit_by_ray(aabbs: AABBs, b: int, ox: Real, oy: Real, dx: Real, dy: Real) -> int:
+    """Bitset of the rows of block `b` whose AABB the ray o + f d, 0 <= f <= 1, hits (a separating-axis test)."""
+    xs, ys, halves_x, halves_y = aabbs
+    half_x, half_y = load(halves_x, SIMD_WIDTH * b), load(halves_y, SIMD_WIDTH * b)
+    x, y = load(xs, SIMD_WIDTH * b) - ox, load(ys, SIMD_WIDTH * b) - oy
+    in_x = (x - half_x <= max(dx, ZERO)) & (x + half_x >= min(dx, ZERO))
+    in_y = (y - half_y <= max(dy, ZERO)) & (y + half_y >= min(dy, ZERO))
+    return int(to_bits(in_x & in_y & (abs(x * dy - y * dx) <= half_x * abs(dy) + half_y * abs(dx))))

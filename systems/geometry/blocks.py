@@ -1,0 +1,64 @@
+"""Bitsets of rows by block: block `b` is the rows 16 b to 16 b + 15, and bit j of its bitset is row 16 b + j.
+
+count = nonempty_blocks(blocks, entities, bodies)
+for k in range(count):
+    b, pending = blocks[BLOCK, k], blocks[BITS, k]
+    while pending:
+        e = first_row(b, pending)
+        pending &= pending - 1
+"""
+
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Array, kernel
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits, trailing_zeros
+
+BITS, BLOCK = 0, 1  # lines of `blocks`: bitsets that are not empty, and the number of the block of each
+
+
+def make_blocks(dims: dict[str, int]) -> np.ndarray[Any, Any]:
+    """Scratch for `nonempty_blocks`: int32 (2, blocks)."""
+    return np.zeros((2, dims["blocks"]), np.int32)
+
+
+@kernel
+def first_row(b: int, bits: int) -> int:
+    """The first row of a bitset of block `b`, which must not be empty."""
+    return int(SIMD_WIDTH * b + trailing_zeros(bits))
+
+
+@kernel
+def without_row(bits: int, b: int, e: int) -> int:
+    """A bitset of block `b` less row `e`."""
+    return bits & ~(1 << (e & SIMD_WIDTH - 1)) if e >> SIMD_SHIFT == b else bits
+
+
+@kernel
+def block_span(members: Array) -> tuple[int, int]:
+    """The blocks that have members: from the first up to, but not including, the second."""
+    first, last = members.size, 0
+    for b in range(members.size):
+        if members[b]:
+            first, last = min(first, b), b + 1
+    return first, last
+
+
+@kernel
+def alive_bits(entities: Array, members: Array, b: int) -> int:
+    """Which of the `members` (bitsets by block) in block `b` are alive."""
+    return int(to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & members[b])
+
+
+@kernel
+def nonempty_blocks(blocks: Array, entities: Array, members: Array) -> int:
+    """List the blocks in which members are alive, with their bitsets; returns how many.
+
+    Without a branch, which would be mispredicted about every other time.
+    """
+    count = 0
+    for b in range(members.size):
+        blocks[BITS, count], blocks[BLOCK, count] = alive_bits(entities, members, b), b
+        count += blocks[BITS, count] != 0
+    return count

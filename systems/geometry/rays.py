@@ -1,0 +1,132 @@
+"""Ray casts against circles, rectangles and entities.
+
+Pure float32 scalar kernels. All lengths share one unit; box angles come as cosine and sine. A ray is o + f * d for
+0 <= f <= 1, and the kernels return the fraction f of the first hit, or NO_HIT. A shape that holds the ray's origin is
+never hit.
+
+Formulas follow Box2D 2.3: b2CircleShape::RayCast, b2PolygonShape::RayCast and ::TestPoint. It takes a ray's
+end points, so its direction is the rounded (o + d) - o. Keeping that rounding costs a nanosecond and makes
+the rays equal to Box2D's bit for bit (where neither compiler fuses multiply and add).
+"""
+
+import numpy as np
+
+from outlast.ecs import Array, Real, kernel
+
+from .points import to_local
+
+NO_HIT = np.float32(2.0)  # any number above 1: then min(fraction) over the shapes needs no flag beside it
+ZERO = np.float32(0.0)
+ONE = np.float32(1.0)
+EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a ray has no direction
+
+
+@kernel
+def ray_circle(
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    cx: Real,
+    cy: Real,
+    radius: Real,
+) -> Real:
+    """Fraction at which the ray enters the circle, or NO_HIT (also from inside, or if shorter than 3.5e-4).
+
+    A ray that starts on the rim and runs inwards hits at 0. A tangent hits.
+    """
+    sx, sy = ox - cx, oy - cy
+    dx, dy = (ox + dx) - ox, (oy + dy) - oy
+    along = sx * dx + sy * dy
+    square = dx * dx + dy * dy
+    discriminant = along * along - square * (sx * sx + sy * sy - radius * radius)
+    if discriminant < ZERO or square < EPSILON:
+        return NO_HIT
+    root = -(along + np.float32(np.sqrt(discriminant)))
+    if ZERO <= root <= square:
+        return root / square
+    return NO_HIT
+
+
+@kernel
+def ray_box(
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    cx: Real,
+    cy: Real,
+    cosine: Real,
+    sine: Real,
+    half_width: Real,
+    half_height: Real,
+) -> Real:
+    """Fraction at which the ray enters the rectangle, or NO_HIT (also from inside or on its edge).
+
+    (half_width, half_height) lie along the body's own axes; (cosine, sine) is the body's angle. A ray along
+    an edge or through a corner hits.
+    """
+    sx, sy = ox - cx, oy - cy
+    beside, reach = sx * dy - sy * dx, half_width + half_height
+    # Not in Box2D: most rays pass far from the centre, and a branch that mostly goes one way makes the kernel
+    # twice as fast. Reach exceeds the half diagonal by far more than rounding can err.
+    if beside * beside > (dx * dx + dy * dy) * (reach * reach):
+        return NO_HIT
+    x, y = to_local(sx, sy, cosine, sine)
+    end_x, end_y = to_local(ox + dx - cx, oy + dy - cy, cosine, sine)
+    across, upward = end_x - x, end_y - y
+    # Mirror the scene so that the ray runs towards +x and +y: it can only enter by the left or lower side.
+    if across < ZERO:
+        x, across = -x, -across
+    if upward < ZERO:
+        y, upward = -y, -upward
+    left, right = -half_width - x, half_width - x
+    lower, upper = -half_height - y, half_height - y
+    if right < ZERO or upper < ZERO or left > across or lower > upward:
+        return NO_HIT  # starts beyond the slabs or ends before them: no division needed
+    enter, leave = ZERO, ONE
+    if across > ZERO:
+        enter, leave = max(enter, left / across), min(leave, right / across)
+    if upward > ZERO:
+        enter, leave = max(enter, lower / upward), min(leave, upper / upward)
+    if ZERO < enter <= leave:
+        return enter
+    return NO_HIT
+
+
+@kernel
+def ray_body(
+    ox: Real,
+    oy: Real,
+    dx: Real,
+    dy: Real,
+    x: Real,
+    y: Real,
+    cosine: Real,
+    sine: Real,
+    radius: Real,
+    half_width: Real,
+    half_height: Real,
+) -> Real:
+    """Fraction at which the ray enters the body at (x, y), or NO_HIT: a circle if radius > 0, else a box."""
+    if radius > ZERO:
+        return ray_circle(ox, oy, dx, dy, x, y, radius)
+    return ray_box(ox, oy, dx, dy, x, y, cosine, sine, half_width, half_height)
+
+
+@kernel
+def raycast_entity(body: Array, shape: Array, ox: Real, oy: Real, dx: Real, dy: Real, e: int) -> Real:
+    """Fraction at which the ray enters entity `e`, or NO_HIT: `ray_body` on the tables Body and Shape."""
+    return ray_body(
+        ox,
+        oy,
+        dx,
+        dy,
+        body.x[e],
+        body.y[e],
+        body.cosine[e],
+        body.sine[e],
+        shape.radius[e],
+        shape.half_width[e],
+        shape.half_height[e],
+    )

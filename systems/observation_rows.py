@@ -1,0 +1,47 @@
+"""Masked rows of observations, such as `heals` with `heals_mask`: written here for every mechanic that has some."""
+
+from typing import Any
+
+from outlast.components.sight import is_set
+from outlast.ecs import Array, kernel
+
+from .geometry.blocks import block_span, first_row
+
+
+@kernel
+def write_rows(
+    rows: Array,
+    row_masks: Array,
+    masks: Array,
+    members: Array,
+    index: Array,
+    fill: Any,
+    tables: Any,
+    skip_self: bool = False,
+) -> None:
+    """Write the rows of the entities `members` that are dirty, and their masks, for every observer.
+
+    Args:
+        rows: f4 (agents, entities, features), a column of the observation.
+        row_masks: f4 (agents, entities), its mask.
+        masks: the table of ObservationMasks.
+        members: Bitset of the entities.
+        index: RowIndex of the entities: their number in `rows`.
+        fill: kernel (row, e, filled, tables) that writes all features of entity `e` into `row`, zeros if not `filled`.
+        tables: tuple of what `fill` needs.
+        skip_self: entities are the observers: each has rows of the others only.
+    """
+    first, last = block_span(members)
+    for i in range(rows.shape[0]):
+        for b in range(first, last):
+            pending = masks.dirty[i, b] & members[b]
+            while pending:
+                e = first_row(b, pending)
+                pending &= pending - 1
+                k = index[e]
+                if skip_self:
+                    if k == i:
+                        continue
+                    k -= k > i
+                row_masks[i, k] = is_set(masks.mask, i, e)
+                fill(rows[i, k], e, is_set(masks.filled, i, e) != 0, tables)

@@ -1,0 +1,47 @@
+"""Steering: agents set their velocity, in their own frame."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import Body, Phase, Push, Side, Steer
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+
+from .motors import Motors
+
+THIRD = np.float32(1 / 3)  # Steer has three levels each way
+
+
+@dataclass(frozen=True)
+class Steering(Module):
+    """Direct control of velocity in seven levels, in place of Motors: agents do not slide.
+
+    Not in the paper, which names its motors as a flaw (section 5, flaw 4): they take 37 ticks to slow an agent down to
+    1/e. The numbers are what the highest level gives, ahead of the damping of physics and of contacts.
+    """
+
+    speed: float = number(5.0, low=0)  # metres a second, ahead or to the left
+    spin: float = number(math.pi, low=0)  # radians a second
+
+    @classmethod
+    def slot(cls) -> type[Module]:
+        return Motors
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Steer()]
+
+
+@Steering.system(Phase.DRIVE)
+def steer(
+    body: Write[Body], steer: Read[Steer], entities: Read[Entity], agents: Rows[Side, Push], speed: float, spin: float
+) -> None:
+    """Turn actions into velocity."""
+    for i in range(agents.size):
+        e = agents[i]
+        if entities.alive[e]:
+            forward, sideways = speed * (steer.ahead[i] * THIRD), speed * (steer.left[i] * THIRD)
+            body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
+            body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
+            body.omega[e] = spin * (steer.turn[i] * THIRD)

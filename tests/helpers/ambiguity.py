@@ -1,0 +1,45 @@
+"""What is too close to call: the naive forms raise Ambiguous there, or list it and go on."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import TypeVar
+
+from tests.helpers.naive_world import TOLERANCE
+
+Answer = TypeVar("Answer")
+
+_notes: list[list[str]] = []  # one list for each `collecting` that is open, the innermost last
+
+
+class Ambiguous(Exception):
+    """Too close to call in float32."""
+
+
+@contextlib.contextmanager
+def collecting() -> Iterator[list[str]]:
+    """Inside, nothing raises Ambiguous: what was too close to call is in this list, and was decided all the same."""
+    _notes.append([])
+    try:
+        yield _notes[-1]
+    finally:
+        _notes.pop()
+
+
+def ambiguous(what: str) -> None:
+    """Raise Ambiguous, or list it."""
+    if not _notes:
+        raise Ambiguous(what)
+    _notes[-1].append(what)
+
+
+def unambiguous(ask: Callable[[float], Answer], offset: float = TOLERANCE) -> Answer:
+    """The answer, if it is the same with everything larger and smaller by `offset`."""
+    answer = ask(0.0)
+    if ask(offset) != answer or ask(-offset) != answer:
+        ambiguous(getattr(ask, "__qualname__", "a test"))
+    return answer
+
+
+def within(a: float, b: float) -> bool:
+    """a <= b; numbers that are equal to the bit are, others must not be too close."""
+    return a == b or unambiguous(lambda offset: a < b + offset)
