@@ -18,7 +18,7 @@ class Sides(Singleton):
 class SelfView(Observation):
     """The observer's own row: id, [team], health, x, y, angle, vx, vy, omega; zeros after id and team once dead."""
 
-    me: Array = column("f4", "agents", "features", key="self")
+    own: Array = column("f4", "agents", "features")
 
 
 class OthersView(Observation):

@@ -75,7 +75,7 @@ class Agents(Module):
         sides = [layout.dims.get("sides", 1) - 1] * (layout.dims["features"] - 8)  # the team, if there are teams
         low = [0, *[0] * len(sides), -math.inf, -far, -far, *[-math.inf] * 4]
         high = [layout.dims["agents"] - 1, *sides, most, far, far, *[math.inf] * 4]
-        return {"self": (low, high), "others": (low, high)}
+        return {"own": (low, high), "others": (low, high)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return np.zeros(dims["blocks"], np.int32)
@@ -118,7 +118,7 @@ def see_self(
     view: Write[SelfView],
 ) -> None:
     """Each agent's own row: id, [team], health, x, y, angle, vx, vy, omega. With teams it is one longer."""
-    me = view.me
+    me = view.own
     k = me.shape[1] - 7  # column of the health: behind the id, and the team if there is one
     for i in range(agents.size):
         e = agents[i]
@@ -150,4 +150,4 @@ def see_others(
     index: RowIndex[Side],
 ) -> None:
     """The other agents' own rows, in order of id; a dead one's row is what it would observe of itself."""
-    write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.me, index), True)
+    write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.own, index), True)

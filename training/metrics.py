@@ -9,7 +9,7 @@ from outlast.ecs import Entity
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
-from .observation_layout import own_key
+from .observation_layout import OWN
 from .rollout_buffer import AgentRolloutBuffer
 
 Array = np.ndarray[Any, Any]
@@ -107,7 +107,7 @@ class BehaviourMetrics:
         agent attacks with a living enemy in reach, and without; near: whether there is one.
         """
         found = {}
-        own = views[own_key()]
+        own = views[OWN]
         teams = own.shape[-1] - 8  # 1 if rows hold a team
         place = own[..., teams + 2 : teams + 4]
         if "zone" in views:

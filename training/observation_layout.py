@@ -9,8 +9,8 @@ import numpy as np
 
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
-OWN = "self"  # the agent itself, by the key of the first files
-RENAMED_KEYS: dict[str, str] = {}  # observation keys of older files: what they are called now; masks go with them
+OWN = "own"  # what an agent observes of itself
+RENAMED_KEYS = {"self": OWN}  # observation keys of older files: what they are called now; masks go with them
 SPEED, SPIN, SIDE = 10.0, 5.0, 2.0  # metres a second, radians a second, metres of a box: what is seldom exceeded
 
 
@@ -18,17 +18,6 @@ def current_key(key: str) -> str:
     """What an observation key of an older file is called now."""
     stem = key.removesuffix(MASK)
     return RENAMED_KEYS.get(stem, stem) + key[len(stem) :]
-
-
-def own_key() -> str:
-    """The key of what an agent observes of itself."""
-    return current_key(OWN)
-
-
-def _order(key: str) -> tuple[bool, str]:
-    """By which observations lie in a row: by their first names, so that a renamed one stays where weights expect it."""
-    first = {new: old for old, new in RENAMED_KEYS.items()}.get(key, key)
-    return first != OWN, first
 
 
 @dataclass(frozen=True)
@@ -50,7 +39,7 @@ class ObservationLayout:
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         """shapes: of one agent's observations by current key; a kind is a key with a companion key_mask."""
-        keys = sorted((key for key in shapes if not key.endswith(MASK)), key=_order)
+        keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
         self.alone = {key: math.prod(shapes[key]) for key in keys if key + MASK not in shapes}
         self.kinds = [EntityKind(key, *shapes[key]) for key in keys if key + MASK in shapes]
         self.shapes = dict(shapes)

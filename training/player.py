@@ -19,7 +19,7 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
 
 from .errors import TrainingError
-from .observation_layout import ObservationLayout, own_key, scales
+from .observation_layout import OWN, ObservationLayout, scales
 from .policy import ActorCritic
 from .presets import preset
 
@@ -101,7 +101,7 @@ class Player:
     def __call__(self, observations: dict[str, Array]) -> Array:
         """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
         self._check(observations)
-        batch = observations[own_key()].shape[:-1]
+        batch = observations[OWN].shape[:-1]
         packed = np.zeros((*batch, self.layout.size), np.float32)
         for key, view in self.layout.views(packed).items():
             view[...] = observations[key].reshape(view.shape)

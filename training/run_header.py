@@ -10,7 +10,7 @@ from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz
 
 from .errors import TrainingError
-from .observation_layout import MASK, current_key, own_key
+from .observation_layout import MASK, OWN, current_key
 from .presets import PRESETS
 
 NAME = "run.json"
@@ -85,7 +85,7 @@ def _is_size(given: Any) -> bool:
 
 def _are_observations(given: Any) -> bool:
     """Shapes by key; a kind has two dimensions, and beside it a mask of the first of them."""
-    if not isinstance(given, dict) or own_key() not in given or not all(map(is_word, given)):
+    if not isinstance(given, dict) or OWN not in given or not all(map(is_word, given)):
         return False
     if not all(isinstance(shape, list) and shape and all(map(_is_size, shape)) for shape in given.values()):
         return False

@@ -8,7 +8,7 @@ from torchrl.modules import MultiAgentMLP
 
 import outlast
 
-SEEN = ("self", "zone", "others", "others_mask")  # the inputs of the network; any other observations can stand here
+SEEN = ("own", "zone", "others", "others_mask")  # the inputs of the network; any other observations can stand here
 
 
 def make_env(variant: str = "teams_3", **numbers: float) -> PettingZooWrapper:

@@ -18,7 +18,7 @@ class GlobalState:
     In this order, each a block of rows; all but the flags are 0 for what is not there:
 
     ======= ===================================================================================
-    agents  alive (0, 1), then the row `self` of their observation: id, [team], health, x, y, angle, vx, vy, omega
+    agents  alive (0, 1), then the row `own` of their observation: id, [team], health, x, y, angle, vx, vy, omega
     zone    x, y, radius, next x, next y, next radius; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
     items   lies on the ground (0, 1), x, y, and who carries it: 0 nobody, 1 agent_0, 2 agent_1 ...
@@ -47,14 +47,14 @@ class GlobalState:
         known, flag, carrier = bounds(self.worlds), _ends(1, 0, 1), _ends(1, 0, len(self.agents))
         zone = np.stack(known["zone"])[:, 0] if "zone" in known else _ends(6)
         return [
-            (len(self.agents), np.hstack([flag, np.stack(known["self"])[:, 0]])),
+            (len(self.agents), np.hstack([flag, np.stack(known["own"])[:, 0]])),
             (int(Zone in self.worlds), zone),
             (len(self.objects), np.hstack([flag, _ends(6)])),
             (len(self.items), np.hstack([flag, _ends(2), carrier])),
         ]
 
     def _agents(self, w: int) -> Array:
-        return np.column_stack([self.worlds[Entity].alive[w, self.agents], self.worlds[SelfView].me[w]])
+        return np.column_stack([self.worlds[Entity].alive[w, self.agents], self.worlds[SelfView].own[w]])
 
     def _zone(self, w: int) -> Array:
         zone = self.worlds[Zone]

@@ -12,7 +12,7 @@ Lines = dict[str, list[str]]
 ROW = 8  # features of an agent's row without its team
 VERTICES = 8  # numbers before the place of a box
 GROUPS = {"heals": ("Heals", 0), "boxes": ("Boxes", VERTICES), "box_items": ("Broken boxes", VERTICES)}
-HANDLED = {"self", "others", "zone", "heal_slot", "box_slot", *GROUPS}
+HANDLED = {"own", "others", "zone", "heal_slot", "box_slot", *GROUPS}
 FEW = 4  # numbers of an observation of other mechanics that still make a line
 
 
@@ -45,9 +45,9 @@ def observation_text(observation: Mapping[str, Array]) -> Lines:
 
     Keys of other mechanics get a line if they are short. Velocities and the outlines of boxes get none.
     """
-    if not observation["self"][-7:].any():
+    if not observation["own"][-7:].any():
         return {"Health": ["dead"]}
-    viewpoint = Viewpoint(observation["self"])
+    viewpoint = Viewpoint(observation["own"])
     lines = {"Health": [f"{viewpoint.health:.0f}"]}
     if "heal_slot" in observation or "box_slot" in observation:
         lines["Next item"] = list(_slots(observation)) or ["none"]

@@ -67,7 +67,7 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     teams = env.worlds.dims["features"] - 8  # 1 if rows hold a team
 
     def act(observations: Arrays) -> Actions:
-        own, zone = observations["self"], observations.get("zone")
+        own, zone = observations["own"], observations.get("zone")
         health, position, angle = own[..., teams + 1], own[..., teams + 2 : teams + 4], own[..., teams + 4]
         velocity, omega = own[..., teams + 5 : teams + 7], own[..., teams + 7]
         goal, urgent = np.zeros_like(position), np.zeros(health.shape, bool)

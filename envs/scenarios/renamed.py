@@ -46,6 +46,7 @@ CLASSES = {
     "outlast.systems.zone.SafeZone": "outlast.systems.safe_zone.SafeZone",
 }
 ARRAYS = {  # of states
+    "outlast.components.agent.SelfView.me": "outlast.components.agent.SelfView.own",
     "outlast.components.sight.Told.filled": "outlast.components.sight.ObservationMasks.filled",
     "outlast.components.sight.Told.masks": "outlast.components.sight.ObservationMasks.mask",
     "outlast.components.sight.Told.stale": "outlast.components.sight.ObservationMasks.dirty",

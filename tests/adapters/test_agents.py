@@ -39,7 +39,7 @@ def rows(values: Any) -> Any:
 
 def lives(observations: Any) -> Any:
     """Who is alive, from observations: the place of the dead is 0."""
-    return (observations["self"][:, -6:-4] != 0).any(-1)
+    return (observations["own"][:, -6:-4] != 0).any(-1)
 
 
 def same(one: Any, other: Any) -> bool:
@@ -105,7 +105,7 @@ def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[i
                 assert final is None
                 continue
             assert same(final, {key: v[k % agents] for key, v in batch_info["final_obs"][k // agents].items()})
-            assert info["final_info"]["alive"][k] == lives({"self": final["self"][None]})[0]
+            assert info["final_info"]["alive"][k] == lives({"own": final["own"][None]})[0]
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -144,7 +144,7 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
         assert equal(seen, other.step(ignored)[0])
         assert not reward[done].any()
         assert not (terminated | truncated)[done].any()
-        assert (seen["self"][done, 2] == 10).all()  # the health of a new episode
+        assert (seen["own"][done, 2] == 10).all()  # the health of a new episode
         assert info["alive"][done].all()
         resets += int(done.sum())
         done = terminated | truncated

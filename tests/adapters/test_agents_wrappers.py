@@ -142,15 +142,15 @@ def test_infos_as_a_list(mode: str) -> None:
 
 
 def test_observations_are_filtered_and_changed() -> None:
-    env = wrappers.FilterObservation(make(worlds=2, seed=SEED), ["self", "zone"])
+    env = wrappers.FilterObservation(make(worlds=2, seed=SEED), ["own", "zone"])
     env = wrappers.TransformObservation(env, lambda observations: observations)
-    assert set(env.reset()[0]) == {"self", "zone"}
-    assert set(env.step(drawn(env, 0))[0]) == {"self", "zone"}
+    assert set(env.reset()[0]) == {"own", "zone"}
+    assert set(env.step(drawn(env, 0))[0]) == {"own", "zone"}
 
 
 OPTIONS: dict[str, tuple[Any, ...]] = {
     "ClipReward": (-1, 1), "DelayObservation": (2,), "DtypeObservation": (np.float16,),
-    "FilterObservation": (["self"],),
+    "FilterObservation": (["own"],),
     "FrameStackObservation": (2,), "MaxAndSkipObservation": (2,), "ObstructView": (0.5, 2), "RepeatAction": (2,),
     "RescaleAction": (0.0, 1.0), "RescaleObservation": (0.0, 1.0), "ReshapeObservation": ((3,),),
     "ResizeObservation": ((8, 8),), "StickyAction": (0.5,), "TimeLimit": (5,),

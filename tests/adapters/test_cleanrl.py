@@ -45,9 +45,9 @@ def test_updates(ppo: SimpleNamespace, variant: str) -> None:
 def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace) -> None:
     """Of the last observation, not of the first one of the next episode; who dies or wins gets nothing more."""
     args = ppo.Args(gamma=0.5)
-    final = {"self": np.full((3, 2), 7, np.float32)}
+    final = {"own": np.full((3, 2), 7, np.float32)}
     last = np.array([{key: rows[k] for key, rows in final.items()} for k in range(3)], object)
-    following = {"self": np.zeros((3, 2), np.float32)}
+    following = {"own": np.zeros((3, 2), np.float32)}
     ends = np.array([True, False, False]), np.array([False, True, False])
     info = {"alive": np.ones(3, bool), "final_obs": last}
     envs = SimpleNamespace(step=lambda actions: (following, np.ones(3, np.float32), *ends, info))

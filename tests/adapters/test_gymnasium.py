@@ -60,7 +60,7 @@ def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> N
 
     def play(observations: dict[str, Any]) -> Any:
         assert {key: values.shape[:2] for key, values in observations.items()} == dict.fromkeys(observations, (1, 3))
-        ids = observations["self"][..., 0].astype(int)
+        ids = observations["own"][..., 0].astype(int)
         others.append((ids, np.random.default_rng(len(others)).integers(0, [3, 3, 3, 2, 2, 2], (1, 3, 6))))
         return others[-1][1]
 
@@ -76,7 +76,7 @@ def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> N
         expected, payment, ended, cut, batch_info = batch.step(joint)
         length += 1
         total += reward
-        lives = bool(expected["self"][0, learner, 3:5].any())  # the place of the dead is 0
+        lives = bool(expected["own"][0, learner, 3:5].any())  # the place of the dead is 0
         assert reward == payment[0, learner]
         assert (terminated, truncated) == (ended[0] or (dead == "end" and not lives), cut[0])
         assert (info["alive"], info["length"], info["return"]) == (lives, length, total)

@@ -97,7 +97,7 @@ def test_other_numbers_of_agents(agents: int) -> None:
     assert env.possible_agents == [f"agent_{i}" for i in range(agents)]
     parallel_api_test(env, CYCLES)
     observations, _ = env.reset()
-    assert [seen["self"][0] for seen in observations.values()] == list(range(agents))
+    assert [seen["own"][0] for seen in observations.values()] == list(range(agents))
     assert list(env.step({})[0]) == env.agents == env.possible_agents
 
 

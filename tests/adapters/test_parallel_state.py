@@ -37,7 +37,7 @@ def test_the_state_tells_what_an_omniscient_observer_sees(name: str, features: i
         state = env.state()
         assert state.dtype == np.float32
         agents, zone, objects, items = blocks(state, features, 15, 8)
-        assert np.array_equal(agents[0], [1, *seen["self"]])
+        assert np.array_equal(agents[0], [1, *seen["own"]])
         assert np.array_equal(agents[1:, 1:], seen["others"])
         assert np.array_equal(agents[1:, 0], seen["others_mask"])
         assert np.array_equal(zone[0], seen["zone"])
@@ -101,4 +101,4 @@ def test_going_on_from_a_saved_state(dead: str) -> None:
     batch = outlast.make_vec(env.base_env.scenario, 3, seed=4)
     batch.reset()
     other.set_state(batch.get_state(2))
-    assert np.array_equal(other.state()[1:9], batch.observe()["self"][2, 0])
+    assert np.array_equal(other.state()[1:9], batch.observe()["own"][2, 0])

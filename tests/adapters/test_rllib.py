@@ -102,9 +102,9 @@ def test_copies_of_a_run_play_worlds_of_their_own():
             places.append(env._parallel.state().tobytes())
         assert places[4] == places[0]
         assert len(set(places)) == 5
-    alone = [SurvivalMultiAgentEnv(config).reset()[0]["agent_0"]["self"].tolist() for _ in range(2)]
+    alone = [SurvivalMultiAgentEnv(config).reset()[0]["agent_0"]["own"].tolist() for _ in range(2)]
     batch, _ = outlast.make_vec("ffa_1", 1, seed=4).reset()
-    assert alone == [batch["self"][0, 0].tolist()] * 2
+    assert alone == [batch["own"][0, 0].tolist()] * 2
 
 
 def test_a_wrong_configuration_is_told():

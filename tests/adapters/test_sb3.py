@@ -133,7 +133,7 @@ def test_it_is_the_batched_environment() -> None:
             dead = own["deaths_melee"] + own["deaths_zone"]
             assert dead == AGENTS - sum(infos[o]["alive"] for o in range(w * AGENTS, (w + 1) * AGENTS))
         for i in np.flatnonzero(~dones):
-            assert infos[i] == {"alive": int(observations["self"][i, 2:].any()), "TimeLimit.truncated": False}
+            assert infos[i] == {"alive": int(observations["own"][i, 2:].any()), "TimeLimit.truncated": False}
         ended, cut = ended + terminated.sum(), cut + truncated.sum()
     assert min(ended, cut) > 0
 
@@ -169,7 +169,7 @@ def test_worlds_are_keyed_by_seed_and_number_at_the_next_reset() -> None:
     built = env.reset()
     assert env.seed(8) == [8] * 6
     following, *_ = env.step(np.tile([2, 1, 1, 0, 0, 0], (6, 1)))  # not yet
-    moved = np.hypot(*(following["self"] - built["self"])[:, 2:4].T)
+    moved = np.hypot(*(following["own"] - built["own"])[:, 2:4].T)
     assert ((moved > 0) & (moved < 1)).all()
     assert same(env.reset(), built)
     for w in range(3):
@@ -188,7 +188,7 @@ def test_no_seed_is_a_new_one() -> None:
     for _ in range(2):
         np.random.seed(0)  # noqa: NPY002
         env = make_sb3("ffa_1", 2)
-        drawn += [env.reset()["self"].tobytes(), env.seed()[0], env.reset()["self"].tobytes()]
+        drawn += [env.reset()["own"].tobytes(), env.seed()[0], env.reset()["own"].tobytes()]
     assert len(set(drawn)) == 6
 
 

@@ -85,12 +85,12 @@ def test_stacked_frames_are_the_last_two() -> None:
 
 def test_other_wrappers_take_it() -> None:
     plain, inner = pair()
-    env = vec.VecExtractDictObs(vec.VecCheckNan(inner, raise_exception=True), "self")
+    env = vec.VecExtractDictObs(vec.VecCheckNan(inner, raise_exception=True), "own")
     assert env.observation_space.shape == (9,)
     for expected, (observations, _, dones, infos) in zip(walk(plain), walk(env), strict=True):
-        assert np.array_equal(observations, expected[0]["self"])
+        assert np.array_equal(observations, expected[0]["own"])
         for i in np.flatnonzero(dones):
-            last = expected[3][i]["terminal_observation"]["self"]
+            last = expected[3][i]["terminal_observation"]["own"]
             assert np.array_equal(infos[i]["terminal_observation"], last)
 
 

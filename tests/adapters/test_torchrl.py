@@ -17,7 +17,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
     import torch
-    from torchrl.envs import GymWrapper
+    from torchrl.envs import GymWrapper, SerialEnv
     from torchrl.envs.libs.pettingzoo import PettingZooWrapper
     from torchrl.envs.utils import check_env_specs
 
@@ -52,6 +52,14 @@ def test_specs(name: str, dead: str) -> None:
     check_env_specs(env)
     assert env.group_map == {"agent": ["agent_0", "agent_1", "agent_2", "agent_3"]}
     assert env.action_spec_unbatched["agent", "action"].nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * 4
+
+
+def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
+    """Both rebuild specs from keyword arguments, which an observation called "self" does not survive."""
+    assert wrapped("ffa_3", "keep").to("cpu").device == torch.device("cpu")
+    several = SerialEnv(2, lambda: wrapped("ffa_3", "keep"))
+    assert several.rollout(3)["agent", "observation", "own"].shape[:3] == (2, 3, 4)
+    several.close()
 
 
 @both

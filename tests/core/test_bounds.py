@@ -66,11 +66,11 @@ def row(name: str, key: str, scenario: Any = None) -> list[tuple[float, float]]:
 def test_bounds_are_the_numbers_of_the_scenario() -> None:
     """By the rules: a room of 25 m; 4 agents in 2 teams; heals of 75; radii of the zone up to 12.5 m."""
     free, place = (-INF, INF), (-12.5, 12.5)
-    assert row("teams_3", "self") == [(0, 3), (0, 1), free, place, place, free, free, free, free]
-    assert row("teams_3", "others") == row("teams_3", "self")
-    assert row("ffa_1", "self") == [(0, 1), free, place, place, free, free, free, free]
-    assert row("ffa_1", "self", variant("ffa_1").replace(mortality_limit=120))[1] == (-INF, 120)
-    assert row("ffa_1", "self", variant("ffa_1").replace(room_walls=False))[2:4] == [free, free]
+    assert row("teams_3", "own") == [(0, 3), (0, 1), free, place, place, free, free, free, free]
+    assert row("teams_3", "others") == row("teams_3", "own")
+    assert row("ffa_1", "own") == [(0, 1), free, place, place, free, free, free, free]
+    assert row("ffa_1", "own", variant("ffa_1").replace(mortality_limit=120))[1] == (-INF, 120)
+    assert row("ffa_1", "own", variant("ffa_1").replace(room_walls=False))[2:4] == [free, free]
     assert row("ffa_1", "heals_mask")[0] == (0, 1)
     assert row("ffa_1", "heal_slot") == [(0, 75)]
     assert row("ffa_1", "zone") == [pytest.approx(ends, rel=1e-6) for ends in [place, place, (0, 12.5)] * 2]
@@ -87,7 +87,7 @@ def test_bounds_are_the_numbers_of_the_scenario() -> None:
 def test_a_single_value_leaves_room_for_another_one() -> None:
     """Or wrappers that rescale would divide by 0."""
     scenario = variant("ffa_1").replace(n_agents=1, heals_amount=0)
-    assert row("", "self", scenario)[0] == (0, 1)
+    assert row("", "own", scenario)[0] == (0, 1)
     assert row("", "heal_slot", scenario) == [(0, 1)]
 
 
@@ -131,14 +131,14 @@ def test_of_what_several_modules_say_the_widest_counts() -> None:
     assert row("", "heal_slot", said("heal_slot", -5, 20)) == [(-5, 75)]
     assert row("", "heal_slot", said("heal_slot", 0, 200)) == [(0, 200)]
     assert row("", "heals_mask", said("heals_mask", -5, 5))[0] == (0, 1)
-    assert row("", "self", said("nowhere", 0, 1)) == row("ffa_1", "self")
+    assert row("", "own", said("nowhere", 0, 1)) == row("ffa_1", "own")
 
 
 def test_bounds_that_cannot_be_are_refused() -> None:
     with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'zone' do not fit its shape \(2, 6\)"):
         make_vec(said("zone", [0, 0, 0], 1), 1)
-    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'self' have a low end above the high one"):
-        make_vec(said("self", 1, 0), 1)
+    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'own' have a low end above the high one"):
+        make_vec(said("own", 1, 0), 1)
 
 
 # ---- wrappers

@@ -167,7 +167,7 @@ def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path:
     """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""
     here, there = watched("teams_4", 70), as_plain_python("numpy", "teams_4", 70, tmp_path / "told.npz")
     for key, array in here.items():
-        if key in ("self", "others"):
+        if key in ("own", "others"):
             np.testing.assert_allclose(there[key], array, rtol=0, atol=1e-4)
             np.testing.assert_array_equal(there[key][..., :3], array[..., :3])  # id, team, hit points
         else:

@@ -111,7 +111,7 @@ def test_observations_into_arrays_of_the_caller() -> None:
     [
         (lambda env: np.zeros((WORLDS, 2, env.flat_size)), "out is float64"),
         (lambda env: np.zeros((WORLDS, 2, env.flat_size + 1), np.float32), "out is float32"),
-        (lambda env: {"self": np.zeros((WORLDS, 2, 8), np.float32)}, r"out has the keys \['self'\]"),
+        (lambda env: {"own": np.zeros((WORLDS, 2, 8), np.float32)}, r"out has the keys \['own'\]"),
         (lambda env: {**{k: a.copy() for k, a in env.observe().items()}, "zone": [1]}, r"out\['zone'\] is list"),
         (lambda env: dict(env.observe()), "is read-only"),
         (lambda env: 3, "out is int"),

@@ -27,7 +27,7 @@ def test_noop_changes_nothing_that_moves():
     env = outlast.make_vec("ffa_1", 2, seed=0)
     before = {key: array.copy() for key, array in env.reset()[0].items()}
     after = env.step(POLICIES["noop"](env, 0)(before))[0]
-    np.testing.assert_array_equal(after["self"][..., 2:], before["self"][..., 2:])
+    np.testing.assert_array_equal(after["own"][..., 2:], before["own"][..., 2:])
 
 
 @pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")

@@ -237,7 +237,7 @@ def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -
     full, rest = (Worlds(scenario.modules, 1) for scenario in (variant("teams_3"), derived(names)))
     assert set(observation_space(full)) - set(observation_space(rest)) == keys
     assert action_space(rest).nvec.tolist() == [sizes] * 4
-    assert observation_space(rest)["self"].shape == (4, 8 if "teams" in names else 9)
+    assert observation_space(rest)["own"].shape == (4, 8 if "teams" in names else 9)
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)

@@ -17,7 +17,7 @@ from tests.helpers.execution_modes import equal, short
 KINDS = ("ffa_1", "ffa_3", "teams_2", "teams_3")  # the others differ from these in numbers only
 WORLDS = scaled(40, least=4)
 KEYS = {
-    "self": (), "others": (), "others_mask": (), "zone": (),
+    "own": (), "others": (), "others_mask": (), "zone": (),
     "heals": (15, 2), "heals_mask": (15,), "heal_slot": (1, 1), "heal_slot_mask": (1,),
     "boxes": (8, 11), "boxes_mask": (8,), "box_items": (8, 10), "box_items_mask": (8,),
     "box_slot": (1, 8), "box_slot_mask": (1,),
@@ -35,7 +35,7 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
     teams, boxes = name.startswith("teams"), name not in ("ffa_1", "ffa_2", "teams_2")
     agents, features = (4, 9) if teams else (2, 8)
     shapes = {key: shape for key, shape in KEYS.items() if boxes or not key.startswith("box")}
-    shapes |= {"self": (features,), "others": (agents - 1, features), "others_mask": (agents - 1,), "zone": (6,)}
+    shapes |= {"own": (features,), "others": (agents - 1, features), "others_mask": (agents - 1,), "zone": (6,)}
     space = env.single_observation_space
     assert {key: space[key].shape for key in space} == {key: (agents, *shape) for key, shape in shapes.items()}
     assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * agents
@@ -77,7 +77,7 @@ def test_any_number_of_agents(agents: int) -> None:
     rng = np.random.default_rng(0)
     for _ in range(5):
         observations, reward, terminated, _, _ = env.step(draw_actions(env, rng))
-    assert observations["self"][:, :, 0].tolist() == [list(range(agents))] * 2
+    assert observations["own"][:, :, 0].tolist() == [list(range(agents))] * 2
     assert (reward == 1).all()
     assert not terminated.any()
 
@@ -89,7 +89,7 @@ def test_an_int_seeds_every_world_by_its_number() -> None:
     env, other = make_vec("teams_3", 4, seed=0), make_vec("teams_3", 4, seed=7)
     first = {key: values.copy() for key, values in env.reset(seed=7)[0].items()}
     assert equal(first, other.reset()[0])
-    assert len({values.tobytes() for values in first["self"]}) == 4  # no two worlds alike
+    assert len({values.tobytes() for values in first["own"]}) == 4  # no two worlds alike
     assert not equal(first, other.reset(seed=8)[0])
 
 
@@ -102,7 +102,7 @@ def test_a_list_seeds_every_world_alone() -> None:
         for key, values in observations.items():
             assert np.array_equal(values[0], values[2])
             assert np.array_equal(values[0], alone[key][0])
-        assert not np.array_equal(observations["self"][0], observations["self"][1])
+        assert not np.array_equal(observations["own"][0], observations["own"][1])
 
 
 def test_without_a_seed_reset_goes_on_to_the_next_episode() -> None:
@@ -190,7 +190,7 @@ def test_who_lives_on_which_side_and_with_which_share() -> None:
         *_, terminated, truncated, info = env.step(numbered_actions(env, tick))
         if (over := terminated | truncated).any():
             break
-    health = env.observe()["self"][..., 2]
+    health = env.observe()["own"][..., 2]
     assert np.array_equal(alive(env.worlds), health > 0)
     assert np.array_equal(alive(env.worlds, over), health[over] > 0)
     reported = info["statistics"]

@@ -28,7 +28,7 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
         assert not reward[over].any()
         assert not (terminated | truncated)[over].any()
         assert (env.worlds[Clock].tick[over] == 0).all()
-        assert (observations["self"][over, :, 2] == 10).all()
+        assert (observations["own"][over, :, 2] == 10).all()
         resets += over.sum()
         over = terminated | truncated
     assert resets >= WORLDS

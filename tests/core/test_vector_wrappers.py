@@ -14,7 +14,7 @@ from tests.helpers.execution_modes import equal
 
 WORLDS, STEPS = 3, 5
 Wrap = Callable[[SurvivalVectorEnv], Any]
-KEYS = ("self", "zone")
+KEYS = ("own", "zone")
 
 
 def others(observation: dict[str, Any]) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def entity_row(world: World, thing: Thing) -> list[float]:
 def observe(world: World, i: int) -> dict[str, Any]:
     """What agent `i` observes, by key."""
     me = world.of("agent")[i]
-    seen: dict[str, Any] = {"self": agent_row(world, me), "zone": world.zone}
+    seen: dict[str, Any] = {"own": agent_row(world, me), "zone": world.zone}
     for key, kind in (("others", "agent"), ("heals", "heal"), ("boxes", "box"), ("box_items", "box_item")):
         things = [thing for thing in world.of(kind) if thing is not me]
         if things or kind == "agent":

@@ -68,7 +68,7 @@ def health(name: str) -> list[float]:
     stage.wound(0, 20)
     stage.hand(0, "heal", 0)
     stage.hand(1, "heal", 1)
-    return stage.step({0: "use", 1: "use"}).observation["self"][0, :, -7].tolist()
+    return stage.step({0: "use", 1: "use"}).observation["own"][0, :, -7].tolist()
 
 
 def test_a_capped_health_loses_what_is_above() -> None:

@@ -101,7 +101,7 @@ def test_bodies_may_be_pushed_far() -> None:
     sides = {f"boxes_{name}": value for name in ("width", "height") for value in (12.0,)}
     spread = {"boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0}
     env = make_vec(variant("ffa_3").replace(**sides, **spread), scaled(100, least=20), seed=0)
-    before = env.reset()[0]["self"][..., 2:4].copy()
-    after = env.step(np.tile([1, 1, 1, 0, 0, 0], (env.num_worlds, 2, 1)))[0]["self"][..., 2:4]
+    before = env.reset()[0]["own"][..., 2:4].copy()
+    after = env.step(np.tile([1, 1, 1, 0, 0, 0], (env.num_worlds, 2, 1)))[0]["own"][..., 2:4]
     env.close()
     assert np.hypot(*np.moveaxis(after - before, -1, 0)).max() > 2 * LONGEST

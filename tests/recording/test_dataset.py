@@ -106,10 +106,10 @@ def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, l
     finals = iter(range(len(rows)))
     for k, row in enumerate(rows):
         if row["last"]:
-            following = found.final["self"][next(finals)]
+            following = found.final["own"][next(finals)]
         else:
-            following = found.observations["self"][places[row["world"], row["episode"], row["tick"] + 1]]
-        np.testing.assert_array_equal(following, row["after"]["self"], err_msg=str(k))
+            following = found.observations["own"][places[row["world"], row["episode"], row["tick"] + 1]]
+        np.testing.assert_array_equal(following, row["after"]["own"], err_msg=str(k))
 
 
 def test_some_worlds_and_some_ticks(recorded: tuple[Path, list[Step]]) -> None:

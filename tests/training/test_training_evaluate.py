@@ -61,9 +61,9 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
             for i in agents:
                 role = (i // size + w + done[w]) % 2
                 actions[w, i] = choices[role][w, i]
-                me = seen["self"][w, i, -7:]
+                me = seen["own"][w, i, -7:]
                 if done[w] < each and me.any():
-                    enemies = [seen["self"][w, j, -7:] for j in agents if j // size != i // size]
+                    enemies = [seen["own"][w, j, -7:] for j in agents if j // size != i // size]
                     near = any(row.any() and np.hypot(*(row[1:3] - me[1:3])) <= 2.5 for row in enemies)
                     chances[w, done[w], role] += near
                     attacks[w, done[w], role] += near and actions[w, i, 3]
@@ -72,7 +72,7 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
             ticks[w] += 1
             for i in agents:
                 role = (i // size + w + done[w]) % 2
-                if observations["self"][w, i, -7:].any():
+                if observations["own"][w, i, -7:].any():
                     last[w, i // size] = ticks[w]
                 if done[w] < each:
                     figures["return"][w, done[w], role] += rewards[w, i] / size
@@ -83,7 +83,7 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
                 figures["wins"][here] = [0.5 + 0.5 * np.sign(lives[k] - lives[1 - k]) for k in (0, 1)]
                 figures["kills"][here] = [info["statistics"]["kills"][w, (k + w + done[w]) % 2] for k in (0, 1)]
                 alive = [
-                    [observations["self"][w, i, -7:].any() for i in agents if (i // size + w + done[w]) % 2 == k]
+                    [observations["own"][w, i, -7:].any() for i in agents if (i // size + w + done[w]) % 2 == k]
                     for k in (0, 1)
                 ]
                 figures["dead"][here] = [len(living) - sum(living) for living in alive]
@@ -128,7 +128,7 @@ def test_cameras_mode_is_nothing_to_a_player_trained_on_masked_rows(tmp_path: Pa
     for _ in range(150):
         actions = [player(observations) for player, observations in zip(players, seen, strict=True)]
         assert np.array_equal(*actions)
-        assert np.array_equal(*(observations["self"] for observations in seen))
+        assert np.array_equal(*(observations["own"] for observations in seen))
         differ += (seen[0]["others"] != seen[1]["others"]).any()
         seen = [env.step(choice)[0] for env, choice in zip(envs, actions, strict=True)]
     assert differ > 100

@@ -60,7 +60,7 @@ def embedded(extractor: Any, layout: ObservationLayout, observations: Arrays, ac
 
 
 def own_part(extractor: Any, observations: Arrays, active: Any) -> Any:
-    return active(extractor.own(torch.cat([torch.tensor(observations[key]) for key in ("self", "zone")], 1)))
+    return active(extractor.own(torch.cat([torch.tensor(observations[key]) for key in ("own", "zone")], 1)))
 
 
 def original_extractor(extractor: Any, layout: ObservationLayout, observations: Arrays) -> Any:
@@ -170,7 +170,7 @@ def test_scaled_is_paper_on_scaled_inputs() -> None:
 
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
-    layout = ObservationLayout({"self": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
+    layout = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
     policy = make(chosen, layout, scales(layout, {"agents_health": 100}))
     assert bool(policy.predict_values(torch.randn(5, layout.size)).isfinite().all())
 

@@ -1,6 +1,7 @@
 """Trained policies as functions, and as opponents."""
 
 import contextlib
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ from outlast.training.errors import TrainingError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
-from outlast.training import checkpoint, observation_layout  # noqa: E402
+from outlast.training import checkpoint  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
+from outlast.training.run_header import NAME  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -107,28 +109,21 @@ def test_every_kept_policy_plays(path: Path) -> None:
     assert len(np.unique(actions[..., :3])) > 1
 
 
-@pytest.mark.parametrize(
-    "renamed",
-    [{"self": "ego"}, {"self": "zz", "zone": "a", "boxes": "zboxes", "others": "aothers"}],  # sorted in another order
-)
 @pytest.mark.parametrize("chosen", ["original", "scaled"])
-def test_policies_of_before_a_key_was_renamed_do_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chosen: str, renamed: dict[str, str]
-) -> None:
+def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen: str) -> None:
     model = saved(tmp_path / "a.zip", chosen)
     model.collect()
-    packed = model.rollout_buffer.observations[-1].reshape(4, 4, -1)
-    views = model.policy.layout.views(packed)
-    before = Player(tmp_path / "a.zip", seed=None)
-    expected = before(views)
-    monkeypatch.setattr(observation_layout, "RENAMED_KEYS", renamed)
-    player = Player(tmp_path / "a.zip", seed=None)
-    assert player.header["observations"].keys() == {observation_layout.current_key(key) for key in views}
-    assert np.array_equal(player({observation_layout.current_key(key): view for key, view in views.items()}), expected)
-    order = [[*each.layout.alone, *(kind.key for kind in each.layout.kinds)] for each in (before, player)]
-    assert order[1] == [renamed.get(key, key) for key in order[0]]
+    views = model.policy.layout.views(model.rollout_buffer.observations[-1].reshape(4, 4, -1))
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive, zipfile.ZipFile(tmp_path / "before.zip", "w") as before:
+        for name in archive.namelist():
+            before.writestr(
+                name, archive.read(name).replace(b'"own"', b'"self"') if name == NAME else archive.read(name)
+            )
+    player = Player(tmp_path / "before.zip", seed=None)
+    assert player.header["observations"].keys() == views.keys()
+    assert np.array_equal(player(views), Player(tmp_path / "a.zip", seed=None)(views))
     with pytest.raises(TrainingError, match="here are"):
-        player(views)
+        player({"self" if key == "own" else key: view for key, view in views.items()})
 
 
 def test_other_observations_are_refused(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, An
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
     for actions in model.rollout_buffer.actions.reshape(STEPS, WORLDS, 4, -1):
         alive = env.worlds[Entity].alive[:, agents] != 0
-        seen = {key: observations[key].copy() for key in ("self", "zone")}
+        seen = {key: observations[key].copy() for key in ("own", "zone")}
         before = env.worlds[Item].holder[:, heals].copy()
         observations, _, terminated, truncated, info = env.step(actions)
         after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
@@ -61,7 +61,7 @@ def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, An
 
 
 def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dict[str, Any]:
-    places = seen["self"][w, :, 3:5]
+    places = seen["own"][w, :, 3:5]
     apart = [np.hypot(*(places[i] - places[j])) for j in range(4) if (j < 2) != (i < 2) and alive[w, j]]
     distance = np.hypot(*(places[i] - seen["zone"][w, i, :2]))
     return {"attack": actions[w, i, 3], "near": bool(apart) and min(apart) <= 2.5, "distance": distance}

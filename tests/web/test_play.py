@@ -111,7 +111,7 @@ def test_restart_is_the_next_episode_of_the_seed(game):
     env.reset()
     assert game.worlds[Clock].tick[0, 0] == 0
     assert game.worlds[Clock].episode[0, 0] == env.worlds[Clock].episode[0, 0]
-    np.testing.assert_array_equal(game.env.observe()["self"], env.observe()["self"])
+    np.testing.assert_array_equal(game.env.observe()["own"], env.observe()["own"])
     env.close()
 
 
@@ -126,7 +126,7 @@ def test_the_verdict_is_who_lived_longest(seed):
     over = False
     while not over:
         observations, _, terminated, truncated, info = env.step(idle(observations))
-        lived += observations["self"][0, :, 1] + np.abs(observations["self"][0, :, 2:4]).sum(-1) > 0
+        lived += observations["own"][0, :, 1] + np.abs(observations["own"][0, :, 2:4]).sum(-1) > 0
         over = bool(terminated[0] or truncated[0])
     game.hold({}, {"use": 1})  # there is nothing to use
     while game.tick():
@@ -164,7 +164,7 @@ def test_the_text_is_the_observation():
     """An agent at (1, 0) that faces +y, in a world that is made up."""
     f4, rest = np.float32, (0, 0, 0, 0)
     observation = {
-        "self": np.array([0, 1, 63, 1, 0, np.pi / 2, 0, 0, 0], f4),
+        "own": np.array([0, 1, 63, 1, 0, np.pi / 2, 0, 0, 0], f4),
         "others": np.array([[1, 1, 80, 1, 5, *rest], [2, 0, 55, 4, 0, *rest], [3, 0, 1, 9, 9, *rest]], f4),
         "others_mask": np.array([1, 1, 0], f4),
         "zone": np.array([0, 0, 4, 1, 6, 2], f4),
@@ -187,11 +187,11 @@ def test_the_text_is_the_observation():
 
 def test_the_text_outside_of_the_zone_and_after_death():
     row = np.array([0, 100, 0, -8, -np.pi / 2, 0, 0, 0], np.float32)
-    observation = {"self": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
+    observation = {"own": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
     text = observation_text(observation | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)})
     assert text["Zone"] == ["outside by 3.0 m, behind", "it vanishes next, 8.0 m behind"]
     assert observation_text(observation | {"zone": np.zeros(6, np.float32)})["Zone"] == ["nowhere is safe"]
-    assert observation_text(observation | {"self": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
+    assert observation_text(observation | {"own": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
 
 
 def test_the_text_has_the_health_of_the_world(game):

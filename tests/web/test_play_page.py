@@ -105,7 +105,7 @@ def test_the_panel_is_the_observation(page, game):
     assert "Paused" in card(page, "paused")
     assert word(page, "Health") == str(game.worlds[Health].points[0, row]) == "57"
     zone = game.env.observe()["zone"][0, 0]
-    x, y = game.env.observe()["self"][0, 0, 2:4]
+    x, y = game.env.observe()["own"][0, 0, 2:4]
     assert f"inside, {zone[2] - math.hypot(x - zone[0], y - zone[1]):.1f} m to the edge" in word(page, "Zone")
     assert page.inner_text("#tick") == str(game.worlds[Clock].tick[0, 0])
 
