@@ -38,14 +38,14 @@ def variants() -> str:
     return grid(["variant", "original name", "in words", *map(code, keys)], rows)
 
 
-def fixes() -> str:
-    """The fixes: what each changes in teams_4, which has every mechanic that one could need."""
+def ablations() -> str:
+    """What each ablation changes in teams_4, which has every mechanic that one could need."""
     plain, rows = outlast.VARIANTS["teams_4"].numbers(), []
-    for name, fix in outlast.ABLATIONS.items():
-        mended = outlast.variant(f"teams_4+{name}").numbers()
-        changed = ", ".join(code(f"{key} = {value}") for key, value in mended.items() if plain.get(key) != value)
-        rows.append([code(name), str(fix.flaw), fix.about, changed])
-    return grid(["fix", "flaw", "in words", "changes in teams_4"], rows)
+    for name, ablation in outlast.ABLATIONS.items():
+        ablated = outlast.variant(f"teams_4+{name}").numbers()
+        changed = ", ".join(code(f"{key} = {value}") for key, value in ablated.items() if plain.get(key) != value)
+        rows.append([code(name), str(ablation.flaw), ablation.about, changed])
+    return grid(["ablation", "flaw", "in words", "changes in teams_4"], rows)
 
 
 def numbers(*names: str) -> str:

@@ -26,7 +26,7 @@ TABLES: dict[str, Callable[..., str]] = {
     made.__name__: made
     for made in (
         catalogue.variants,
-        catalogue.fixes,
+        catalogue.ablations,
         catalogue.numbers,
         catalogue.actions,
         catalogue.observations,

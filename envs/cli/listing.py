@@ -16,7 +16,7 @@ def variants(options: argparse.Namespace) -> int:
     """A line for each of the paper's variants, and for each ablation."""
     for alias, name in ALIASES.items():
         print(f"{name:<9} {alias:<14} {VARIANTS[name].about}")
-    print("\nwith flaws that the paper found in them mended, as in teams_2+health_cap+steering:")
+    print("\nablations, each of which removes a flaw that the paper found, as in teams_2+health_cap+steering:")
     for name, ablation in ABLATIONS.items():
         print(f"+{name:<11} {f'flaw {ablation.flaw}':<11} {ablation.about}")
     return 0

@@ -29,7 +29,7 @@ def test_the_tick_table_names_every_phase_and_its_text():
 
 
 def test_the_order_of_an_example_without_after_is_refused_as_shown():
-    block = next(block for block in BLOCKS if "class Swamp" in block).replace(', after="motors.drive"', "")
+    block = next(block for block in BLOCKS if "class Swamp" in block).replace(', after="motors"', "")
     done = subprocess.run([sys.executable, "-c", block], capture_output=True, text=True)
     assert "ambiguous" in done.stderr
     assert "motors.drive" in done.stderr

@@ -227,7 +227,7 @@ worlds.close()
 """
 
 
-def in_process(cache: Path, game: Path = ROOT, module: str = "tests.toy", **variables: str) -> list[str]:
+def in_process(cache: Path, game: Path = ROOT, module: str = "tests.helpers.toy_game", **variables: str) -> list[str]:
     """A new process and its first ticks: cache hits, cache misses, cached now, digest."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     script = SCRIPT.format(game=str(game), root=str(ROOT), module=module)
@@ -357,7 +357,7 @@ def calls_what_is_no_kernel(energy: Add[Energy], rows: Rows[Energy]) -> None:
     ("function", "named", "cure"),
     [
         (asks_an_object, "STEPS, SimpleNamespace", "a number of the mechanic"),
-        (keeps_a_module, "toy, module", "toy.LIMIT"),
+        (keeps_a_module, "toy_game, module", "toy_game.LIMIT"),
         (calls_what_is_no_kernel, "bare, function", "@outlast.ecs.kernel"),
     ],
 )

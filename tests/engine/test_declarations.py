@@ -306,7 +306,7 @@ def test_two_columns_of_one_key_are_refused(base: Any) -> None:
 
     with pytest.raises(DeclarationError, match=rf"are both the \w+ '{key}'; rename one") as raised:
         Worlds([*toy_game.GAME, Brings()], 1)
-    assert re.search(r"tests\.toy\.\w+\.\w+", str(raised.value))
+    assert re.search(r"tests\.helpers\.toy_game\.\w+\.\w+", str(raised.value))
     assert "Other.mine" in str(raised.value)
 
 

@@ -10,44 +10,48 @@ if TYPE_CHECKING:
     from tests.mutants.operators import Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
-COMPILED = [f"systems/box2d/{name}.py" for name in ("arena", "impact", "island", "native")]
+COMPILED = [f"systems/box2d/{name}.py" for name in ("workspace", "impact", "island", "native")]
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 
 # Which tests run first, the fastest ahead; then those of NAIVE. Names are those of tests/*/test_NAME.py.
-NAIVE = "mechanics_edges mechanics_faces mechanics_bodies"
+NAIVE = "mechanics_edges mechanics_observations mechanics_bodies"
 REFUSED = "bad_input.py::test_scenarios_are_refused"
 FIRST = {
-    "agents": "mechanics_edges mechanics_faces fidelity",
+    "agents": "mechanics_edges mechanics_observations fidelity",
     "boxes": "mechanics_edges mechanics_reset fidelity_rules",
     "cameras": "mechanics_edges fidelity mechanics_crowd",
-    "drop": "fidelity_items",
+    "death_drop": "fidelity_items",
     "drop_last": "mechanics_world",
     "ending": "mechanics_edges vector_ends",
-    "give": "fidelity_items",
+    "give_last": "fidelity_items",
     "heals": "fidelity_items",
-    "health": f"fixes fidelity_rules {REFUSED}",
     "inventory": "fidelity_items",
     "melee": "fidelity_rules",
-    "motors": "fixes mechanics_world fidelity",
+    "mortality": f"ablations fidelity_rules {REFUSED}",
+    "motors": "mechanics_world fidelity",
     "physics": f"mechanics_flight fidelity {REFUSED}",
     "pickup": "fidelity_items",
-    "record": "mechanics_faces vector_ends",
-    "rewards": "fixes fidelity_rules",
+    "record": "mechanics_observations vector_ends",
+    "rewards": "ablations fidelity_rules",
     "room": "mechanics_reset fidelity",
-    "sides": f"mechanics_reset {REFUSED}",
-    "spawn": f"mechanics_reset mechanics_world {REFUSED}",
-    "zone": f"mechanics_reset fidelity_rules {REFUSED}",
-    "broad": "mechanics_sweeps fidelity",
-    "geometry": "geometry",
-    "sweep": "mechanics_sweeps",
+    "safe_zone": f"mechanics_reset fidelity_rules {REFUSED}",
+    "spawn_grid": f"mechanics_reset mechanics_world {REFUSED}",
+    "steering": "ablations mechanics_world",
+    "teams": f"mechanics_reset {REFUSED}",
+    "aabb": "mechanics_culling",
+    "blocks": "mechanics_culling",
+    "bounds": "bounds",
+    "broad_phase": "mechanics_culling fidelity",
+    "points": "geometry",
+    "rays": "geometry",
     "portable": "mechanics_flight fidelity box2d",
-    "scene": "mechanics_flight box2d fidelity",
-    "staging": "fidelity",
+    "batch": "mechanics_flight box2d fidelity",
+    "transfer": "fidelity",
 }
 NUMBERS = "mechanics_numbers scenario"  # where a number of a module is declared
 BRIDGE = "box2d"
 LEFT_OUT_TESTS = (  # three slow ones, and one whose child process imports the installed outlast
-    "fixes.py::test_scripted_agents_can_steer",
+    "ablations.py::test_scripted_agents_can_steer",
     "fidelity_rules.py::test_the_longest_life_without_heals",
     "scenario.py::test_what_is_left_runs",
     "box2d.py::test_a_cached_kernel_runs_in_another_process",

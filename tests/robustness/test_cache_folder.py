@@ -78,7 +78,7 @@ def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) ->
 
 def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
     """A process that runs the code `before` and makes worlds."""
-    script = before + SCRIPT.format(game=str(ROOT), root=str(ROOT), module="tests.toy")
+    script = before + SCRIPT.format(game=str(ROOT), root=str(ROOT), module="tests.helpers.toy_game")
     environment = os.environ | {"OUTLAST_CACHE_DIR": str(cache)}
     return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
 
