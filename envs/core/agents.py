@@ -15,7 +15,7 @@ Array = np.ndarray[Any, Any]
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
     """Which agents are alive: bool (worlds, agents), a new array. where: an index of worlds; 0 gives (agents,)."""
-    living: Array = worlds[Entity].alive[where, worlds.span("agent")] != 0
+    living: Array = worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
     return living
 
 

@@ -37,7 +37,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
 
     ## Description
-    Agents in a closed room fight with melee attacks, fetch and use items, push boxes, and have to stay inside a zone
+    Agents in a closed room fight with melee attacks, collect and use items, break boxes, and have to stay inside a zone
     that shrinks. All worlds advance together by one tick a step. Mechanics and numbers are those of the scenario.
 
     One call at a time: PendingError refuses a thread while another one is in a call. Ctrl-C leaves a step not begun or
@@ -119,6 +119,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode is AutoresetMode.SAME_STEP)
         self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
         self._stops: Stops | None = None
+        self._wrappers_checked = False
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
         with announce_compilation(self.worlds, scenario.name):
@@ -154,6 +155,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """
         refuse_reward_sums(sys._getframe(2))
         refuse_dicts(sys._getframe(2))
+        self._wrappers_checked = False
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
@@ -179,7 +181,11 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             FaultError: A world is in a state that physics cannot take; the others have been stepped.
             TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
-        refuse_reward_sums(sys._getframe(2))
+        if (
+            not self._wrappers_checked
+        ):  # what can be wrapped around it between two resets is not worth every step's time
+            refuse_reward_sums(sys._getframe(2))
+            self._wrappers_checked = True
         return self._step(actions)
 
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -194,8 +200,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         try:
             check_faults(self.worlds)
         finally:  # the other worlds go on
-            info = self._finish(done) if (done := self._tracker.done).any() else {}
-        return self._observe(), reward, terminated, truncated, info | {"alive": alive(self.worlds)}
+            info: dict[str, Any] = self._finish(done) if (done := self._tracker.done).any() else {}
+        info["alive"] = alive(self.worlds)
+        return self._observe(), reward, terminated, truncated, info
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.

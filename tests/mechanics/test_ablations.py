@@ -29,9 +29,9 @@ def test_the_variants_have_the_flaws(name: str) -> None:
 def test_every_flaw_of_the_paper_has_an_ablation() -> None:
     assert {ablation.flaw for ablation in ABLATIONS.values()} == {1, 2, 3, 4}
     for name in ABLATIONS:
-        mended = variant(f"teams_4+{name}")
-        assert mended.name == f"teams_4+{name}"
-        assert mended.numbers() != variant("teams_4").numbers()
+        ablated = variant(f"teams_4+{name}")
+        assert ablated.name == f"teams_4+{name}"
+        assert ablated.numbers() != variant("teams_4").numbers()
 
 
 def test_names_are_put_together_in_any_order() -> None:
