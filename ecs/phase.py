@@ -1,7 +1,7 @@
 """Phases: the ordered stages of a tick. A game lists its own as an enumeration of Phase.
 
 class Phase(ecs.Phase):
-    SPAWN = When.RESET, "everybody stands on a cell of its own"
+    SPAWN = When.RESET, "every body stands on a cell of its own"
     MOVE = When.STEP, "bodies have moved, contacts are resolved"
     OBSERVE = When.ALWAYS, "observations show the world as it is"
 """

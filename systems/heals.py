@@ -63,8 +63,8 @@ class Heals(Module):
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Heal, "heals")
-        birth = layout.prefab_values(Health, "points").get("agent", 0)
-        if self.count * self.amount + birth > LARGEST:
+        prefab = layout.prefab_values(Health, "points").get("agent", 0)
+        if self.count * self.amount + prefab > LARGEST:
             raise NumberError(
                 f"heals.count = {self.count} times heals.amount = {self.amount} is more than the {LARGEST} hit points "
                 "that an agent can have; take fewer, or smaller ones"

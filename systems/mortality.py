@@ -20,9 +20,9 @@ class Mortality(Module):
     limit: int = number(0, low=0, high=MOST)  # hit points
 
     def check(self, layout: Layout) -> None:
-        birth = layout.prefab_values(Health, "points").get("agent", 0)
-        if self.limit and birth > self.limit:
-            raise NumberError(f"mortality.limit = {self.limit}: agents begin with {birth}; take at least as many")
+        prefab = layout.prefab_values(Health, "points").get("agent", 0)
+        if self.limit and prefab > self.limit:
+            raise NumberError(f"mortality.limit = {self.limit}: agents begin with {prefab}; take at least as many")
 
 
 @Mortality.system(Phase.RESPAWN)

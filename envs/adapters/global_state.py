@@ -21,7 +21,7 @@ class GlobalState:
     agents  alive (0, 1), then the row `own` of their observation: id, [team], health, x, y, angle, vx, vy, omega
     zone    x, y, radius, next x, next y, next radius; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
-    items   lies on the ground (0, 1), x, y, and who carries it: 0 nobody, 1 agent_0, 2 agent_1 ...
+    items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
     ======= ===================================================================================
 
     Objects and items are in the order of their rows (`Worlds.span` says which kinds are where).

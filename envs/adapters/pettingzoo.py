@@ -55,8 +55,8 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
 
     ## Episode End
-    When the world ends by its rule, terminated is True for everybody left; at the time limit, truncated is True for
-    everybody reported.
+    When the world ends by its rule, terminated is True for all that are left; at the time limit, truncated is True for
+    all agents reported.
 
     ## Info
     {"alive": 1 or 0} for each agent, after every call.
@@ -205,7 +205,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         return joint
 
     def _remaining(self, agents: Iterable[str]) -> list[str]:
-        """Those of `agents` whose episode goes on: nobody if the world has ended."""
+        """Those of `agents` whose episode goes on: none if the world has ended."""
         if self.base_env._tracker.done[0]:
             return []
         living = alive(self.base_env.worlds, 0)

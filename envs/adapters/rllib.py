@@ -20,7 +20,7 @@ class SurvivalMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]  # untyped, se
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
 
     Observations, actions, rewards, flags and infos are those of `outlast.parallel_env`. Besides, "__all__" is
-    terminated when the world has ended by its rule, and truncated at the time limit, whoever died in that tick.
+    terminated when the world has ended by its rule, and truncated at the time limit, also if agents died in that tick.
 
     reset(seed=s) gives world 0 of a batch with that seed; in a training run, where copies play a world of their own
     each, another one: a function of s, config["seed"], worker and copy.

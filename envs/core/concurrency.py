@@ -36,7 +36,7 @@ class CallGuard:
 
     @property
     def busy(self) -> bool:
-        """Whether a call has begun whose result nobody has fetched."""
+        """Whether a call has begun whose result has not been fetched."""
         return self._pending is not None
 
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:

@@ -8,7 +8,7 @@ from outlast.components import Death
 from outlast.ecs import Clock, Worlds
 
 LOGGER = logging.getLogger("outlast.deaths")
-LOGGER.setLevel(logging.WARNING)  # whoever wants deaths sets INFO here; that of "outlast" is not enough
+LOGGER.setLevel(logging.WARNING)  # set INFO here to see deaths; that of "outlast" is not enough
 
 
 def log_deaths(worlds: Worlds, first_world: int = 0) -> None:

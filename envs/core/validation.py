@@ -56,7 +56,7 @@ def _seed(value: Any) -> np.uint64:
 
 
 def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
-    """options["reset_mask"], bool (count,); everybody if there is none.
+    """options["reset_mask"], bool (count,); all if there is none.
 
     Other keys are a ValueError: a typo in this one would reset everything.
     """

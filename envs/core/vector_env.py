@@ -123,7 +123,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
         with announce_compilation(self.worlds, scenario.name):
-            self.worlds.run(self._mode)  # nobody moves, but the tick gets compiled or loaded
+            self.worlds.run(self._mode)  # compiles or loads the tick; nothing moves
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]

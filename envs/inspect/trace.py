@@ -82,12 +82,12 @@ def describe(worlds: Worlds, w: int) -> Json:
     """What stays the same until the next reset of world `w`.
 
     half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
-    tick. teams: whether sides are teams. health: hit points at birth. slots: of a bag. reach: of the melee, metres, 0:
-    none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left, or None.
+    tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
+    0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left, or None.
     damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}]. objects: [{kind, role, radius,
     width, height, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; of:
-    the box that a box item was, -1: none; amount: hit points that a heal gives; health: hit points at birth, 0: cannot
-    be damaged.
+    the box that a box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0:
+    cannot be damaged.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -97,7 +97,7 @@ def describe(worlds: Worlds, w: int) -> Json:
         "room": _number(2 * scene.room) if Floor in scene else 0,
         "seconds": _seconds(scene),
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
-        "health": scene.birth(Health).points[bodies.agents[0]] if Health in scene and bodies.agents else 0,
+        "health": scene.prefab(Health).points[bodies.agents[0]] if Health in scene and bodies.agents else 0,
         "slots": worlds.dims.get("slots", 0) if Bag in scene else 0,
         "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
         "zone": Zone in scene,
@@ -118,7 +118,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     alive, health, bag, strike, target, sees}]: bag holds objects, the last one is the one in use; strike is 0, or 1 for
     one that met nothing in this tick, 2 for one that met something; target: the body that it met, -1: none; sees holds
     numbers of bodies other than walls, None: all. objects: [{x, y, angle, here, owner, wound}]: here: in the world, so
-    not in a bag and not broken; owner: a side, -1: nobody; wound: hit points that it lacks.
+    not in a bag and not broken; owner: a side, -1: none; wound: hit points that it lacks.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(column[0]) for column in scene[Zone][:6]] if Zone in scene else None
@@ -143,7 +143,7 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
         "height": _number(2 * shape.half_height[e]),
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,
-        "health": scene.birth(Health).points[e] if _has_health(scene, e) else 0,
+        "health": scene.prefab(Health).points[e] if _has_health(scene, e) else 0,
     }
 
 
@@ -160,12 +160,12 @@ def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool) -> Json:
 
 
 def _rest(scene: Scene, e: int, here: bool) -> Json:
-    lost = scene.birth(Health).points[e] - scene[Health].points[e] if _has_health(scene, e) else 0
+    lost = scene.prefab(Health).points[e] - scene[Health].points[e] if _has_health(scene, e) else 0
     return {"here": here, "owner": _owner(scene, e), "wound": max(0, lost)}
 
 
 def _has_health(scene: Scene, e: int) -> bool:
-    return Health in scene and e in scene.rows(Health) and bool(scene.birth(Health).has_health[e])
+    return Health in scene and e in scene.rows(Health) and bool(scene.prefab(Health).has_health[e])
 
 
 def _owner(scene: Scene, e: int) -> int:

@@ -48,7 +48,7 @@ class Replay:
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
         self._check("components", recording.components, self._digests.names)
         with announce_compilation(self.worlds, recording.scenario.name):
-            self.worlds.run(np.zeros(self.worlds.count, np.int8))  # nobody moves, but the tick gets compiled or loaded
+            self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; nothing moves
 
     def __repr__(self) -> str:
         return f"<Replay of {self.recording.path}: {self.recording.contents}>"

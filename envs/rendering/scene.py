@@ -50,7 +50,7 @@ class Scene:
         """Rows of all entities with all of these components, in the world or not; agents in order of their numbers."""
         return _rows(self.worlds.layout, components)
 
-    def birth(self, component: type[Component]) -> Any:
+    def prefab(self, component: type[Component]) -> Any:
         """The table as it is at the start of an episode."""
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 

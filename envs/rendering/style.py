@@ -15,13 +15,13 @@ BLUE, VERMILLION, PURPLE = (0, 114, 178), (213, 94, 0), (204, 121, 167)
 
 SIDES = (BLUE, VERMILLION, GREEN, ORANGE, SKY)
 HEAL, STRIKE = PURPLE, YELLOW
-WHOLE, HURT, DYING, EXTRA = GREEN, ORANGE, VERMILLION, SKY  # hit points; extra: beyond those at birth
+WHOLE, HURT, DYING, EXTRA = GREEN, ORANGE, VERMILLION, SKY  # hit points; extra: beyond those at the start
 INK = (38, 41, 48)  # outlines and writing
 WALL = (72, 77, 88)  # also what is beyond the room
 PAPER = (232, 233, 236)  # writing on it
 FLOOR, UNSAFE = (250, 249, 246), (190, 194, 204)
 RIM = (110, 118, 136)  # of the safe zone
-BOX = (116, 110, 102)  # that nobody owns
+BOX = (116, 110, 102)  # without an owner
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Sizes:
     bar_height: float = 0.18
     bar_gap: float = 1.6  # heights of the bar, between it and the body
     bar_lift: float = 0.6  # at most so far above a body's centre, and the gap
-    hurt: float = 0.5  # share of the hit points at birth, up to which a bar has another colour
+    hurt: float = 0.5  # share of the hit points at the start, up to which a bar has another colour
     dying: float = 0.25  # the same
     bag_half: float = 0.15  # half the side of a carried item
     bag_step: float = 2.6  # halves, from item to item
@@ -64,7 +64,7 @@ def mix(one: Color, other: Color, share: float) -> Color:
 
 @functools.cache
 def of_side(side: int) -> Color:
-    """The colour of a side. After the fifth they come again, darker, then lighter, and so on; -1 (nobody) is grey."""
+    """The colour of a side. After the fifth they come again, darker, then lighter, and so on; -1 (none) is grey."""
     if side < 0:
         return BOX
     other, share = ((BLACK, 0.0), (BLACK, 0.4), (WHITE, 0.5))[side // len(SIDES) % 3]
@@ -73,7 +73,7 @@ def of_side(side: int) -> Color:
 
 @functools.cache
 def of_box(owner: int) -> Color:
-    """The colour of a box: that of its owner, lighter; grey and darker if nobody owns it (-1)."""
+    """The colour of a box: that of its owner, lighter; grey and darker without one (-1)."""
     return BOX if owner < 0 else mix(of_side(owner), WHITE, 0.35)
 
 

@@ -84,7 +84,7 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
         goal = np.where(close[..., None], enemy, goal)
         ahead, left = _rotate(2 * (goal - position) - velocity, -angle)  # slow down in time
         bearing = _rotate(enemy - position, -angle)
-        error = np.where(met, np.arctan2(bearing[1], bearing[0]), 1.0)  # nobody in sight: keep turning
+        error = np.where(met, np.arctan2(bearing[1], bearing[0]), 1.0)  # no enemy in sight: keep turning
         use = (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0) if "heal_slot" in observations else 0
         choice = {
             "ahead": _level(ahead / 0.6, levels.get("ahead", 0)),

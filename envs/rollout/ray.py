@@ -1,4 +1,4 @@
-"""Rollouts spread over a Ray cluster: the same numbers as on one machine, whoever computes them."""
+"""Rollouts spread over a Ray cluster: the same numbers as on one machine, wherever they run."""
 
 import contextlib
 import os
@@ -102,7 +102,7 @@ def _stop(references: list[Any]) -> None:
 
 
 def _check_listening(address: str) -> None:
-    """OSError if nobody listens at host:port: Ray itself would go on asking for many minutes."""
+    """OSError if nothing listens at host:port: Ray itself would go on asking for many minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdigit():
         socket.create_connection((host.removeprefix("ray://").strip("[]"), int(port)), CONNECT_TIMEOUT).close()

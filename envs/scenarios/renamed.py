@@ -54,7 +54,7 @@ ARRAYS = {  # of states
 
 
 def current(given: dict[str, Any], table: dict[str, str], known: Collection[str] = ()) -> dict[str, Any]:
-    """The same by current names. A key stays if it is `known`, as a name of somebody else's can be an earlier one here.
+    """The same by current names. A key that is `known` stays: a mechanic of the user's can have such a name.
 
     Args:
         given: by name, from a file.

@@ -41,7 +41,7 @@ class Scenario:
                 raise ScenarioError(
                     f"{self.name}: more than one module for {slot.__name__}; use with_() to replace one"
                 )
-        if FreeForAll.slot() not in slots:  # without teams, everybody fights for itself
+        if FreeForAll.slot() not in slots:  # without teams, every agent fights for itself
             object.__setattr__(self, "modules", (*self.modules, FreeForAll()))
         self._check_names()
 

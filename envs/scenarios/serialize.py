@@ -18,7 +18,7 @@ KNOWN: dict[str, type[Module]] = {
     f"{kind.__module__}.{kind.__qualname__}": kind for kind in (getattr(systems, name) for name in systems.__all__)
 }
 
-MOST = {  # of what a file asks for; larger numbers would go on for very long, and nobody could stop them
+MOST = {  # of what a file asks for; larger numbers would go on for very long, and could not be stopped
     "physics_substeps": 1000,
     "physics_velocity_iterations": 10_000,
     "physics_position_iterations": 10_000,
@@ -37,12 +37,12 @@ def current_classes(names: Iterable[str]) -> list[str]:
     return sorted(CLASSES.get(name, name) for name in names)
 
 
-def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
+def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
     """The scenario of that fingerprint and those classes, all of them outlast's own.
 
     Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
     """
-    names, numbers = current_classes(names), current(identity["numbers"], NUMBERS)
+    names, numbers = current_classes(names), current(fingerprint["numbers"], NUMBERS)
     if foreign := [name for name in names if name not in KNOWN]:
         raise ScenarioError(
             f"the mechanic {foreign[0]} is not one of outlast's own, and what a file names is not imported: "
@@ -60,7 +60,7 @@ def rebuilt(identity: dict[str, Any], names: list[str]) -> Scenario:
         modules.append(kind(**{name: numbers.pop(full) for name, full in own.items()}))
     if numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
-    return Scenario(str(identity["name"]), tuple(modules))
+    return Scenario(str(fingerprint["name"]), tuple(modules))
 
 
 class _Plan(Layout):

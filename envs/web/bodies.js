@@ -131,7 +131,7 @@ const Bodies = (() => {
   // The colour of a bar by its name.
   const healthColor = (share) => (share > SIZES.hurt ? "whole" : share > SIZES.dying ? "hurt" : "dying");
 
-  // Above a body; full at the hit points of birth, more lies over it in another colour.
+  // Above a body; full at the hit points of the start, more lies over it in another colour.
   function bar(scene, x, y, radius, share) {
     const { context, colors, pixel } = scene, { bar_length: length, bar_height: height } = SIZES;
     const left = x - length / 2, lower = y + Math.min(radius, SIZES.bar_lift) + SIZES.bar_gap * height;

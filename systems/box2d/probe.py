@@ -70,8 +70,8 @@ def _decoy() -> Iterator[int]:
     system, size, flags = ctypes.CDLL(None), ctypes.c_size_t(at.WORLD_SIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
     system.mmap.restype = ctypes.c_int64
     for k in PLACES:
-        wish, access = ctypes.c_void_p(k << 32), mmap.PROT_READ | mmap.PROT_WRITE
-        found = system.mmap(wish, size, access, flags, -1, ctypes.c_long(0))  # there, if nothing is in the way
+        hint, access = ctypes.c_void_p(k << 32), mmap.PROT_READ | mmap.PROT_WRITE
+        found = system.mmap(hint, size, access, flags, -1, ctypes.c_long(0))  # there, if nothing is in the way
         try:
             if found == k << 32:
                 yield found

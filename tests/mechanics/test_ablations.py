@@ -1,4 +1,4 @@
-"""The paper's four flaws, each removed by an ablation: it does what it says, and the variants themselves stay as they are."""
+"""The paper's four flaws, each removed by an ablation that does what it says; the variants stay as they are."""
 
 import math
 

@@ -173,7 +173,7 @@ class Evaluation:
     def _check(self) -> None:
         self.env.reset()
         if len(first_of_sides(self.env)) < ROLES:
-            raise TrainingError(f"{self.scenario.name} has one side: there is nobody to play against")
+            raise TrainingError(f"{self.scenario.name} has one side: there is no opponent to play against")
         for contender in self.chosen:
             contender.check(self.env)
 

@@ -45,5 +45,5 @@ class BoxItemsLayer(Layer):
 
 
 def owner_of(scene: Scene, item: int) -> int:
-    """The side that owns the box which the broken box in row `item` was, -1: nobody."""
+    """The side that owns the box which the broken box in row `item` was, -1: none."""
     return int(scene[Guard].vulnerable_only_to[scene.rows(Box)[scene[BoxItem].index[item]]])

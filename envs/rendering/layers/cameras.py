@@ -1,4 +1,4 @@
-"""Cameras: vision cones, and a line to everybody who is seen. Off unless asked for."""
+"""Cameras: vision cones, and a line to every visible entity. Off unless asked for."""
 
 import math
 from collections.abc import Collection
@@ -30,7 +30,7 @@ class CamerasLayer(Layer):
     width: float = SIZES.sight_line
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All cones first, then all lines. Cameras that are not used see nobody."""
+        """All cones first, then all lines. Cameras that are not used see nothing."""
         alive = set(scene.living(Body, Side))
         cone = cone_corners(scene.mechanic(systems.Cameras))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents

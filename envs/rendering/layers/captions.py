@@ -31,8 +31,8 @@ class StepCounterLayer(Layer):
 class KillFeedLayer(Layer):
     """The last deaths of the episode, the latest on the left, as many as fit; they fade out with age.
 
-    A disc in the colour of who died, its number, and the side that did it, or the cause if nobody did. All of it is
-    read from the state: a death keeps its cause and source, and health the tick that brought it to 0.
+    A disc in the colour of the dead agent, its number, and the side that killed it, or else the damage type. All of it
+    is state: `Death` keeps damage type and source, `Health` the tick in which the points reached 0.
     """
 
     zorder = ZOrder.WORDS
@@ -59,9 +59,9 @@ class KillFeedLayer(Layer):
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
         """Age in ticks, agent and row, the youngest first."""
-        cause, doomed, tick = scene[Death].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
-        alive = set(scene.living(Death))
-        dead = [(tick - doomed[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
+        cause, alive = scene[Death].damage_type, set(scene.living(Death))
+        age = scene[Clock].tick[0] - scene[Health].fatal_tick
+        dead = [(age[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
 
 

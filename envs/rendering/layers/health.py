@@ -15,7 +15,7 @@ FRAMED = 1.0  # pixels, height of the lowest bar with a frame
 
 @dataclass(frozen=True)
 class HealthBarsLayer(Layer):
-    """A bar is full at the hit points at birth; more lies over it in another colour."""
+    """A bar is full at the hit points at the start; more lies over it in another colour."""
 
     zorder = ZOrder.MARKS
     needs = (Health,)
@@ -26,10 +26,10 @@ class HealthBarsLayer(Layer):
         """Bars of agents, whole or not, and of other bodies if they are not whole; none in very small pictures."""
         if self.height * canvas.scale < VISIBLE:
             return
-        points, whole, mortal = scene[Health].points, scene.birth(Health).points, scene[Health].has_health
+        points, whole, has_health = scene[Health].points, scene.prefab(Health).points, scene[Health].has_health
         agents = set(scene.rows(Side))
         for e in scene.living(Body, Shape, Health):
-            if mortal[e] and (e in agents or points[e] < whole[e]):
+            if has_health[e] and (e in agents or points[e] < whole[e]):
                 self._draw(canvas, scene, e, points[e] / max(whole[e], 1))
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
