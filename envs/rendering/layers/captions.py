@@ -59,9 +59,9 @@ class KillFeedLayer(Layer):
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
         """Age in ticks, agent and row, the youngest first."""
-        cause, alive = scene[Death].damage_type, set(scene.living(Death))
-        age = scene[Clock].tick[0] - scene[Health].fatal_tick
-        dead = [(age[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
+        cause, fatal, tick = scene[Death].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
+        alive = set(scene.living(Death))
+        dead = [(tick - fatal[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
 
 
