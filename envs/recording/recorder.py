@@ -59,6 +59,9 @@ class Recorder:
         """Ticks recorded, among them those that are not in the file yet."""
         return self._file.ticks
 
+    def __repr__(self) -> str:
+        return f"<Recorder to {self.path}: {self.ticks} ticks{'' if self.recording else ', closed'}>"
+
     def __enter__(self) -> Self:
         return self
 
