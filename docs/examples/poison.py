@@ -71,7 +71,7 @@ class Poison(Module):
     radius: float = number(0.25, low=0.002)  # metres, of a vial
     reach: float = number(3.0, above=0)  # metres, centre to centre
     strength: int = number(30, low=1)  # ticks of illness
-    harm: int = number(2, low=0)  # hit points a tick
+    damage: int = number(2, low=0)  # hit points a tick
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item, and one more component for every agent."""
@@ -131,14 +131,14 @@ def sicken(
     entities: Read[Entity],
     clock: Read[Clock],
     agents: Rows[Illness],
-    harm: int,
+    damage: int,
     damage_type: DamageType,
 ) -> None:
     """The ill lose hit points; the side that poisoned them is the source."""
     for e in agents:
         if entities.alive[e] and illness.left[e] > 0:
             illness.left[e] -= 1
-            hurt(health, guard, e, harm, damage_type, illness.source[e], clock.tick[0])
+            hurt(health, guard, e, damage, damage_type, illness.source[e], clock.tick[0])
 
 
 @Poison.system(Phase.OBSERVE)

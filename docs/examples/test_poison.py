@@ -9,7 +9,7 @@ from outlast.components import Bag, Body, Health, Item
 from outlast.ecs import Entity, NumberError
 
 IDLE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 0, 1, 0)
-SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, harm=2))
+SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, damage=2))
 
 
 def armed(far, **numbers):
@@ -50,7 +50,7 @@ def test_it_reaches_no_farther():
 
 
 def test_a_death_by_poison_is_counted_and_is_the_poisoners():
-    env = armed(far=2.0, poison_harm=50, rewards_kill=10.0, ending_limit=2)
+    env = armed(far=2.0, poison_damage=50, rewards_kill=10.0, ending_limit=2)
     step(env, USE)
     _, reward, _, _, info = step(env)
     statistics = info["statistics"]
