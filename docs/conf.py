@@ -23,7 +23,7 @@ pygments_style = "friendly"
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 
-# Faces are described without their libraries, which need not be installed and take seconds to load.
+# Adapters are documented without their libraries, which need not be installed and take seconds to load.
 autodoc_mock_imports = ["pettingzoo", "pufferlib", "ray", "stable_baselines3", "torch"]
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

@@ -58,7 +58,7 @@ def sight() -> Image:
 
 
 def zone() -> Image:
-    """The same world at four times; nobody moves or comes to harm."""
+    """The same world at four times; no agent moves or loses hit points."""
     safe = outlast.variant("teams_4").replace(safe_zone_damage=0)
     return beside([draw(played(safe, 3, ticks, "noop").worlds, 0, 200) for ticks in (0, 350, 750, 1150)])
 

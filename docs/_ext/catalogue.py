@@ -1,4 +1,4 @@
-"""What the code says of the game, as tables in Markdown: variants, numbers, spaces, components, the tick."""
+"""Tables made from the code, in Markdown: variants, numbers, spaces, components, the tick."""
 
 import dataclasses
 import inspect
@@ -24,7 +24,7 @@ def worlds(name: str) -> Worlds:
 
 
 def variants() -> str:
-    """Whatever differs between the variants; of a mechanic that not all of them have, how many there are."""
+    """The numbers that differ between the variants, and the counts of mechanics that not all of them have."""
     numbers = {name: scenario.numbers() for name, scenario in outlast.VARIANTS.items()}
     everywhere = set.intersection(*(set(own) for own in numbers.values()))
     differing = [key for key in sorted(everywhere) if len({repr(own[key]) for own in numbers.values()}) > 1]
@@ -49,7 +49,7 @@ def ablations() -> str:
 
 
 def numbers(*names: str) -> str:
-    """The numbers of the mechanics `names` (all, if none): by default, in the paper's runs, and allowed."""
+    """The numbers of the mechanics `names` (all, if none): defaults, values in the variants, allowed values."""
     kinds = [getattr(systems, name) for name in names or systems.__all__]
     return "\n\n".join(_numbers(kind) for kind in kinds)
 
@@ -82,7 +82,7 @@ def _call(layer: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """A number as a reader likes it."""
+    """A number or a tuple of numbers, for readers."""
     if isinstance(value, tuple):
         return ", ".join(map(shown, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -98,16 +98,16 @@ def limits(rule: Any) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def bringers(base: type[Component]) -> dict[type[Component], type[Module]]:
-    """Which mechanic brings which component of a kind."""
+def owners(base: type[Component]) -> dict[type[Component], type[Module]]:
+    """The mechanic that adds each component of a kind."""
     kinds = [getattr(systems, name) for name in systems.__all__]
     return {type(s): kind for kind in kinds for s in kind().singletons() if isinstance(s, base)}
 
 
 def actions() -> str:
     """The components of an action, in order."""
-    brought = sorted(bringers(Action).items(), key=lambda pair: pair[0].order)
-    columns = [(component, module, name) for component, module in brought for name in component.columns]
+    owned = sorted(owners(Action).items(), key=lambda pair: pair[0].order)
+    columns = [(component, module, name) for component, module in owned for name in component.columns]
     rows = []
     for k, (component, module, name) in enumerate(columns):
         low, high = (int(getattr(component.columns[name], bound)) for bound in ("low", "high"))
@@ -124,35 +124,35 @@ def observations(name: str) -> str:
 
 
 def statistics(name: str) -> str:
-    """What is known of an episode that ended in the variant `name`."""
+    """The statistics of an episode of the variant `name`."""
     return _published(Statistic, worlds(name), name)
 
 
 def _published(base: type[Component], there: Worlds, name: str) -> str:
-    brought, rows, before = bringers(base), [], None
+    owned, rows, before = owners(base), [], None
     found = {entry[1:3]: entry for entry in published(there, base)}
-    columns = [pair for component in brought for pair in ((component, own) for own in component.columns)]
+    columns = [pair for component in owned for pair in ((component, own) for own in component.columns)]
     for key, component, own, column in (found[pair] for pair in columns if pair in found):
         if column.dims == ("damage_types",):  # reported as a key for each
-            key = ", ".join(f"{key}_{cause}" for cause in there.layout.damage_types)
+            key = ", ".join(f"{key}_{damage}" for damage in there.layout.damage_types)
         shape = "" if column.dims == ("damage_types",) else " × ".join(map(str, column.dims))
         sizes = " × ".join(map(str, column.shape(there.dims))) if shape else ""
         bounds = "" if math.isinf(column.low) or math.isinf(column.high) else f"{column.low:g} to {column.high:g}"
         note = "; ".join(part for part in (bounds, comments(component).get(own, "")) if part)
         first = component is not before
-        says = [summary(component), code(brought[component].__name__)] if first else ["", ""]
+        says = [summary(component), code(owned[component].__name__)] if first else ["", ""]
         rows.append([code(key), shape, sizes, note, *says])
         before = component
     return grid(["key", "shape", f"in {name}", "note", "meaning", "mechanic"], rows)
 
 
-def nouns(*names: str) -> str:
+def all_components(*names: str) -> str:
     """The components `names` (all, if none) with their columns."""
     kinds = [getattr(components, name) for name in names or components.__all__]
-    return "\n\n".join(_noun(kind) for kind in kinds if issubclass(kind, Component))
+    return "\n\n".join(_component(kind) for kind in kinds if issubclass(kind, Component))
 
 
-def _noun(kind: type[Component]) -> str:
+def _component(kind: type[Component]) -> str:
     notes = comments(kind)
     rows = [
         [code(name), column.dtype.name, " × ".join(map(str, column.dims)), f"{column.fill:g}", notes.get(name, "")]
@@ -171,7 +171,7 @@ def component_uses(name: str) -> str:
 
 
 def phases() -> str:
-    """The stations of a tick."""
+    """The phases of a tick."""
     rows = [[code(phase.name), phase.when.value, phase.postcondition] for phase in Phase]
     return grid(["phase", "runs on", "what is true when it ends"], rows)
 

@@ -1,4 +1,4 @@
-"""What speaks for the rules being those of the paper, as tables in Markdown: tests, check values, statistics."""
+"""The comparison with the paper, as tables in Markdown: tests, check values, statistics, training."""
 
 import ast
 import csv
@@ -24,7 +24,7 @@ CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_
 
 
 def constants() -> dict[str, Any]:
-    """Numbers that tests are held to, by name; read, not imported."""
+    """Constants of the tests, by name; parsed, not imported."""
     found: dict[str, Any] = {}
     for file, names in CONSTANTS.items():
         for line in ast.parse((RULES / file).read_text()).body:
@@ -37,7 +37,7 @@ def constants() -> dict[str, Any]:
 
 
 def rules() -> str:
-    """The tests of the rules, whose names are sentences, under what the docstring of their file says."""
+    """The tests of the rules as a list, under the docstrings of their files; their names are sentences."""
     lines = []
     for file in sorted(RULES.glob("test_fidelity*.py")):
         tree = ast.parse(file.read_text())
@@ -92,7 +92,7 @@ def deviations() -> str:
 
 
 def trained(folder: str = ".") -> str:
-    """Figures, end values and what they say of the paper, of the results in docs/results or a folder there; films."""
+    """Figures, end values, checks of the paper's claims and films of the results in docs/results or a folder there."""
     parts = []
     for group in group_runs(load_runs([DOCS / "results" / folder])):
         place = Path("training", folder)

@@ -1,4 +1,4 @@
-"""replay.html of the site: a page that plays a recording, made by the commands that `seeing` tells of."""
+"""replay.html of the site: a page that plays a recording, made by the commands of docs/seeing.md."""
 
 import contextlib
 import io

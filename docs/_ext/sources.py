@@ -1,4 +1,4 @@
-"""Helpers of the tables: Markdown, and what the sources say of themselves at the end of a line."""
+"""Helpers of the tables: Markdown, docstrings, and comments at the end of a line."""
 
 import ast
 import inspect
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def comments(cls: type) -> dict[str, str]:
-    """By attribute, the comment on the last line of its declaration in the body of `cls`; without, it is not there."""
+    """The comment on the last line of each attribute's declaration in `cls`; attributes without one are left out."""
     source = inspect.getsource(cls)
     notes = {
         token.start[0]: token.string.removeprefix("# ")
@@ -25,9 +25,9 @@ def comments(cls: type) -> dict[str, str]:
     return found
 
 
-def summary(thing: Any) -> str:
+def summary(documented: Any) -> str:
     """A docstring's text on one line, without the headings and the examples that may follow."""
-    return " ".join(inspect.cleandoc(thing.__doc__ or "").split(">>>")[0].split())
+    return " ".join(inspect.cleandoc(documented.__doc__ or "").split(">>>")[0].split())
 
 
 def grid(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -31,7 +31,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.actions,
         catalogue.observations,
         catalogue.statistics,
-        catalogue.nouns,
+        catalogue.all_components,
         catalogue.component_uses,
         catalogue.phases,
         catalogue.schedule,
@@ -69,14 +69,14 @@ def value(
     return [nodes.Text(format(found, form.strip()) if form else catalogue.shown(found))], []
 
 
-def plain(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def plain(app: Sphinx, what: str, name: str, documented: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are plain text: a bar is no substitution of docutils. Gymnasium's headings, "## Rewards", are bold."""
     text = "\n".join(line if line.startswith(">>>") else line.replace("|", "\\|") for line in lines)
     lines[:] = re.sub(r"^## (.+)$", r"**\1**\n", text, flags=re.MULTILINE).split("\n")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Tell Sphinx."""
+    """Called by Sphinx."""
     app.add_directive("outlast", Table)
     app.add_role("value", value)
     app.connect("autodoc-process-docstring", plain)

@@ -69,7 +69,7 @@ class Agent(nn.Module):
 
 
 def flat(observations: dict[str, np.ndarray]) -> torch.Tensor:
-    """All that each agent sees in one row, (agents, numbers); logarithms bring metres and hit points together."""
+    """All observations of each agent in a row, (agents, numbers); logarithms scale metres and hit points alike."""
     rows = [torch.from_numpy(values).flatten(1) for values in observations.values()]
     obs = torch.cat(rows, 1)
     return obs.sign() * obs.abs().log1p()

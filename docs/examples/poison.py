@@ -27,7 +27,7 @@ from outlast.ecs import (
     number,
 )
 
-# --- nouns: what exists
+# --- components
 
 
 class Vial(Component):
@@ -53,17 +53,17 @@ class VialView(Observation):
 
 
 class VialsUsed(Statistic):
-    """Vials used in this episode, by anybody."""
+    """Vials used in this episode, by all agents."""
 
     vials_used: Array = column("i4")
 
 
-# --- the mechanic: its numbers, and what it brings into the world
+# --- the mechanic: its numbers, and what it adds to the world
 
 
 @dataclass(frozen=True)
 class Poison(Module):
-    """Vials lie around; whoever uses one poisons all enemies within reach."""
+    """Vials lie around; an agent that uses one poisons all enemies within reach."""
 
     damage_type: ClassVar[str] = "poison"  # deaths by it are counted as "deaths_poison"
 
@@ -71,7 +71,7 @@ class Poison(Module):
     radius: float = number(0.25, low=0.002)  # metres, of a vial
     reach: float = number(3.0, above=0)  # metres, centre to centre
     strength: int = number(30, low=1)  # ticks of illness
-    harm: int = number(2, low=0)  # hit points a tick
+    damage: int = number(2, low=0)  # hit points a tick
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item, and one more component for every agent."""
@@ -80,7 +80,7 @@ class Poison(Module):
         return [Archetype("vial", vial, self.count), Archetype("agent", (Illness(),))]
 
     def singletons(self) -> Iterable[Singleton]:
-        """What learners see, and what is counted."""
+        """What agents observe, and what is counted."""
         return [VialView(), VialsUsed()]
 
     def dims(self) -> dict[str, int | str]:
@@ -88,11 +88,11 @@ class Poison(Module):
         return {"vials": self.count}
 
     def bounds(self, layout):
-        """Nobody is ill for longer than a vial makes it; where vials lie, nothing is said of."""
+        """No agent is ill for longer than a vial makes it. Positions of vials have no bounds here."""
         return {"illness": (0, self.strength)}
 
 
-# --- verbs: what happens, each in its phase of the tick
+# --- systems, each in its phase of the tick
 
 
 @Poison.system(Phase.EFFECT, after="boxes.set_up")
@@ -109,18 +109,18 @@ def spill(
     vials: Rows[Vial],
     reach: float,
 ) -> None:
-    """A used vial makes everybody near its user ill, but neither the user nor its team."""
-    for thing in vials:
-        user = item.user[thing]
+    """A used vial makes all agents near its user ill, but neither the user nor its team."""
+    for e in vials:
+        user = item.user[e]
         if user < 0:
             continue
         used.vials_used[0] += 1
-        for e in agents:
-            x, y = body.x[e] - body.x[user], body.y[e] - body.y[user]
-            spared = e == user or immune(guard, e, side.side[user])
-            if entities.alive[e] and not spared and x * x + y * y <= reach * reach:
-                illness.left[e] = vial.strength[thing]
-                illness.source[e] = side.side[user]
+        for o in agents:
+            x, y = body.x[o] - body.x[user], body.y[o] - body.y[user]
+            spared = o == user or immune(guard, o, side.side[user])
+            if entities.alive[o] and not spared and x * x + y * y <= reach * reach:
+                illness.left[o] = vial.strength[e]
+                illness.source[o] = side.side[user]
 
 
 @Poison.system(Phase.MELEE, after="melee.strike")
@@ -131,14 +131,14 @@ def sicken(
     entities: Read[Entity],
     clock: Read[Clock],
     agents: Rows[Illness],
-    harm: int,
+    damage: int,
     damage_type: DamageType,
 ) -> None:
-    """The ill lose hit points, on account of whoever poisoned them."""
+    """The ill lose hit points; the side that poisoned them is the source."""
     for e in agents:
         if entities.alive[e] and illness.left[e] > 0:
             illness.left[e] -= 1
-            hurt(health, guard, e, harm, damage_type, illness.source[e], clock.tick[0])
+            hurt(health, guard, e, damage, damage_type, illness.source[e], clock.tick[0])
 
 
 @Poison.system(Phase.OBSERVE)
@@ -152,7 +152,7 @@ def see_vials(
     agents: Rows[Illness],
     vials: Rows[Vial],
 ) -> None:
-    """Every entry is written in every tick, so nothing of the tick before is left over."""
+    """Every entry is written in every tick, so that nothing is left of the tick before."""
     for i in range(agents.size):
         for k in range(vials.size):
             e = vials[k]
@@ -161,7 +161,7 @@ def see_vials(
             view.vials[i, k, 0] = body.x[e] if filled else 0
             view.vials[i, k, 1] = body.y[e] if filled else 0
         me, alive = agents[i], entities.alive[agents[i]] != 0
-        thing = last(bag, me)
-        held = alive and vials[0] <= thing <= vials[vials.size - 1]
+        item = last(bag, me)
+        held = alive and vials[0] <= item <= vials[vials.size - 1]
         view.vial_slot_mask[i, 0] = 1 if held else 0
         view.illness[i, 0] = illness.left[me] if alive else 0

@@ -12,7 +12,7 @@ GREEN = (110, 190, 40)
 
 @dataclass(frozen=True)
 class PoisonLayer(Layer):
-    """Vials on the ground, and who is ill."""
+    """Vials on the ground, and a ring around each ill agent."""
 
     zorder = ZOrder.ITEMS
     needs = (Vial, Illness)

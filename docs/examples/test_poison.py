@@ -1,4 +1,4 @@
-"""The poison of poison.py does what it says. Run it: python -m pytest docs/examples/test_poison.py."""
+"""Tests of poison.py. Run it: python -m pytest docs/examples/test_poison.py."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from outlast.components import Bag, Body, Health, Item
 from outlast.ecs import Entity, NumberError
 
 IDLE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 0, 1, 0)
-SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, harm=2))
+SCENARIO = outlast.variant("teams_2").with_(Poison(reach=3.0, strength=30, damage=2))
 
 
 def armed(far, **numbers):
-    """One world: agent 0 holds vial 0, its mate 1 stands close by, enemy 2 stands `far` metres away."""
+    """One world: agent 0 holds vial 0, its teammate 1 stands close by, enemy 2 stands `far` metres away."""
     env = outlast.make_vec(SCENARIO.replace(**numbers), 1, seed=0)
     env.reset()
     body, alive, vial = env.worlds[Body], env.worlds[Entity].alive, env.worlds.span("vial").start
@@ -24,7 +24,7 @@ def armed(far, **numbers):
 
 
 def step(env, first=IDLE):
-    """A tick in which agent 0 does `first`, and everybody else nothing."""
+    """A tick in which agent 0 does `first`, and all others nothing."""
     return env.step(np.array([[first, IDLE, IDLE, IDLE]]))
 
 
@@ -50,7 +50,7 @@ def test_it_reaches_no_farther():
 
 
 def test_a_death_by_poison_is_counted_and_is_the_poisoners():
-    env = armed(far=2.0, poison_harm=50, rewards_kill=10.0, ending_limit=2)
+    env = armed(far=2.0, poison_damage=50, rewards_kill=10.0, ending_limit=2)
     step(env, USE)
     _, reward, _, _, info = step(env)
     statistics = info["statistics"]
@@ -60,7 +60,7 @@ def test_a_death_by_poison_is_counted_and_is_the_poisoners():
     assert reward[0].tolist() == [11, 11, 1, 1]
 
 
-def test_what_is_told():
+def test_what_is_observed():
     env = armed(far=2.0)
     assert env.single_observation_space["vials"].shape == (4, 4, 2)
     assert step(env)[0]["vial_slot_mask"][0].tolist() == [[1], [0], [0], [0]]
@@ -69,7 +69,7 @@ def test_what_is_told():
     assert seen["illness"][0].tolist() == [[0], [0], [29], [0]]
 
 
-def test_a_vial_is_told_of_while_it_is_seen():
+def test_a_vial_is_observed_while_it_is_visible():
     env = armed(far=8.0)
     vial = env.worlds.span("vial").start + 1
     env.worlds[Body].x[0, vial], env.worlds[Body].y[0, vial] = 1.5, 0  # ahead of agent 0, nothing in between

@@ -36,13 +36,13 @@ class Actor(torch.nn.Module):
 
 
 def main(steps: int = 500, seed: int = 0) -> int:
-    """Play up to `steps` ticks of one episode, print what becomes of the agents, and return the ticks."""
+    """Play up to `steps` ticks of one episode, print each agent's ticks and return, and return the ticks."""
     torch.manual_seed(seed)
     env = make_env()
     env.set_seed(seed)
     keys = [("agent", "observation", key) for key in SEEN]
     rollout = env.rollout(steps, TensorDictModule(Actor(env), in_keys=keys, out_keys=[("agent", "action")]))
-    lived = rollout["agent", "mask"].sum(0).tolist()  # who died has left: no actions, observations or rewards
+    lived = rollout["agent", "mask"].sum(0).tolist()  # the dead have left: no actions, observations or rewards
     returns = rollout["next", "agent", "reward"].sum(0).flatten().tolist()
     for agent, ticks, total in zip(env.group_map["agent"], lived, returns, strict=True):
         print(f"{agent}: {ticks} of {len(rollout)} ticks, return {total:.0f}")
