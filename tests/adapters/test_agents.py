@@ -81,7 +81,7 @@ def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None
         ends += int(terminated.sum())
         deaths += int((~info["alive"]).sum())
     assert ends >= env.num_envs
-    assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, nobody is dead in a world that goes on
+    assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, none is dead in a world that goes on
 
 
 def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[int]) -> None:

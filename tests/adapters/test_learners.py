@@ -34,7 +34,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "the last of a team": ("teams_3", {"learner": 3, "others": "scripted"}),
     "in the middle, to the end": ("teams_3", {"learner": 1, "dead": "keep"}),
     "a function": ("teams_3", {"learner": 2, "others": by_id}),
-    "nobody moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
+    "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
 
 

@@ -1,4 +1,4 @@
-"""What must be refused: each error names the thing and what is allowed, and the refused call changes nothing."""
+"""What must be refused: each error names the value and what is allowed, and the refused call changes nothing."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -146,7 +146,7 @@ RESETS: dict[str, tuple[Any, ...]] = {
     "mask too short": (masked([True, False]), *MASK),
     "mask one value": (masked(True), *MASK),
     "mask in two dimensions": (masked([[True, False, True]]), *MASK),
-    "mask of nobody": (masked([False] * 3), *MASK, "at least one True"),
+    "mask of none": (masked([False] * 3), *MASK, "at least one True"),
     "mask a string": (masked("all"), *MASK),
     "mask of unequal lists": (masked([[True], [True, False]]), *MASK),
     "bad mask and good seed": ({"seed": 9, **masked([True])}, *MASK),

@@ -1,4 +1,4 @@
-"""The errors: all of them in outlast.errors, of one base, and caught by those who catch Gymnasium's or Python's."""
+"""The errors: all of them in outlast.errors, of one base, and caught as Gymnasium's or Python's."""
 
 import ast
 import pickle

@@ -34,7 +34,7 @@ TEXT = RUNS | {
 }  # fmt: skip
 KINDS = {
     "ffa as run": ("ffa_4", RUNS),
-    "teams mended": (
+    "teams with ablations": (
         "teams_4",
         RUNS
         | {
@@ -101,10 +101,10 @@ def moved_as_in(after: World) -> naive_mechanics.Move:
     """Box2D's part of a tick, taken from the world that came out of it."""
 
     def move(world: World, actions: naive_mechanics.Actions) -> None:
-        for thing, moved in zip(world.things, after.things, strict=True):
-            if thing.kind == "agent" or (thing.kind == "box" and thing.here and world.numbers["boxes_dynamic"]):
-                thing.x, thing.y, thing.angle = moved.x, moved.y, moved.angle
-                thing.vx, thing.vy, thing.omega = moved.vx, moved.vy, moved.omega
+        for entity, moved in zip(world.entities, after.entities, strict=True):
+            if entity.kind == "agent" or (entity.kind == "box" and entity.here and world.numbers["boxes_dynamic"]):
+                entity.x, entity.y, entity.angle = moved.x, moved.y, moved.angle
+                entity.vx, entity.vy, entity.omega = moved.vx, moved.vy, moved.omega
 
     return move
 

@@ -167,7 +167,7 @@ def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
 
 
 def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
-    """In the middle of everything: the second one knows which episode it is."""
+    """In the middle of everything: the second one has the right episode."""
     env, episodes = make(), list[list[int]]()
     for name in ("a.rec", "b.rec"):
         episodes.append(env.worlds[Clock].episode[:, 0].tolist())

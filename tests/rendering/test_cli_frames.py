@@ -96,7 +96,7 @@ def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
         (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),
     ],
 )
-def test_mistakes_are_told_in_one_line(capsys, tmp_path: Path, monkeypatch, arguments, words) -> None:
+def test_mistakes_are_reported_in_one_line(capsys, tmp_path: Path, monkeypatch, arguments, words) -> None:
     monkeypatch.chdir(tmp_path)
     status, _, err = run(capsys, "frames", *arguments, "--quiet")
     assert status == 2

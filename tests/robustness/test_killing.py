@@ -104,7 +104,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", DISK)
-def test_a_full_disk_is_told_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str) -> None:
+def test_a_full_disk_is_reported_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str) -> None:
     """Files are limited to that many bytes; without the limit, the same command goes on."""
     trial = Trial(KNOWN[name], tmp_path, np.random.default_rng(0))
     folder = trial._new_folder("full")

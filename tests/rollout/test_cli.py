@@ -211,7 +211,7 @@ def test_deaths_are_logged_on_request(capsys, caplog):
     assert "died of zone" in caplog.text
 
 
-def test_the_version_is_told(capsys):
+def test_the_version_is_printed(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(("--version",))
     assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"

@@ -94,7 +94,7 @@ def test_a_cluster_plays_as_many_whole_episodes_of_every_world(workers, monkeypa
     assert "the first 2 of every world" in str(spread)
 
 
-def test_an_episode_without_an_end_is_told_as_on_one_machine(workers):
+def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):
     def impatient(env, seed):
         local.MAX_STEPS = 30  # in the worker, which has this module, too
         return POLICIES["noop"](env, seed)

@@ -204,7 +204,7 @@ def plainly(policy: Any) -> Any:
 def test_an_update_is_that_of_stable_baselines(coefficient: float, ablation: str, monkeypatch: Any) -> None:
     """With entropies and their gradients by PyTorch's own distributions, also of actions of different sizes."""
     scenario, after = variant(f"teams_3{ablation}").replace(**QUICK), []
-    monkeypatch.setattr("tests.training.test_training_ppo.SHORT", scenario)
+    monkeypatch.setattr("tests.training.test_ppo.SHORT", scenario)
     for plain in (False, True):
         model = make(batch_size=480, n_epochs=1, ent_coef=coefficient, target_kl=None, learning_rate=1e-3)
         if plain:
