@@ -295,7 +295,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "items and no bag": (
         lambda: make_vec(variant("ffa_1").without("inventory"), 1), ScheduleError, "needs Bag", "no module", "leave",
     ),
-    "nobody is paid": (
+    "no agent is paid": (
         lambda: make_vec(variant("ffa_1").without("rewards", "record"), 1), ScenarioError, "Reward", "rewards",
     ),
     "it never ends": (

@@ -109,7 +109,7 @@ SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {
         lambda t: (t(Bag).items.fill(-1), t(Bag).count.fill(1)),
         "Bag.items is -1 in world 0, row 0: a row is",
     ),
-    "a view of nobody": (
+    "a view of no agent": (
         lambda t: t(Sight).visible.__setitem__((2, 1, 2), 1 << 9),
         "Sight.visible is 512 in world 2, row 1",
     ),

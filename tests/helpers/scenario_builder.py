@@ -69,7 +69,7 @@ class ScenarioBuilder:
         self.column(Health).points[0, agent] = points
 
     def step(self, acts: dict[int, str] | None = None, times: int = 1) -> "ScenarioBuilder":
-        """So many ticks in which agents do what `deeds` says, as in {0: "ahead attack"}, and else idle."""
+        """So many ticks in which agents do what `acts` says, as in {0: "ahead attack"}, and else idle."""
         actions = np.tile(np.array(IDLE), (1, self.env.num_agents, 1))
         for agent, words in (acts or {}).items():
             for word in words.split():

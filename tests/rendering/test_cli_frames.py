@@ -13,15 +13,9 @@ from outlast.envs.rendering.layers import select
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import POLICIES, scripted_policy
-from tests.conftest import interrupted_after
+from tests.conftest import interrupted_after, run
 
 SMALL = ("--size", "64", "--steps", "4", "--quiet")
-
-
-def run(capsys, *arguments: object) -> tuple[int, str, str]:
-    status = cli.main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
 
 
 def pictures(folder: Path) -> np.ndarray:

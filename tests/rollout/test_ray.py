@@ -18,6 +18,7 @@ from outlast.envs.rollout import local
 from outlast.envs.rollout.local import Task, run_task
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
+from tests.helpers.execution_modes import short
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
 
@@ -26,13 +27,6 @@ from outlast.envs.rollout import ray as cluster  # noqa: E402
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
 WORLDS, STEPS, SEED = 10, scaled(150, least=30), 3
-SHORT = {
-    "agents_health": 10,
-    "safe_zone_radii": (9.0, 4.0),
-    "safe_zone_stand": 10,
-    "safe_zone_shrink": 10,
-    "ending_limit": 25,
-}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +38,7 @@ def workers():
 
 
 def task(policy=POLICIES["random"], variant="teams_3"):
-    return Task(outlast.variant(variant).replace(**SHORT), policy, STEPS, SEED)
+    return Task(short(variant).replace(ending_limit=25), policy, STEPS, SEED)
 
 
 def same(one, other):
