@@ -22,7 +22,7 @@ MODES = list(AutoresetMode)
 
 
 def by_id(observations: dict[str, Any]) -> np.ndarray[Any, Any]:
-    """Everybody walks another way, by number and health, and attacks."""
+    """Each agent walks another way, by number and health, and attacks."""
     me = observations["own"]
     actions = np.ones((*me.shape[:2], 6), np.int8)
     actions[..., 0] = (me[..., 0] + me[..., 2]) % 3

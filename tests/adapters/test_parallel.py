@@ -171,7 +171,7 @@ def test_without_pettingzoo_only_this_adapter_is_missing() -> None:
 @both
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
 def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
-    """Observations, rewards, ends and statistics of an episode with deaths; the batch also hears what the dead want."""
+    """Observations, rewards, ends and statistics of an episode with deaths; the batch also gets actions of the dead."""
     env, seed = short(name, dead=dead), 5
     batch = make_vec(env.base_env.scenario, 3, seed=0)
     observations, _ = env.reset(seed=seed)

@@ -21,7 +21,7 @@ Env = SurvivalVectorEnv
 
 @pytest.fixture(scope="module")
 def pair() -> Iterator[tuple[Env, Env]]:
-    """Two equal environments: one hears the bad input, the other does not."""
+    """Two equal environments: one gets the bad input, the other does not."""
     yield (one := make_vec("teams_3", WORLDS, seed=0)), (other := make_vec("teams_3", WORLDS, seed=0))
     one.close()
     other.close()

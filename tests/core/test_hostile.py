@@ -93,7 +93,7 @@ HARMLESS = {  # integers that are compared, counted, or computed with, or that a
 
 
 def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
-    """Whoever adds a column decides: into validation.RANGES, or into this list."""
+    """A new column goes into validation.RANGES or into this list."""
     found = {}
     for name in outlast.VARIANTS:
         for kind in Layout(outlast.variant(name).modules).components:

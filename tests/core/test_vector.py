@@ -70,7 +70,7 @@ def test_what_comes_out_lies_in_the_spaces(name: str) -> None:
 
 @pytest.mark.parametrize("agents", [1, 3, 40])
 def test_any_number_of_agents(agents: int) -> None:
-    """Also a single one, for whom there are no others; and the same compiled tick serves them all."""
+    """Also a single one, which has no others; and the same compiled tick serves them all."""
     env = make_vec(variant("ffa_1").replace(n_agents=agents), 2, seed=0)
     observations, _ = env.reset()
     assert observations["others"].shape == (2, agents, agents - 1, 8)

@@ -1,4 +1,4 @@
-"""Naive plain-Python forms of the mechanics, from the reference rules: one entity at a time, float64, nothing clever.
+"""Naive plain-Python forms of the mechanics, from the reference rules: one entity at a time, float64, unoptimized.
 
 Each takes a World and changes it as the tick should. Where float32 rounding may decide, which float32 may see
 otherwise, they raise Ambiguous (or note it: see ambiguity). How bodies move and where items of the dead fall is up to
@@ -66,7 +66,7 @@ def hurt(world: World, entity: NaiveEntity, amount: int, damage_type: str, side:
 
 
 def is_immune(world: World, entity: NaiveEntity, side: int) -> bool:
-    """Team mates do not hurt each other; an owned box minds its owner only."""
+    """Team mates do not hurt each other; only its owner hurts an owned box."""
     return (world.teams and entity.side == side) or (entity.owner >= 0 and entity.owner != side)
 
 
@@ -103,7 +103,7 @@ def use(world: World, actions: Actions) -> None:
 
 
 def give(world: World, actions: Actions) -> None:
-    """Everybody chooses a taker, then the last items change hands in order; a full taker takes nothing."""
+    """All agents choose takers, then the last items change hands in order; a full taker takes nothing."""
     givers = [
         a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_last_passes_on"])
     ]
