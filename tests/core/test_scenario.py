@@ -213,7 +213,7 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
         BOX_KEYS | HEAL_KEYS | {"zone"}, [3, 3, 3],
     ),
 }  # fmt: skip
-NEEDED = {  # by which mechanic
+NEEDED = {  # the error without each of them
     ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many"),
     ("ending",): (ScheduleError, "needs Score .*leave (record|rewards) out"),
     ("rewards",): (ScheduleError, "record.note needs Reward .*leave record out"),
