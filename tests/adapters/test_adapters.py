@@ -130,7 +130,7 @@ def reported(name: str, env: Any, info: Any) -> list[bool]:
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
-def test_info_says_after_every_call_who_is_alive(name: str) -> None:
+def test_info_has_the_living_after_every_call(name: str) -> None:
     """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
     scenario = short("ffa_3").replace(n_agents=4)
     options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}

@@ -28,7 +28,7 @@ def blocks(state: Any, features: int, heals: int, boxes: int) -> list[Any]:
 
 
 @pytest.mark.parametrize(("name", "features"), [("ffa_3", 8), ("teams_3", 9)])
-def test_the_state_tells_what_an_omniscient_observer_sees(name: str, features: int) -> None:
+def test_the_state_is_what_an_omniscient_observer_sees(name: str, features: int) -> None:
     env = outlast.parallel_env(name, **BUSY)
     seen = env.reset(seed=1)[0]["agent_0"]
     carried = broken = 0

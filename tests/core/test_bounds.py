@@ -96,7 +96,7 @@ def test_no_normal_is_beyond_its_bound() -> None:
     assert math.sqrt(-2 * math.log(2.0**-53)) < NORMAL - 0.02
 
 
-def test_what_agents_lay_down_in_a_wall() -> None:
+def test_items_placed_in_a_wall() -> None:
     """An agent at the wall, facing it, has a heal and a box item: it drops the one and uses the other."""
     scenario = variant("ffa_3").with_(DropLast(offset=2.0)).replace(boxes_offset=1.5)
     for kind, act in (("heal", [1, 1, 1, 0, 0, 0, 1]), ("box_item", [1, 1, 1, 0, 1, 0, 0])):

@@ -53,7 +53,7 @@ def test_the_two_backends_agree_in_a_crowd() -> None:
         assert native.digest() == portable.digest(), f"tick {tick}: {first_difference(native, portable)}"
 
 
-def test_every_way_sees_episodes_end() -> None:
+def test_every_mode_sees_episodes_end() -> None:
     """Guards the tests above against comparing one episode only, and against a digest that is blind."""
     mode = ExecutionMode(short("teams_4"), range(FEW))
     seen = set()
@@ -73,7 +73,7 @@ def test_every_way_sees_episodes_end() -> None:
 
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
-def test_a_fault_forgets_no_end(autoreset: str) -> None:
+def test_a_fault_loses_no_end(autoreset: str) -> None:
     """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
     scenario = variant("ffa_1").replace(ending_limit=3)
     harmed, control = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))

@@ -180,7 +180,7 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
 # ---- agents
 
 
-def test_who_lives_on_which_side_and_with_which_share() -> None:
+def test_the_living_their_sides_and_their_shares() -> None:
     env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     assert alive(env.worlds).all()

@@ -16,7 +16,7 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 @kinds
-def test_who_is_hit_loses_health_and_blames_the_right_one(kind: str) -> None:
+def test_a_hit_costs_health_and_names_the_right_source(kind: str) -> None:
     assert disagreements(kind, ["agent"], "health", "damage_type", "source") == []
 
 
@@ -26,7 +26,7 @@ def test_weapons_rest_after_a_strike_that_met_something(kind: str) -> None:
 
 
 @kinds
-def test_who_has_no_health_at_the_check_is_dead(kind: str) -> None:
+def test_agents_without_health_at_the_check_die(kind: str) -> None:
     assert disagreements(kind, ["agent"], "here") == []
     assert [k for k, tick in enumerate(play(kind)) if tick.after.deaths != tick.want.deaths] == []
 

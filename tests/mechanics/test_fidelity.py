@@ -119,7 +119,7 @@ def test_the_cone_opens_72_degrees(degrees: float, seen: int) -> None:
     assert game.step().sees(0, "others") == [seen]
 
 
-def test_who_stands_exactly_on_the_edge_of_the_cone_is_seen() -> None:
+def test_agents_exactly_on_the_edge_of_the_cone_are_seen() -> None:
     game = ScenarioBuilder(cameras_fov=math.pi / 2)
     game.put("agent", 0, 0, 0)
     for place, seen in (((3, 3), 1), ((3, -3), 1), ((10, 0), 1), ((-3, 3), 0), ((3, 3.01), 0), ((10.01, 0), 0)):

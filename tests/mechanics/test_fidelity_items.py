@@ -60,7 +60,7 @@ def test_giving_fails_if_anything_else_is_nearer(kind: str) -> None:
     assert game.step({0: "give"}).bag(0) == [game.row("heal", 2)]
 
 
-def test_who_gives_to_a_full_bag_keeps_the_item() -> None:
+def test_an_item_given_to_a_full_bag_is_kept() -> None:
     """In the original it was lost (rules, section 7, point 4)."""
     game = duel(ScenarioBuilder(), 1.5)
     for k in range(4):
@@ -97,7 +97,7 @@ MUTUAL = [
 
 
 @pytest.mark.parametrize(("first", "second", "first_after", "second_after"), MUTUAL)
-def test_two_who_give_to_each_other(first: str, second: str, first_after: str, second_after: str) -> None:
+def test_two_agents_give_to_each_other(first: str, second: str, first_after: str, second_after: str) -> None:
     game = duel(ScenarioBuilder(n_heals=8), 1.5)
     names = {game.row("heal", k): letter for k, letter in enumerate("abcdefgh")}
     for agent, bag in enumerate((first, second)):
@@ -107,7 +107,7 @@ def test_two_who_give_to_each_other(first: str, second: str, first_after: str, s
     assert ["".join(names[row] for row in game.bag(agent)) for agent in (0, 1)] == [first_after, second_after]
 
 
-def test_unless_it_passes_on_who_has_nothing_gives_nothing() -> None:
+def test_unless_it_passes_on_an_empty_bag_gives_nothing() -> None:
     game = duel(ScenarioBuilder(give_last_passes_on=False), 1.5)
     game.hand(0, "heal", 0)
     game.step({0: "give", 1: "give"})

@@ -38,7 +38,7 @@ def test_the_zone_kills_one_step_after_health_is_gone() -> None:
     assert game.tick == 101
 
 
-def test_a_heal_saves_who_has_no_health_left() -> None:
+def test_a_heal_saves_an_agent_without_health() -> None:
     game = ScenarioBuilder("ffa_1")
     game.put("agent", 0, *OUTSIDE)
     game.hand(0, "heal", 0)
@@ -48,7 +48,7 @@ def test_a_heal_saves_who_has_no_health_left() -> None:
     assert (game.health(0), game.here("agent", 0)) == (74, True)
 
 
-def test_who_has_no_health_left_can_still_kill() -> None:
+def test_agents_without_health_can_still_kill() -> None:
     game = duel(ScenarioBuilder())
     game.wound(0, 0)
     game.wound(1, 5)
@@ -77,7 +77,7 @@ def test_melee_reaches_a_centre_two_and_a_half_ahead() -> None:
         assert duel(ScenarioBuilder(), far).step({0: "attack"}).health(1) == health
 
 
-def test_who_strikes_together_dies_together() -> None:
+def test_agents_that_strike_together_die_together() -> None:
     game = duel(ScenarioBuilder())
     for agent in (0, 1):
         game.wound(agent, 5)

@@ -146,7 +146,7 @@ def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) ->
 
 
 @pytest.mark.parametrize(("at", "kept"), [((12.51, 3.0), (11.875, 3.0)), ((-40.0, 13.0), (-11.875, 11.875))])
-def test_who_is_pushed_through_a_wall_is_put_back_to_its_inner_side(
+def test_bodies_pushed_through_a_wall_are_put_back_to_its_inner_side(
     at: tuple[float, float], kept: tuple[float, float]
 ) -> None:
     game = ScenarioBuilder("ffa_1")

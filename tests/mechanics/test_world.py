@@ -65,7 +65,7 @@ def test_sides_of_boxes_are_clipped_normal_draws(fresh: SurvivalVectorEnv) -> No
             assert (sides < mean + quantile * deviation).mean() == pytest.approx(share, abs=4 * error)
 
 
-def test_nobody_is_hurt_and_nothing_is_carried_at_the_start(fresh: SurvivalVectorEnv) -> None:
+def test_no_agent_is_hurt_or_carries_anything_at_the_start(fresh: SurvivalVectorEnv) -> None:
     for w in range(0, COUNT, 20):
         world = read(fresh, w)
         assert [agent.health for agent in world.of("agent")] == [100] * fresh.num_agents

@@ -259,7 +259,7 @@ def wandering(seed: int, bodies: int) -> Callable[[ContactBatch, int], None]:
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_no_warm_start_against_things_that_stand(name: str) -> None:
+def test_no_warm_start_against_static_bodies(name: str) -> None:
     assert deviation(room(circles((1, 0))), constant(name)) < 1e-6
     assert deviation(room(circles((-1, 0.1)), boxes((0.5, 0, 0.5, 0.7))), constant(name)) < 1e-6
 

@@ -88,7 +88,7 @@ def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
     assert words(game, StepCounterLayer()) == ["step 0"]
 
 
-def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
+def test_the_feed_lists_deaths_and_their_causes_the_latest_first() -> None:
     game = ScenarioBuilder("teams_3", safe_zone_damage=50)
     assert words(game, KillFeedLayer()) == []
     killed(game, 2, 0)

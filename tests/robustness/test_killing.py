@@ -36,13 +36,13 @@ DISK = {  # bytes that a file may have: too few for the largest that is written
 
 
 @pytest.mark.parametrize(("name", "times"), [pytest.param("train", 1, marks=pytest.mark.nightly), ("replay shards", 1)])
-def test_who_is_killed_leaves_what_opens_and_goes_on(tmp_path: Path, name: str, times: int) -> None:
+def test_a_killed_process_leaves_files_that_open_and_go_on(tmp_path: Path, name: str, times: int) -> None:
     assert kill_repeatedly(KNOWN[name], times, tmp_path).failures == []
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name, writer in KNOWN.items() if not writer.slow])
-def test_who_is_killed_at_other_moments(tmp_path: Path, name: str) -> None:
+def test_processes_killed_at_other_moments(tmp_path: Path, name: str) -> None:
     """Fifty kills together."""
     tally = kill_repeatedly(KNOWN[name], 4 if name == "train" else 3, tmp_path, seed=1)
     assert tally.failures == []

@@ -161,7 +161,7 @@ def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> No
     np.testing.assert_equal([alone.pairings[1].estimates(0)], [runs[0].pairings[1].estimates(0)])
 
 
-def test_who_meets_itself_wins_half() -> None:
+def test_a_policy_against_itself_wins_half() -> None:
     evaluation = evaluated("ffa_1", "scripted", episodes=400, worlds=100)
     mean, error = evaluation.pairings[0].estimates(0)["wins"]
     assert 0.015 < error < 0.026

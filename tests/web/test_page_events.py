@@ -12,7 +12,7 @@ def happened(game: ScenarioBuilder) -> list[dict[str, Any]]:
     return [{k: v for k, v in event.items() if v not in (-1, "")} for event in events(game.env.worlds, 0)]
 
 
-def test_a_kill_names_who_died_and_by_whose_hand() -> None:
+def test_a_kill_names_the_victim_and_the_killer() -> None:
     game = duel(ScenarioBuilder())
     game.wound(1, 5)
     game.step({0: "attack"})
