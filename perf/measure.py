@@ -1,6 +1,6 @@
 """Timing: what one step of a batch costs, and several things in turn so that their ratio can be trusted.
 
-Actions are random and episodes are cut after 100 steps: everybody is alive and busy.
+Actions are random and episodes are cut after 100 steps: all agents are alive and busy.
 Worlds are at all steps of their episodes at once.
 """
 

@@ -33,7 +33,7 @@ LINT_IMPORTS = "from importlinter.cli import lint_imports_command as run; run()"
 
 
 @dataclass(frozen=True)
-class ScenarioBuilder:
+class Stage:
     """One command, given to this Python; `mode` is the numba variable it runs under."""
 
     name: str
@@ -58,30 +58,30 @@ class Result:
         return f"{'ok  ' if self.passed else 'FAIL'}  {self.name:<24}{self.seconds:7.1f} s{tests}"
 
 
-def checks() -> list[ScenarioBuilder]:
+def checks() -> list[Stage]:
     """The static checks."""
     return [
-        ScenarioBuilder("ruff check", ("-m", "ruff", "check", "--output-format", "concise")),
-        ScenarioBuilder("ruff format --check", ("-m", "ruff", "format", "--check", "--output-format", "concise")),
-        ScenarioBuilder("lint-imports", ("-c", LINT_IMPORTS)),
-        ScenarioBuilder("mypy", ("-m", "mypy")),
+        Stage("ruff check", ("-m", "ruff", "check", "--output-format", "concise")),
+        Stage("ruff format --check", ("-m", "ruff", "format", "--check", "--output-format", "concise")),
+        Stage("lint-imports", ("-c", LINT_IMPORTS)),
+        Stage("mypy", ("-m", "mypy")),
     ]
 
 
-def suites(quick: bool, nightly: bool) -> list[ScenarioBuilder]:
+def suites(quick: bool, nightly: bool) -> list[Stage]:
     """The test runs."""
     if nightly:
-        bounds = ScenarioBuilder("pytest bounds-checked", KERNELS_ONLY, "NUMBA_BOUNDSCHECK")
-        return [ScenarioBuilder("pytest nightly", ("-m", "nightly")), bounds]
+        bounds = Stage("pytest bounds-checked", KERNELS_ONLY, "NUMBA_BOUNDSCHECK")
+        return [Stage("pytest nightly", ("-m", "nightly")), bounds]
     if quick:
-        return [ScenarioBuilder("pytest compiled", ())]
+        return [Stage("pytest compiled", ())]
     return [
-        ScenarioBuilder("pytest compiled", ("-m", "not nightly")),
-        ScenarioBuilder("pytest not compiled", KERNELS_ONLY, "NUMBA_DISABLE_JIT"),
+        Stage("pytest compiled", ("-m", "not nightly")),
+        Stage("pytest not compiled", KERNELS_ONLY, "NUMBA_DISABLE_JIT"),
     ]
 
 
-def check(stage: ScenarioBuilder) -> Result:
+def check(stage: Stage) -> Result:
     """Run a stage; its output is shown only if it fails."""
     start = time.perf_counter()
     done = subprocess.run(
@@ -97,7 +97,7 @@ def check(stage: ScenarioBuilder) -> Result:
     return Result(stage.name, done.returncode == 0, time.perf_counter() - start)
 
 
-def suite(stage: ScenarioBuilder, arguments: list[str]) -> Result:
+def suite(stage: Stage, arguments: list[str]) -> Result:
     """Run the tests, show their output, and count them."""
     print(f"\n{stage.name}", flush=True)
     start = time.perf_counter()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Worlds
+from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
 
@@ -63,6 +64,13 @@ def interrupted_after(calls: int) -> Callable[[SurvivalVectorEnv, int], Policy]:
         return act
 
     return make
+
+
+def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
+    """The status, stdout and stderr of a command of outlast."""
+    status = cli.main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 from typing import Any
 
-from tests.__main__ import KERNELS_ONLY, ROOT, ScenarioBuilder, suite
+from tests.__main__ import KERNELS_ONLY, ROOT, Stage, suite
 
 MEASURED = ("--cov", "--cov-append", "--cov-report=", "--timeout=1200")
 UNMEASURED = "--ignore=tests/robustness/test_soak.py"  # of memory, which coverage itself uses
@@ -27,8 +27,8 @@ def measured() -> tuple[bool, dict[str, Any]]:
         os.environ["COVERAGE_FILE"] = str(Path(folder) / "data")
         passed = True
         for stage in (
-            ScenarioBuilder("pytest not compiled", (*MEASURED, *KERNELS_ONLY), "NUMBA_DISABLE_JIT"),
-            ScenarioBuilder("pytest compiled", (*MEASURED, UNMEASURED, "-m", "not nightly")),
+            Stage("pytest not compiled", (*MEASURED, *KERNELS_ONLY), "NUMBA_DISABLE_JIT"),
+            Stage("pytest compiled", (*MEASURED, UNMEASURED, "-m", "not nightly")),
         ):
             result = suite(stage, [])
             print(result, flush=True)

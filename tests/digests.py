@@ -68,7 +68,7 @@ def behaviour_digests(name: str, ticks: int, worlds: int = WORLDS, **options: An
 def _arrays(outcome: Any) -> list[np.ndarray[Any, Any]]:
     """All arrays in what reset or step returned, those of dicts in order of their names.
 
-    Without who is alive, which earlier versions did not report.
+    Without the agents that are alive, which earlier versions did not report.
     """
     if isinstance(outcome, dict):
         return [array for key, value in sorted(outcome.items()) if key != "alive" for array in _arrays(value)]

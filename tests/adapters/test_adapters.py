@@ -71,7 +71,7 @@ def test_numbers_are_keywords_of_every_factory(name: str) -> None:
 
 
 def actions(env: Any) -> Any:
-    """Of everybody, to do nothing."""
+    """All agents do nothing."""
     noop = base(env).noop
     if hasattr(env, "possible_agents"):
         return dict.fromkeys(env.agents, noop)
@@ -115,7 +115,7 @@ def test_old_keywords_are_taken_with_a_warning() -> None:
         assert make("parallel_env", dead="remove").dead == "end"
 
 
-# ---- who is alive
+# ---- which agents are alive
 
 
 def reported(name: str, env: Any, info: Any) -> list[bool]:
@@ -130,7 +130,7 @@ def reported(name: str, env: Any, info: Any) -> list[bool]:
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
-def test_info_says_after_every_call_who_is_alive(name: str) -> None:
+def test_info_has_the_living_after_every_call(name: str) -> None:
     """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
     scenario = short("ffa_3").replace(n_agents=4)
     options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}
@@ -145,7 +145,7 @@ def test_info_says_after_every_call_who_is_alive(name: str) -> None:
         expected = alive(base(env).worlds)
         expected = expected[:, 0] if name.startswith("gymnasium.") else expected
         ended = np.zeros(expected.size, bool)
-        if name == "make_sb3":  # which shows the last observation of who has ended
+        if name == "make_sb3":  # which shows the last observation of agents that have ended
             ended = np.array(["terminal_observation" in each for each in info])
         found = np.array(reported(name, env, info))
         assert np.array_equal(found[~ended], expected.ravel()[~ended])

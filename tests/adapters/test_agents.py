@@ -81,7 +81,7 @@ def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None
         ends += int(terminated.sum())
         deaths += int((~info["alive"]).sum())
     assert ends >= env.num_envs
-    assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, nobody is dead in a world that goes on
+    assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, none is dead in a world that goes on
 
 
 def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[int]) -> None:
@@ -184,7 +184,7 @@ def test_the_time_limit_truncates_all_agents() -> None:
 # ---- reset
 
 
-def test_seeds_of_worlds_whichever_way_they_are_given() -> None:
+def test_seeds_of_worlds_in_every_form() -> None:
     env = make(worlds=3)
     batch = make_vec(short("teams_3"), 3)
     given: list[tuple[Any, Any]] = [(SEED, SEED), (np.int64(SEED), SEED), ([5] * 4 + [6] * 4 + [7] * 4, [5, 6, 7])]

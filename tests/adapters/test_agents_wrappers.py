@@ -63,7 +63,7 @@ def test_a_render_mode_that_is_none_is_refused() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_record_episode_statistics_counts_what_info_tells(mode: str) -> None:
+def test_record_episode_statistics_counts_what_info_reports(mode: str) -> None:
     if mode == "SameStep" and gymnasium.__version__.startswith("1.2."):
         pytest.skip("gymnasium 1.2's wrapper forgets the first step after a reset")
     env = wrappers.RecordEpisodeStatistics(make(seed=SEED, autoreset_mode=mode), buffer_length=10_000)

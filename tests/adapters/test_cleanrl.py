@@ -43,7 +43,7 @@ def test_updates(ppo: SimpleNamespace, variant: str) -> None:
 
 
 def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace) -> None:
-    """Of the last observation, not of the first one of the next episode; who dies or wins gets nothing more."""
+    """Of the last observation, not of the first one of the next episode; agents that die or win get nothing more."""
     args = ppo.Args(gamma=0.5)
     final = {"own": np.full((3, 2), 7, np.float32)}
     last = np.array([{key: rows[k] for key, rows in final.items()} for k in range(3)], object)

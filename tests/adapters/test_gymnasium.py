@@ -340,7 +340,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
 }
 
 
-def test_a_batch_says_who_opens_windows() -> None:
+def test_a_batch_names_the_wrapper_that_opens_windows() -> None:
     with pytest.raises(ValueError, match=r"render_mode = 'human'.*gymnasium\.wrappers\.vector\.HumanRendering"):
         SurvivalLearnerVectorEnv(2, render_mode="human")
 

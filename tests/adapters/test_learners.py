@@ -22,7 +22,7 @@ MODES = list(AutoresetMode)
 
 
 def by_id(observations: dict[str, Any]) -> np.ndarray[Any, Any]:
-    """Everybody walks another way, by number and health, and attacks."""
+    """Each agent walks another way, by number and health, and attacks."""
     me = observations["own"]
     actions = np.ones((*me.shape[:2], 6), np.int8)
     actions[..., 0] = (me[..., 0] + me[..., 2]) % 3
@@ -34,7 +34,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "the last of a team": ("teams_3", {"learner": 3, "others": "scripted"}),
     "in the middle, to the end": ("teams_3", {"learner": 1, "dead": "keep"}),
     "a function": ("teams_3", {"learner": 2, "others": by_id}),
-    "nobody moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
+    "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
 
 

@@ -45,13 +45,13 @@ def short(name: str = "teams_3", **options: Any) -> Env:
 
 
 def act(env: Env, tick: int) -> dict[str, Any]:
-    """Random actions of everybody, the dead included; they depend on the tick only."""
+    """Random actions of all agents, the dead included; they depend on the tick only."""
     rng = np.random.default_rng(tick)
     return {agent: rng.integers(0, env.action_space(agent).nvec) for agent in env.possible_agents}
 
 
 def play(env: Env) -> Iterator[tuple[list[str], Any]]:
-    """(who was there before the step, what the step returned) up to the end of the episode."""
+    """(the agents before the step, what the step returned) up to the end of the episode."""
     tick = 0
     while env.agents:
         yield list(env.agents), env.step(act(env, tick))
@@ -158,7 +158,7 @@ def test_the_registry_makes_them(kind: Any, name: str) -> None:
     assert scenario.numbers() == variant(name).replace(ending_limit=7, melee_damage=2).numbers()
 
 
-def test_without_pettingzoo_only_this_face_is_missing() -> None:
+def test_without_pettingzoo_only_this_adapter_is_missing() -> None:
     code = "import sys; sys.modules['pettingzoo'] = None; import outlast; print(outlast.make_vec); outlast.parallel_env"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "make_vec" in done.stdout
@@ -171,29 +171,29 @@ def test_without_pettingzoo_only_this_face_is_missing() -> None:
 @both
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
 def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
-    """Observations, rewards, ends and statistics of an episode with deaths; the batch also hears what the dead want."""
+    """Observations, rewards, ends and statistics of an episode with deaths; the batch also gets actions of the dead."""
     env, seed = short(name, dead=dead), 5
     batch = make_vec(env.base_env.scenario, 3, seed=0)
     observations, _ = env.reset(seed=seed)
     expected, _ = batch.reset(seed=[seed + 1, seed, seed + 2])
     alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
     assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4)})
-    died = over = False
+    died = done = False
     for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
         rows = [int(agent[6:]) for agent in before]
         actions = np.stack([list(act(env, tick).values())] * 3)
         expected, reward, ended, cut, info = batch.step(actions)
         gone = alive == 0 if dead == "end" else np.zeros(4, bool)
-        over = bool(ended[1] | cut[1])
-        died |= not alive.all() and not over
+        done = bool(ended[1] | cut[1])
+        died |= not alive.all() and not done
         assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in rows})
         assert same(rewards, {f"agent_{i}": float(reward[1, i]) for i in rows})
         assert same(terminated, {f"agent_{i}": bool(ended[1] | gone[i]) for i in rows})
         assert same(truncated, {f"agent_{i}": bool(cut[1]) for i in rows})
         assert same(infos, {f"agent_{i}": {"alive": int(alive[i])} for i in rows})
-        assert env.agents == [agent for agent in before if not over and not gone[int(agent[6:])]]
+        assert env.agents == [agent for agent in before if not done and not gone[int(agent[6:])]]
     assert died
-    assert over
+    assert done
     assert same(env.statistics, {key: values[1] for key, values in info["statistics"].items()})
 
 

@@ -1,4 +1,4 @@
-"""PettingZoo: who is reported when, what is done with actions, the state, and bad input."""
+"""PettingZoo: which agents are reported when, what is done with actions, the state, and bad input."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ from tests.conftest import digest
 IDLE = [1, 1, 1, 0, 0, 0]
 
 
-# ---- who is reported
+# ---- which agents are reported
 
 
 def test_the_dead_are_reported_once_and_leave() -> None:
@@ -80,8 +80,8 @@ def limited(dead: str, seed: int) -> Any:
 
 
 @both
-def test_at_the_limit_everybody_is_truncated(dead: str) -> None:
-    """Also who dies in that step. If the world ends by its rule instead, all are terminated and nobody is truncated."""
+def test_at_the_limit_all_agents_are_truncated(dead: str) -> None:
+    """Also those that die in that step. If the world ends by its rule, all are terminated and none is truncated."""
     found = set()
     for seed in range(12):
         env, (_, _, terminated, truncated, infos) = limited(dead, seed)
@@ -174,8 +174,8 @@ REFUSED: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
     "seed below zero": (lambda env: env.reset(seed=-1), ValueError, "seed = -1"),
     "seed a float": (lambda env: env.reset(seed=1.5), ValueError, "seed = 1.5"),  # type: ignore[arg-type]
     "two seeds": (lambda env: env.reset(seed=[1, 2]), ValueError, "one integer"),  # type: ignore[arg-type]
-    "space of nobody": (lambda env: env.observation_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
-    "actions of nobody": (lambda env: env.action_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "space of no agent": (lambda env: env.observation_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
+    "actions of no agent": (lambda env: env.action_space("x"), KeyError, "no agent 'x'; there are: agent_0"),
     "no render mode": (lambda env: env.render(), ValueError, "render_mode: rgb_array, ansi, human"),
     "another scenario": (
         lambda env: env.set_state(short("ffa_3").get_state()), StateError, "another scenario"

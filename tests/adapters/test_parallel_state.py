@@ -13,7 +13,7 @@ from outlast.systems import GiveLast, Heals, Inventory, Pickup, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled
 
-BUSY: dict[str, Any] = {  # items change hands all the time, and everybody observes everything
+BUSY: dict[str, Any] = {  # items change hands all the time, and all agents observe everything
     "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
     "boxes_toughness": 1, "boxes_owned": False, "max_cycles": 200,
 }  # fmt: skip
@@ -28,7 +28,7 @@ def blocks(state: Any, features: int, heals: int, boxes: int) -> list[Any]:
 
 
 @pytest.mark.parametrize(("name", "features"), [("ffa_3", 8), ("teams_3", 9)])
-def test_the_state_tells_what_an_omniscient_observer_sees(name: str, features: int) -> None:
+def test_the_state_is_what_an_omniscient_observer_sees(name: str, features: int) -> None:
     env = outlast.parallel_env(name, **BUSY)
     seen = env.reset(seed=1)[0]["agent_0"]
     carried = broken = 0
@@ -94,9 +94,9 @@ def test_going_on_from_a_saved_state(dead: str) -> None:
     observations = other.set_state(state)
     assert list(observations) == other.agents == agents
     assert same(list(play(other)), expected)
-    over = env.get_state()
+    ended = env.get_state()
     env.reset()
-    assert env.set_state(over) == {}
+    assert env.set_state(ended) == {}
     assert env.agents == []
     batch = outlast.make_vec(env.base_env.scenario, 3, seed=4)
     batch.reset()

@@ -80,7 +80,7 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 @needs_puffer
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
 def test_it_is_the_batched_environment(name: str) -> None:
-    """Beside SAME_STEP with the same seed: rows, ends, who lives, and the statistics of episodes."""
+    """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""
     env, batch = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset_mode="SameStep")
     assert env.reset()[1] == []
     expected, _ = batch.reset()

@@ -49,17 +49,17 @@ def test_it_is_world_0_of_a_batch(variant, dead):
                 np.testing.assert_array_equal(values, theirs[key][0, int(agent[6:])])
         actions = rng.integers(0, [3, 3, 3, 2, 2, 2], (1, batch.num_agents, 6))
         acting = env.agents
-        mine, pay, over, cut, infos = env.step({agent: actions[0, int(agent[6:])] for agent in acting})
+        mine, pay, done, cut, infos = env.step({agent: actions[0, int(agent[6:])] for agent in acting})
         theirs, reward, terminated, truncated, _ = batch.step(actions)
         assert mine.keys() == pay.keys() == infos.keys() == set(acting)
-        assert over.keys() == cut.keys() == {*acting, "__all__"}
+        assert done.keys() == cut.keys() == {*acting, "__all__"}
         assert [pay[agent] for agent in acting] == [reward[0, int(agent[6:])] for agent in acting]
-        assert (over["__all__"], cut["__all__"]) == (terminated[0], truncated[0])
+        assert (done["__all__"], cut["__all__"]) == (terminated[0], truncated[0])
         assert all(cut[agent] == truncated[0] for agent in acting)
-        ends = {agent for agent in acting if over[agent]}
+        ends = {agent for agent in acting if done[agent]}
         assert (
             ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "end" else set())
-            or over["__all__"]
+            or done["__all__"]
         )
         lost |= ends
         assert env.agents == ([] if terminated[0] or truncated[0] else [a for a in acting if a not in ends])
@@ -74,12 +74,12 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
         env = SurvivalMultiAgentEnv({"scenario": "teams_3", **numbers})
         env.reset(seed=seed)
         for tick in range(1, 13):
-            _, _, over, cut, _ = env.step(idle(env))
-            assert tick == 12 or not any((*over.values(), *cut.values()))
-        assert over.pop("__all__") != cut.pop("__all__")
-        assert len(over) == len(cut) == 4
-        mixed += len(set(over.values())) == 2
-        assert all(cut.values()) or (all(over.values()) and not any(cut.values()))
+            _, _, done, cut, _ = env.step(idle(env))
+            assert tick == 12 or not any((*done.values(), *cut.values()))
+        assert done.pop("__all__") != cut.pop("__all__")
+        assert len(done) == len(cut) == 4
+        mixed += len(set(done.values())) == 2
+        assert all(cut.values()) or (all(done.values()) and not any(cut.values()))
     assert mixed
 
 
@@ -107,7 +107,7 @@ def test_copies_of_a_run_play_worlds_of_their_own():
     assert alone == [batch["own"][0, 0].tolist()] * 2
 
 
-def test_a_wrong_configuration_is_told():
+def test_a_wrong_configuration_is_reported():
     for config, words in (
         ({"scenario": "ffa_9"}, "did you mean"),
         ({"dead": "no"}, "dead"),

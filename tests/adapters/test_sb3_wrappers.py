@@ -249,7 +249,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
 @pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
 def test_ppo_learns() -> None:
-    """The example of the documents: who is trained lives far longer, and by many standard errors."""
+    """The example of the documents: a trained agent lives far longer, and by many standard errors."""
     before, after = runpy.run_path(str(EXAMPLE))["main"](200_000)
     error = np.hypot(before.std(), after.std()) / np.sqrt(len(after))
     assert after.mean() > before.mean() + max(6 * error, 30)

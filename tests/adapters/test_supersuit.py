@@ -20,7 +20,7 @@ STEPS = 65  # enough for every world of short() to end
 
 
 def world(name: str, **options: Any) -> Any:
-    """With everybody there until the end: SuperSuit's vectors refuse agents that leave."""
+    """With all agents there until the end: SuperSuit's vectors refuse agents that leave."""
     return outlast.parallel_env(short(name), dead="keep", **options)
 
 

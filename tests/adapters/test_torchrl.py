@@ -28,7 +28,7 @@ SHORT: dict[str, Any] = {
     "agents_health": 10,
     "safe_zone_radii": (6.0,),
     "safe_zone_stand": 1000,
-}  # who is outside soon dies
+}  # agents outside soon die
 LIMIT = scaled(60, least=15)
 both = pytest.mark.parametrize("dead", ["end", "keep"])
 
@@ -65,7 +65,7 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
 @both
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
 def test_a_rollout_through_deaths(name: str, dead: str) -> None:
-    """Row by row what a plain world returns for the same actions, zeros for who has left."""
+    """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
     rollout = wrapped(name, dead).rollout(10 * LIMIT)
     group, following = rollout["agent"], rollout["next", "agent"]
     plain = world(name, dead)

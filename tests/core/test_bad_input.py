@@ -1,4 +1,4 @@
-"""What must be refused: each error names the thing and what is allowed, and the refused call changes nothing."""
+"""What must be refused: each error names the value and what is allowed, and the refused call changes nothing."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ Env = SurvivalVectorEnv
 
 @pytest.fixture(scope="module")
 def pair() -> Iterator[tuple[Env, Env]]:
-    """Two equal environments: one hears the bad input, the other does not."""
+    """Two equal environments: one gets the bad input, the other does not."""
     yield (one := make_vec("teams_3", WORLDS, seed=0)), (other := make_vec("teams_3", WORLDS, seed=0))
     one.close()
     other.close()
@@ -146,7 +146,7 @@ RESETS: dict[str, tuple[Any, ...]] = {
     "mask too short": (masked([True, False]), *MASK),
     "mask one value": (masked(True), *MASK),
     "mask in two dimensions": (masked([[True, False, True]]), *MASK),
-    "mask of nobody": (masked([False] * 3), *MASK, "at least one True"),
+    "mask of none": (masked([False] * 3), *MASK, "at least one True"),
     "mask a string": (masked("all"), *MASK),
     "mask of unequal lists": (masked([[True], [True, False]]), *MASK),
     "bad mask and good seed": ({"seed": 9, **masked([True])}, *MASK),
@@ -295,7 +295,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "items and no bag": (
         lambda: make_vec(variant("ffa_1").without("inventory"), 1), ScheduleError, "needs Bag", "no module", "leave",
     ),
-    "nobody is paid": (
+    "no agent is paid": (
         lambda: make_vec(variant("ffa_1").without("rewards", "record"), 1), ScenarioError, "Reward", "rewards",
     ),
     "it never ends": (

@@ -96,23 +96,23 @@ def test_no_normal_is_beyond_its_bound() -> None:
     assert math.sqrt(-2 * math.log(2.0**-53)) < NORMAL - 0.02
 
 
-def test_what_agents_lay_down_in_a_wall() -> None:
+def test_items_placed_in_a_wall() -> None:
     """An agent at the wall, facing it, has a heal and a box item: it drops the one and uses the other."""
     scenario = variant("ffa_3").with_(DropLast(offset=2.0)).replace(boxes_offset=1.5)
-    for kind, deed in (("heal", [1, 1, 1, 0, 0, 0, 1]), ("box_item", [1, 1, 1, 0, 1, 0, 0])):
+    for kind, act in (("heal", [1, 1, 1, 0, 0, 0, 1]), ("box_item", [1, 1, 1, 0, 1, 0, 0])):
         env = make_vec(scenario, 1, seed=0)
         env.reset()
-        body, bag, thing = env.worlds[Body], env.worlds[Bag], env.worlds.span(kind).start
-        body.x[0, 0], bag.items[0, 0, 0], bag.count[0, 0] = 12.2, thing, 1
+        body, bag, item = env.worlds[Body], env.worlds[Bag], env.worlds.span(kind).start
+        body.x[0, 0], bag.items[0, 0, 0], bag.count[0, 0] = 12.2, item, 1
         env.worlds[Entity].alive[0, env.worlds.span("box").start] = 0
-        env.worlds[Entity].alive[0, thing], env.worlds[Item].holder[0, thing] = 0, 0
+        env.worlds[Entity].alive[0, item], env.worlds[Item].holder[0, item] = 0, 0
         idle = [1, 1, 1, 0, 0, 0, 0]
-        env.step(np.array([[deed, idle]]))
-        laid = env.worlds.span("heal" if kind == "heal" else "box").start
-        assert env.worlds[Entity].alive[0, laid]
-        assert body.x[0, laid] > 13.5
+        env.step(np.array([[act, idle]]))
+        row = env.worlds.span("heal" if kind == "heal" else "box").start
+        assert env.worlds[Entity].alive[0, row]
+        assert body.x[0, row] > 13.5
         box: Any = env.single_observation_space["heals" if kind == "heal" else "boxes"]
-        assert body.x[0, laid] <= box.high[0, 0, 0 if kind == "heal" else 8]
+        assert body.x[0, row] <= box.high[0, 0, 0 if kind == "heal" else 8]
 
 
 def said(key: str, low: Any, high: Any) -> Scenario:
@@ -151,10 +151,10 @@ def flat(*keys: str) -> Any:
 
 def play(env: Any) -> Any:
     """The observations in the episode of a seed."""
-    rows, over = [env.reset(seed=0)[0]], False
+    rows, done = [env.reset(seed=0)[0]], False
     env.action_space.seed(0)
-    while not over and len(rows) < scaled(200, least=20):
-        seen, _, over, _, _ = env.step(env.action_space.sample())
+    while not done and len(rows) < scaled(200, least=20):
+        seen, _, done, _, _ = env.step(env.action_space.sample())
         rows.append(seen)
     assert len(rows) >= 20
     return np.array(rows)

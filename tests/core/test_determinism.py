@@ -42,8 +42,8 @@ def test_the_same_bits_for_two_thousand_ticks(name: str) -> None:
 def test_the_two_backends_agree_in_a_crowd() -> None:
     """Contacts are many; boxes are set up on top of agents."""
     crowd = variant("teams_3").replace(**SHORT | {"n_agents": 12, "agents_health": 40, "room_size": 26.0})
-    bridges = ("native", "portable") if COMPILED else ("auto", "portable")
-    native, portable = (ExecutionMode(crowd.replace(physics_backend=bridge), range(8)) for bridge in bridges)
+    backends = ("native", "portable") if COMPILED else ("auto", "portable")
+    native, portable = (ExecutionMode(crowd.replace(physics_backend=backend), range(8)) for backend in backends)
     assert "(python)" in str(portable.env.worlds.schedule)
     assert ("(python)" in str(native.env.worlds.schedule)) == (not COMPILED)
     for tick in range(scaled(150, least=10)):
@@ -53,7 +53,7 @@ def test_the_two_backends_agree_in_a_crowd() -> None:
         assert native.digest() == portable.digest(), f"tick {tick}: {first_difference(native, portable)}"
 
 
-def test_every_way_sees_episodes_end() -> None:
+def test_every_mode_sees_episodes_end() -> None:
     """Guards the tests above against comparing one episode only, and against a digest that is blind."""
     mode = ExecutionMode(short("teams_4"), range(FEW))
     seen = set()
@@ -73,13 +73,13 @@ def test_every_way_sees_episodes_end() -> None:
 
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
-def test_a_fault_forgets_no_end(autoreset: str) -> None:
+def test_a_fault_loses_no_end(autoreset: str) -> None:
     """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
     scenario = variant("ffa_1").replace(ending_limit=3)
-    harmed, twin = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
+    harmed, control = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
     idle = np.ones((2, 2, 6), int)
     for tick in range(5):
-        twin.step(idle)
+        control.step(idle)
         if tick == 2:
             harmed.env.worlds[Body].vx[1, 0] = np.nan
             with pytest.raises(FaultError):
@@ -87,7 +87,7 @@ def test_a_fault_forgets_no_end(autoreset: str) -> None:
             harmed.env.reset(options={"reset_mask": np.array([False, True])})
         else:
             harmed.step(idle)
-        assert digest(harmed.env.worlds, [0]) == digest(twin.env.worlds, [0])
+        assert digest(harmed.env.worlds, [0]) == digest(control.env.worlds, [0])
 
 
 # ---- other processes, and plain Python
@@ -158,14 +158,14 @@ def as_plain_python(sines: str, name: str, ticks: int, file: Path) -> dict[str, 
 def test_plain_python_gives_the_same_bits_with_the_sines_of_the_c_library(tmp_path: Path) -> None:
     """Nothing else differs: neither order of operations, nor a fused multiply and add, nor a rounding."""
     for name in QUICK:
-        here, there = watched(name, 70), as_plain_python("libm", name, 70, tmp_path / "told.npz")
+        here, there = watched(name, 70), as_plain_python("libm", name, 70, tmp_path / "observed.npz")
         assert {key: array.tobytes() for key, array in here.items()} == {k: a.tobytes() for k, a in there.items()}
 
 
 @pytest.mark.skipif(not COMPILED, reason="compares compiled kernels with plain Python")
 def test_plain_python_as_it_is_differs_in_the_last_bits_of_motion_only(tmp_path: Path) -> None:
     """numpy has float32 sines and cosines of its own; a heading's last bit then moves speeds and places a little."""
-    here, there = watched("teams_4", 70), as_plain_python("numpy", "teams_4", 70, tmp_path / "told.npz")
+    here, there = watched("teams_4", 70), as_plain_python("numpy", "teams_4", 70, tmp_path / "observed.npz")
     for key, array in here.items():
         if key in ("own", "others"):
             np.testing.assert_allclose(there[key], array, rtol=0, atol=1e-4)

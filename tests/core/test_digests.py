@@ -79,7 +79,7 @@ def test_the_file_has_earlier_versions() -> None:
 
 
 def test_what_was_written_once_is_written_still() -> None:
-    """In every revision that git knows: a digest is never changed under an old version, nor taken away."""
+    """In every revision of the repository: a digest is never changed under an old version, nor taken away."""
     path = FILE.relative_to(ROOT).as_posix()
     log = subprocess.run(["git", "log", "--format=%H", "--", path], cwd=ROOT, capture_output=True, text=True)
     if log.returncode:

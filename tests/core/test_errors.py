@@ -1,4 +1,4 @@
-"""The errors: all of them in outlast.errors, of one base, and caught by those who catch Gymnasium's or Python's."""
+"""The errors: all of them in outlast.errors, of one base, and caught as Gymnasium's or Python's."""
 
 import ast
 import pickle
@@ -50,7 +50,7 @@ def test_an_error_has_one_base_and_one_that_is_caught_already(name: str) -> None
     assert str(pickle.loads(pickle.dumps(raised))) == "what, and the cure"  # as worker processes send it
 
 
-def test_who_catches_gymnasium_s_errors_catches_those_of_environments() -> None:
+def test_catching_gymnasium_s_errors_catches_those_of_environments() -> None:
     env = make_vec("ffa_1", 2, seed=0)
     idle = np.tile(env.noop, (2, 2, 1))
     with pytest.raises(gymnasium.error.ResetNeeded):

@@ -29,13 +29,13 @@ def same(left: Any, right: Any) -> bool:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_sent_steps_are_steps(threads: int) -> None:
-    env, twin, rng = make(threads=threads), make(), np.random.default_rng(0)
+    env, control, rng = make(threads=threads), make(), np.random.default_rng(0)
     for _ in range(STEPS):
         actions = draw_actions(env, rng)
         env.send(actions)
-        for sent, stepped in zip(env.recv(), twin.step(actions), strict=True):
+        for sent, stepped in zip(env.recv(), control.step(actions), strict=True):
             assert same(sent, stepped)
-    assert digest(env.worlds) == digest(twin.worlds)
+    assert digest(env.worlds) == digest(control.worlds)
 
 
 def test_two_halves_are_the_whole() -> None:

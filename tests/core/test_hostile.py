@@ -93,7 +93,7 @@ HARMLESS = {  # integers that are compared, counted, or computed with, or that a
 
 
 def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
-    """Whoever adds a column decides: into validation.RANGES, or into this list."""
+    """A new column goes into validation.RANGES or into this list."""
     found = {}
     for name in outlast.VARIANTS:
         for kind in Layout(outlast.variant(name).modules).components:
@@ -109,7 +109,7 @@ SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {
         lambda t: (t(Bag).items.fill(-1), t(Bag).count.fill(1)),
         "Bag.items is -1 in world 0, row 0: a row is",
     ),
-    "a view of nobody": (
+    "a view of no agent": (
         lambda t: t(Sight).visible.__setitem__((2, 1, 2), 1 << 9),
         "Sight.visible is 512 in world 2, row 1",
     ),

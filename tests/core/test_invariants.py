@@ -22,7 +22,7 @@ def walk(name: str, world_steps: int, num_worlds: int) -> None:
     for _ in range(-(-world_steps // num_worlds)):
         play.step()
     env.close()
-    assert play.deaths > world_steps / 1000 or not COMPILED  # in a short run nobody may die
+    assert play.deaths > world_steps / 1000 or not COMPILED  # in a short run there may be none
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -44,7 +44,7 @@ DAMAGE: dict[str, Callable[[Any], Any]] = {  # done to world 1 of teams_4
     "agents that are gone, and did not die": lambda worlds: worlds[Entity].alive[1, worlds.span("agent")].fill(0),
     "an item that is nowhere": lambda worlds: worlds[Entity].alive[1, worlds.span("heal")].fill(0),
     "an item in a bag and on the ground": lambda worlds: worlds[Bag].count[1, worlds.span("agent")].fill(1),
-    "an item that is held by nobody's bag": lambda worlds: worlds[Item].holder[1, worlds.span("heal")].fill(0),
+    "an item that is held, but in no bag": lambda worlds: worlds[Item].holder[1, worlds.span("heal")].fill(0),
     "a box that has broken and stands": lambda worlds: worlds[Box].broken[1, worlds.span("box")].fill(1),
     "a zone beyond the room": lambda worlds: worlds[Zone].next_x[1].fill(13),
     "another reward": lambda worlds: worlds[Reward].reward[1].__iadd__(1),

@@ -206,14 +206,14 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
     ("teams",): (set(), ALL),
     ("spawn_grid",): (set(), ALL),
     ("safe_zone",): ({"zone"}, ALL),
-    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items is dormant
+    ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items has nothing to do
     ("inventory", "give_last", "pickup", "death_drop"): (set(), [3, 3, 3, 2]),
     ("room", "spawn_grid", "safe_zone"): ({"zone"}, ALL),
     ("inventory", "give_last", "pickup", "death_drop", "heals", "boxes", "melee", "safe_zone", "cameras"): (
         BOX_KEYS | HEAL_KEYS | {"zone"}, [3, 3, 3],
     ),
 }  # fmt: skip
-NEEDED = {  # by whom
+NEEDED = {  # the error without each of them
     ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many"),
     ("ending",): (ScheduleError, "needs Score .*leave (record|rewards) out"),
     ("rewards",): (ScheduleError, "record.note needs Reward .*leave record out"),
@@ -309,7 +309,7 @@ def test_the_table_of_components_agrees_with_the_schedule(name: str, capsys: pyt
 
 @dataclasses.dataclass(frozen=True)
 class Swamp(Module):
-    """Slows whoever is near the middle; no systems, as only its names matter here."""
+    """Slows agents near the middle; no systems, as only its names matter here."""
 
     radius: float = number(4.0, above=0)
     drag: float = number(0.1, low=0, high=1)
@@ -332,9 +332,9 @@ def test_two_mechanics_of_one_file_are_two() -> None:
 
 def test_two_mechanics_of_one_name_are_refused() -> None:
     """They could not be distinguished, nor could numbers of one full name."""
-    twin = type("Melee", (Module,), {})
+    namesake = type("Melee", (Module,), {})
     with pytest.raises(ScenarioError, match=r"'melee' is a name of both outlast\.systems\.melee\.Melee and .*Melee"):
-        variant("ffa_1").with_(twin())
+        variant("ffa_1").with_(namesake())
     renamed = type("Melee", (Module,), {"name": "claws"})
     assert variant("ffa_1").with_(renamed()).without("melee").modules[-1] == renamed()
 

@@ -63,7 +63,7 @@ BAD: dict[str, tuple[Callable[[Any], Any], type[Exception]]] = {
     "sent out of range": (lambda env: (env.send(_filled(env, 7)), env.recv()), ActionError),
     "a seed below zero": (lambda env: env.reset(seed=-1), ValueError),
     "a seed too many": (lambda env: env.reset(seed=[1] * (env.num_worlds + 1)), ValueError),
-    "a mask of nobody": (lambda env: env.reset(options={"reset_mask": np.zeros(env.num_worlds, bool)}), ValueError),
+    "a mask of none": (lambda env: env.reset(options={"reset_mask": np.zeros(env.num_worlds, bool)}), ValueError),
     "a good mask, a bad seed": (lambda env: env.reset(seed=0.5, options={"reset_mask": [True] * env.num_worlds}),
                                 ValueError),
     "a typo": (lambda env: env.reset(options={"mask": np.ones(env.num_worlds, bool)}), ValueError),
@@ -174,13 +174,13 @@ class Calls(RuleBasedStateMachine):
     @precondition(lambda self: len(self.players) > 1)
     def hand_over(self, number: int, other: int, acts: int, at_an_end: bool) -> None:
         """Two environments go on from one state, one of them at once."""
-        player, heir = self.player(number), self.player(other)
+        player, receiver = self.player(number), self.player(other)
         if at_an_end:
             self.step_to_an_end(number, acts)
-        if heir.scenario is player.scenario:
-            worlds = np.arange(min(heir.env.num_worlds, player.env.num_worlds))
-            heir.set_state(player.get_state(worlds), worlds)
-            heir.step(acts)
+        if receiver.scenario is player.scenario:
+            worlds = np.arange(min(receiver.env.num_worlds, player.env.num_worlds))
+            receiver.set_state(player.get_state(worlds), worlds)
+            receiver.step(acts)
 
     @rule(state=which)
     @precondition(lambda self: self.states)

@@ -70,7 +70,7 @@ def test_what_comes_out_lies_in_the_spaces(name: str) -> None:
 
 @pytest.mark.parametrize("agents", [1, 3, 40])
 def test_any_number_of_agents(agents: int) -> None:
-    """Also a single one, for whom there are no others; and the same compiled tick serves them all."""
+    """Also a single one, which has no others; and the same compiled tick serves them all."""
     env = make_vec(variant("ffa_1").replace(n_agents=agents), 2, seed=0)
     observations, _ = env.reset()
     assert observations["others"].shape == (2, agents, agents - 1, 8)
@@ -113,10 +113,10 @@ def test_without_a_seed_reset_goes_on_to_the_next_episode() -> None:
     assert not equal(first, second)
     assert equal(first, other.reset()[0])
     seen = np.zeros(WORLDS, bool)
-    over = seen.copy()
+    done = seen.copy()
     for tick in range(80):
         observations, _, terminated, truncated, _ = other.step(numbered_actions(other, tick))
-        fresh, over = over & ~seen, terminated | truncated
+        fresh, done = done & ~seen, terminated | truncated
         for key, values in observations.items():
             assert np.array_equal(values[fresh], second[key][fresh])
         seen |= fresh
@@ -124,22 +124,22 @@ def test_without_a_seed_reset_goes_on_to_the_next_episode() -> None:
 
 
 def test_reset_mask_leaves_the_others_untouched() -> None:
-    env, twin = make_vec("teams_3", 5, seed=0), make_vec("teams_3", 5, seed=0)
+    env, control = make_vec("teams_3", 5, seed=0), make_vec("teams_3", 5, seed=0)
     mask = np.array([True, False, False, True, False])
-    for one in (env, twin):
+    for one in (env, control):
         one.reset()
         for tick in range(10):
             one.step(numbered_actions(one, tick))
     observations, _ = env.reset(seed=11, options={"reset_mask": mask})
-    assert digest(env.worlds, ~mask) == digest(twin.worlds, ~mask)
+    assert digest(env.worlds, ~mask) == digest(control.worlds, ~mask)
     fresh, _ = make_vec("teams_3", 5, seed=11).reset()
     for key, values in observations.items():
         assert np.array_equal(values[mask], fresh[key][mask])
     assert env.worlds[Clock].tick[:, 0].tolist() == [0, 10, 10, 0, 10]
     for tick in range(10):
         env.step(numbered_actions(env, tick))
-        twin.step(numbered_actions(twin, tick))
-    assert digest(env.worlds, ~mask) == digest(twin.worlds, ~mask)
+        control.step(numbered_actions(control, tick))
+    assert digest(env.worlds, ~mask) == digest(control.worlds, ~mask)
 
 
 # ---- buffers
@@ -163,24 +163,24 @@ def test_observations_are_copies_unless_views_are_asked_for() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 2e6])
 def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: float) -> None:
     """A mechanic that writes NaN is found in the tick it does so, and named by its world; the others are not harmed."""
-    env, twin = make_vec("ffa_1", 3, seed=4), make_vec("ffa_1", 3, seed=4)
-    for each in (env, twin):
+    env, control = make_vec("ffa_1", 3, seed=4), make_vec("ffa_1", 3, seed=4)
+    for each in (env, control):
         each.reset()
         each.step(np.ones((3, 2, 6), int))
     env.worlds[Body].vx[1, 0] = value
     with pytest.raises(FaultError, match=r"world 1: .*Reset"):
         env.step(np.ones((3, 2, 6), int))
-    twin.step(np.ones((3, 2, 6), int))
+    control.step(np.ones((3, 2, 6), int))
     env.reset(options={"reset_mask": np.array([False, True, False])})
     env.step(np.ones((3, 2, 6), int))
-    twin.step(np.ones((3, 2, 6), int))
-    assert digest(env.worlds, [0, 2]) == digest(twin.worlds, [0, 2])
+    control.step(np.ones((3, 2, 6), int))
+    assert digest(env.worlds, [0, 2]) == digest(control.worlds, [0, 2])
 
 
 # ---- agents
 
 
-def test_who_lives_on_which_side_and_with_which_share() -> None:
+def test_the_living_their_sides_and_their_shares() -> None:
     env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
     env.reset()
     assert alive(env.worlds).all()
@@ -188,19 +188,19 @@ def test_who_lives_on_which_side_and_with_which_share() -> None:
     assert side(env.worlds, 0).tolist() == [0, 0, 1, 1]
     for tick in range(80):
         *_, terminated, truncated, info = env.step(numbered_actions(env, tick))
-        if (over := terminated | truncated).any():
+        if (done := terminated | truncated).any():
             break
     health = env.observe()["own"][..., 2]
     assert np.array_equal(alive(env.worlds), health > 0)
-    assert np.array_equal(alive(env.worlds, over), health[over] > 0)
+    assert np.array_equal(alive(env.worlds, done), health[done] > 0)
     reported = info["statistics"]
     own = agent_statistics(env.worlds, reported)
     assert np.array_equal(own["return"], reported["return"])
     assert np.array_equal(own["kills"], reported["kills"][:, [0, 0, 1, 1]])
     assert np.array_equal(own["length"], np.repeat(reported["length"][:, None], 4, 1))
     assert {values.shape for values in own.values()} == {(WORLDS, 4)}
-    some = agent_statistics(env.worlds, reported, over)
-    assert all(np.array_equal(values[over], some[key]) for key, values in own.items())
+    some = agent_statistics(env.worlds, reported, done)
+    assert all(np.array_equal(values[done], some[key]) for key, values in own.items())
 
 
 def test_the_noop_moves_nobody() -> None:

@@ -18,19 +18,19 @@ def test_next_step_resets_in_a_step_of_its_own() -> None:
     env, other = make_vec(short("teams_3"), WORLDS, seed=0), make_vec(short("teams_3"), WORLDS, seed=0)
     env.reset()
     other.reset()
-    over, resets = np.zeros(WORLDS, bool), 0
+    done, resets = np.zeros(WORLDS, bool), 0
     for tick in range(80):
         actions = numbered_actions(env, tick)
         observations, reward, terminated, truncated, _ = env.step(actions)
-        actions[over] = (actions[over] + 1) % 2
+        actions[done] = (actions[done] + 1) % 2
         other.step(actions)
         assert np.array_equal(env.worlds.block, other.worlds.block)
-        assert not reward[over].any()
-        assert not (terminated | truncated)[over].any()
-        assert (env.worlds[Clock].tick[over] == 0).all()
-        assert (observations["own"][over, :, 2] == 10).all()
-        resets += over.sum()
-        over = terminated | truncated
+        assert not reward[done].any()
+        assert not (terminated | truncated)[done].any()
+        assert (env.worlds[Clock].tick[done] == 0).all()
+        assert (observations["own"][done, :, 2] == 10).all()
+        resets += done.sum()
+        done = terminated | truncated
     assert resets >= WORLDS
 
 
@@ -41,28 +41,28 @@ def test_same_step_shows_both_episodes_at_once() -> None:
     )
     same.reset()
     following.reset()
-    over = np.zeros(1, bool)
-    while not over.any():
+    done = np.zeros(1, bool)
+    while not done.any():
         actions = numbered_actions(same, 0)
         observations, *outcome, info = same.step(actions)
         buffers, *expected, expected_info = following.step(actions)
         last = {key: values.copy() for key, values in buffers.items()}
         assert all(np.array_equal(mine, theirs) for mine, theirs in zip(outcome, expected, strict=True))
-        over = outcome[1] | outcome[2]
-    assert not over.all()
-    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == over.tolist()
+        done = outcome[1] | outcome[2]
+    assert not done.all()
+    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == done.tolist()
     assert equal(info["final_info"]["statistics"], expected_info["statistics"])
     fresh, *_ = following.step(actions)
     for w in range(WORLDS):
-        if over[w]:
+        if done[w]:
             assert all(np.array_equal(info["final_obs"][w][key], last[key][w]) for key in last)
             assert all(np.array_equal(observations[key][w], fresh[key][w]) for key in fresh)
         else:
             assert info["final_obs"][w] is None
             assert all(np.array_equal(observations[key][w], last[key][w]) for key in last)
-    assert (same.worlds[Clock].tick[over] == 0).all()
+    assert (same.worlds[Clock].tick[done] == 0).all()
     same.step(actions)  # and on without a pause
-    assert (same.worlds[Clock].tick[over] == 1).all()
+    assert (same.worlds[Clock].tick[done] == 1).all()
 
 
 def test_disabled_waits_for_a_reset_of_what_ended() -> None:
@@ -70,15 +70,15 @@ def test_disabled_waits_for_a_reset_of_what_ended() -> None:
     env.reset()
     for tick in range(80):
         _, _, terminated, truncated, _ = env.step(actions := numbered_actions(env, tick))
-        if (over := terminated | truncated).any():
+        if (done := terminated | truncated).any():
             break
     before = digest(env.worlds)
-    with pytest.raises(NotResetError, match=rf"worlds \[{np.flatnonzero(over)[0]}.* have ended.*reset_mask"):
+    with pytest.raises(NotResetError, match=rf"worlds \[{np.flatnonzero(done)[0]}.* have ended.*reset_mask"):
         env.step(actions)
     assert digest(env.worlds) == before
-    others = digest(env.worlds, ~over)
-    env.reset(options={"reset_mask": over})
-    assert digest(env.worlds, ~over) == others
+    others = digest(env.worlds, ~done)
+    env.reset(options={"reset_mask": done})
+    assert digest(env.worlds, ~done) == others
     env.step(actions)
 
 
@@ -93,30 +93,30 @@ def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
         _, reward, terminated, truncated, info = env.step(numbered_actions(env, tick))
         length += ~fresh
         returns += reward
-        over = terminated | truncated
+        done = terminated | truncated
         assert np.array_equal(info["alive"], env.worlds[Entity].alive[:, env.worlds.span("agent")] == 1)
-        assert ("statistics" in info) == over.any()
+        assert ("statistics" in info) == done.any()
         if "statistics" in info:
             found = info["statistics"]
-            assert info["_statistics"].tolist() == over.tolist()
-            assert np.array_equal(found["length"], np.where(over, length, 0))
-            assert np.array_equal(found["return"], np.where(over[:, None], returns, 0))
+            assert info["_statistics"].tolist() == done.tolist()
+            assert np.array_equal(found["length"], np.where(done, length, 0))
+            assert np.array_equal(found["return"], np.where(done[:, None], returns, 0))
             dead = found["deaths_melee"] + found["deaths_zone"]
-            assert (dead[over & terminated] >= 2).all()  # one team of two, or both
-            assert (dead[~over] == 0).all()
-            assert ((found["first_death"] <= found["length"]) | ~over).all()
+            assert (dead[done & terminated] >= 2).all()  # one team of two, or both
+            assert (dead[~done] == 0).all()
+            assert ((found["first_death"] <= found["length"]) | ~done).all()
             if mode == "SameStep":
                 assert found is info["final_info"]["statistics"]
-            count += over.sum()
-        length[over], returns[over] = 0, 0
-        fresh = over if mode == "NextStep" else fresh
+            count += done.sum()
+        length[done], returns[done] = 0, 0
+        fresh = done if mode == "NextStep" else fresh
     assert count >= WORLDS
     assert {"heals_used", "boxes_placed", "kills"} < found.keys()
 
 
 def test_the_time_limit_truncates() -> None:
     """Exactly at the limit; a world that ends by its rule in that very tick is terminated instead."""
-    scenario = variant("teams_3").replace(agents_health=11, safe_zone_radii=(8.0,))  # who is outside dies in tick 12
+    scenario = variant("teams_3").replace(agents_health=11, safe_zone_radii=(8.0,))  # agents outside die in tick 12
     limited = make_vec(scenario.replace(ending_limit=12), scaled(200, least=16), seed=0)
     unlimited = make_vec(scenario, limited.num_worlds, seed=0)
     idle = np.tile([1, 1, 1, 0, 0, 0], (limited.num_worlds, 4, 1))
@@ -148,13 +148,13 @@ def test_episodes_that_are_stopped_early_end_as_others_do(mode: str) -> None:
         assert info.keys() == expected.keys()
         assert "statistics" not in info or equal(info["statistics"], expected["statistics"])
         assert equal(env.observe(), limited.observe())
-        if mode == "Disabled" and (over := mine[1] | mine[2]).any():
+        if mode == "Disabled" and (done := mine[1] | mine[2]).any():
             with pytest.raises(NotResetError, match=r"worlds \[0, 1, 2\] have ended"):
                 env.step(actions)
             for each in (env, limited):
-                each.reset(options={"reset_mask": over})
+                each.reset(options={"reset_mask": done})
     state = env.get_state()
     for _ in range(7):
         env.set_state(state)
         env.step(actions)
-    assert env.get_state().arrays["over"].tolist() == [False] * 3  # the scenario's own ends, for whoever loads it
+    assert env.get_state().arrays["over"].tolist() == [False] * 3  # the scenario's own ends, for those that load it

@@ -242,7 +242,7 @@ def test_a_default_of_another_type_than_annotated_is_refused(annotation: str, de
 
 
 def test_a_parameter_of_another_type_than_its_number_is_refused() -> None:
-    """It would get the number all the same, and round it or not as nobody expects."""
+    """It would get the number all the same, and round it or not unexpectedly."""
 
     @dataclass(frozen=True)
     class Odd(Toy):
@@ -333,7 +333,7 @@ def test_the_name_of_a_mechanic_is_its_class_in_snake_case_or_the_attribute_name
 
 @dataclass(frozen=True)
 class Marchers(Walkers):
-    """Walkers with longer legs, who do not show themselves."""
+    """Walkers with longer legs, which are not shown."""
 
     stride = 2.0
 

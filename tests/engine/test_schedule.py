@@ -13,13 +13,13 @@ from tests.helpers.toy_game import Energy, Line, Meals, Phase, Place, Toy, Walke
 
 TABLE = """\
 phase     runs on      system                 reads                              writes                         adds
-BEGIN     reset        # everybody is somewhere
+BEGIN     reset        # all are placed
                        walkers.scatter        Entity                             Place
                        food.grow                                                 Place Entity
-MOVE      step         # everybody has moved
+MOVE      step         # all have moved
                        walkers.walk           Pace                               Place
                        weather.blow                                              Place Wind
-FEED      step         # everybody has eaten
+FEED      step         # all have eaten
                        food.eat               Place                                                             Meals Energy
                        weather.freeze         Wind                                                              Energy
 SHOW      reset, step  # everything is seen
@@ -44,7 +44,7 @@ def adds(place: Add[Place]) -> None: ...
 def reads_pieces(energy: Read[Energy], line: Read[Line]) -> None: ...
 def writes_pieces(line: Write[Line], energy: Write[Energy]) -> None: ...
 def asks_nowhere(nowhere: Read[Nowhere]) -> None: ...
-def needs_nobody(place: Write[Place], nobody: Rows[Place, Nowhere]) -> None: ...
+def needs_none(place: Write[Place], none: Rows[Place, Nowhere]) -> None: ...
 
 
 def module(label: str, function: Callable[..., None], phase: Phase = Phase.FEED, **order: Any) -> Module:
@@ -181,7 +181,7 @@ def test_a_missing_component_is_named_with_the_cure() -> None:
 
 def test_a_system_without_rows_is_inactive() -> None:
     """It has nothing to do, so it is not scheduled, and needs nothing."""
-    assert labels(module("ape.act", needs_nobody), module("zebra.act", writes)) == ["zebra.act"]
+    assert labels(module("ape.act", needs_none), module("zebra.act", writes)) == ["zebra.act"]
 
 
 def test_a_scenario_may_have_no_system_at_all() -> None:

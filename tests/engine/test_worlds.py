@@ -122,7 +122,7 @@ def drawing(name: str, base: type[Module] = Toy, **attributes: Any) -> Module:
 def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
     """The first draw of two systems in one tick, and draws of entities of one kind and of two kinds."""
 
-    first, second = (make(Walkers(), drawing(name), count=50)[Wind].push for name in ("dice", "coin"))
+    first, second = (make(Walkers(), drawing(name), count=50)[Wind].push for name in ("first", "second"))
     assert not np.isin(first, second).any()
     x = make(count=50)[Place].x
     assert len(np.unique(x)) > 248  # of 250 draws of 24 bits

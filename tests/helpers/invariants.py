@@ -122,8 +122,8 @@ class InvariantChecker:
     def _health_and_life_agree(self, alive: Array, ran: Array) -> None:
         """The living have health, or lost it after this step's check; the dead have none and stay dead."""
         health, tick = self.env.worlds[Health], self.env.worlds[Clock].tick
-        points, doomed = health.points[:, self.agents], health.fatal_tick[:, self.agents]
-        assert ((points > 0) | (doomed == tick.astype(np.int64)) | ~alive).all()
+        points, fatal = health.points[:, self.agents], health.fatal_tick[:, self.agents]
+        assert ((points > 0) | (fatal == tick.astype(np.int64)) | ~alive).all()
         assert ((points <= 0) | alive).all()
         if limit := self.numbers["mortality_limit"]:
             assert (points <= limit).all()
@@ -142,7 +142,7 @@ class InvariantChecker:
             assert (np.maximum(np.abs(x), np.abs(y)) + radius <= size / 2 + 1e-4).all()
 
     def _rewards_are_right(self, alive: Array) -> None:
-        """By the formula of the paper and of the ablations, from who lives and who killed whom."""
+        """By the formula of the paper and of the ablations, from the survivors and the kills."""
         worlds, numbers = self.env.worlds, self.numbers
         side, death = worlds[Side].side[:, self.agents], worlds[Death]
         now, killer = death.now[:, self.agents].astype(bool), death.source[:, self.agents]

@@ -1,4 +1,4 @@
-"""Naive plain-Python forms of the mechanics, from the reference rules: one thing at a time, float64, nothing clever.
+"""Naive plain-Python forms of the mechanics, from the reference rules: one entity at a time, float64, unoptimized.
 
 Each takes a World and changes it as the tick should. Where float32 rounding may decide, which float32 may see
 otherwise, they raise Ambiguous (or note it: see ambiguity). How bodies move and where items of the dead fall is up to
@@ -11,61 +11,63 @@ from typing import Any
 
 from tests.helpers.ambiguity import ambiguous, unambiguous, within
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
-from tests.helpers.naive_world import TOLERANCE, Loss, Thing, World
+from tests.helpers.naive_world import TOLERANCE, Loss, NaiveEntity, World
 
 Actions = Sequence[dict[str, int]]
 Move = Callable[[World, Actions], None]  # of all bodies
-Fall = Callable[[World, Thing, Thing], tuple[float, float]]  # of an item, from an agent that dies: where to
+Fall = Callable[[World, NaiveEntity, NaiveEntity], tuple[float, float]]  # of an item, from an agent that dies: where to
 
 
 def distance(a: Any, b: Any) -> float:
     return math.dist((a.x, a.y), (b.x, b.y))
 
 
-def ahead(thing: Thing, far: float) -> tuple[float, float]:
+def ahead(entity: NaiveEntity, far: float) -> tuple[float, float]:
     """The way straight ahead; a right angle is one, though float32 has none."""
-    return far * _whole(math.cos(thing.angle)), far * _whole(math.sin(thing.angle))
+    return far * _whole(math.cos(entity.angle)), far * _whole(math.sin(entity.angle))
 
 
 def _whole(number: float) -> float:
     return round(number) if abs(number - round(number)) < 1e-7 else number
 
 
-def entry(origin: tuple[float, float], ray: tuple[float, float], thing: Thing, offset: float = 0.0) -> float:
-    """Fraction at which the ray enters the thing, made larger by `offset`; NO_HIT if it does not, or starts inside."""
+def entry(origin: tuple[float, float], ray: tuple[float, float], entity: NaiveEntity, offset: float = 0.0) -> float:
+    """Fraction at which the ray enters the entity, made larger by `offset`; NO_HIT if it does not, or starts inside."""
     if 0 < math.hypot(*ray) < 1e-3:
         ambiguous("a short ray")
-    if thing.radius > 0:
-        return ray_circle(origin, ray, (thing.x, thing.y), thing.radius + offset)
-    half = thing.half_width + offset, thing.half_height + offset
-    return ray_box(origin, ray, (thing.x, thing.y), thing.angle, *half)
+    if entity.radius > 0:
+        return ray_circle(origin, ray, (entity.x, entity.y), entity.radius + offset)
+    half = entity.half_width + offset, entity.half_height + offset
+    return ray_box(origin, ray, (entity.x, entity.y), entity.angle, *half)
 
 
-def first_on_ray(origin: tuple[float, float], ray: tuple[float, float], things: Sequence[Thing]) -> Thing | None:
-    """Whom the ray meets first; of several at the very same place, the first in order."""
+def first_on_ray(
+    origin: tuple[float, float], ray: tuple[float, float], entities: Sequence[NaiveEntity]
+) -> NaiveEntity | None:
+    """The entity that the ray meets first; of several at the same place, the first in order."""
 
     def ask(offset: float) -> int:
-        entries = [entry(origin, ray, thing, offset) for thing in things]
+        entries = [entry(origin, ray, entity, offset) for entity in entities]
         return entries.index(min(entries)) if min(entries, default=NO_HIT) < NO_HIT else -1
 
     met = unambiguous(ask)
-    return None if met < 0 else things[met]
+    return None if met < 0 else entities[met]
 
 
-def hurt(world: World, thing: Thing, amount: int, cause: str, side: int) -> None:
-    """Take hit points. To blame is the last loss of the tick in which they came to 0 or below; else the last one."""
-    thing.losses.append(Loss(world.tick, world.causes.index(cause), side, thing.health, thing.health - amount))
-    thing.health -= amount
-    blame = thing.losses[-1]
-    if thing.health <= 0:
-        fatal = [loss.tick for loss in thing.losses if loss.before > 0 >= loss.after][-1]
-        blame = [loss for loss in thing.losses if loss.tick == fatal][-1]
-    thing.cause, thing.source = blame.cause, blame.side
+def hurt(world: World, entity: NaiveEntity, amount: int, damage_type: str, side: int) -> None:
+    """Take hit points. The loss that counts is the last of the tick in which they came to 0 or below; else the last."""
+    before, entity.health = entity.health, entity.health - amount
+    entity.losses.append(Loss(world.tick, world.damage_types.index(damage_type), side, before, entity.health))
+    blame = entity.losses[-1]
+    if entity.health <= 0:
+        fatal = [loss.tick for loss in entity.losses if loss.before > 0 >= loss.after][-1]
+        blame = [loss for loss in entity.losses if loss.tick == fatal][-1]
+    entity.damage_type, entity.source = blame.damage_type, blame.side
 
 
-def is_immune(world: World, thing: Thing, side: int) -> bool:
-    """Team mates do not hurt each other; an owned box minds its owner only."""
-    return (world.teams and thing.side == side) or (thing.owner >= 0 and thing.owner != side)
+def is_immune(world: World, entity: NaiveEntity, side: int) -> bool:
+    """Team mates do not hurt each other; only its owner hurts an owned box."""
+    return (world.teams and entity.side == side) or (entity.owner >= 0 and entity.owner != side)
 
 
 def respawn_items(world: World) -> None:
@@ -82,7 +84,7 @@ def use(world: World, actions: Actions) -> None:
     for agent in world.live("agent"):
         if not actions[agent.index]["use"] or not agent.bag:
             continue
-        item = world.things[agent.bag.pop()]
+        item = world.entities[agent.bag.pop()]
         item.holder = -1
         world.used.append(item.row)
         if item.kind == "heal":
@@ -101,31 +103,31 @@ def use(world: World, actions: Actions) -> None:
 
 
 def give(world: World, actions: Actions) -> None:
-    """Everybody chooses a taker, then the last items change hands in order; a full taker takes nothing."""
+    """All agents choose takers, then the last items change hands in order; a full taker takes nothing."""
     givers = [
         a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_last_passes_on"])
     ]
     for giver, taker in [(giver, choose_taker(world, giver)) for giver in givers]:
         if taker and giver.bag and len(taker.bag) < world.numbers["inventory_slots"]:
             taker.bag.append(giver.bag.pop())
-            world.things[taker.bag[-1]].holder = taker.row
+            world.entities[taker.bag[-1]].holder = taker.row
 
 
-def choose_taker(world: World, giver: Thing) -> Thing | None:
+def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
     """The nearest suitable agent; or the nearest body of any kind, if that is one."""
 
-    def suits(thing: Thing) -> bool:
-        return thing.kind == "agent" and (not world.teams or thing.side == giver.side)
+    def suits(entity: NaiveEntity) -> bool:
+        return entity.kind == "agent" and (not world.teams or entity.side == giver.side)
 
-    others = [thing for thing in world.things if thing.here and thing is not giver]
+    others = [entity for entity in world.entities if entity.here and entity is not giver]
     if world.numbers["give_last_nearest"] == "suitable":
-        others = [thing for thing in others if suits(thing)]
-    near = [thing for thing in others if within(distance(giver, thing), world.numbers["give_last_reach"])]
+        others = [entity for entity in others if suits(entity)]
+    near = [entity for entity in others if within(distance(giver, entity), world.numbers["give_last_reach"])]
     if not near:
         return None
-    nearest = min(near, key=lambda thing: distance(giver, thing))
-    for thing in near:
-        if thing is not nearest and 0 < distance(giver, thing) - distance(giver, nearest) < TOLERANCE:
+    nearest = min(near, key=lambda entity: distance(giver, entity))
+    for entity in near:
+        if entity is not nearest and 0 < distance(giver, entity) - distance(giver, nearest) < TOLERANCE:
             ambiguous("two are equally near")
     return nearest if suits(nearest) else None
 
@@ -147,17 +149,17 @@ def melee(world: World, actions: Actions) -> None:
             hurt(world, target, world.numbers["melee_damage"], "melee", agent.side)
 
 
-def in_the_way(world: World, agent: Thing) -> list[Thing]:
+def in_the_way(world: World, agent: NaiveEntity) -> list[NaiveEntity]:
     """What can stop the melee of `agent`: everything, or if it is not blocked, what it can hurt."""
-    others = [thing for thing in world.things if thing.here and thing is not agent]
+    others = [entity for entity in world.entities if entity.here and entity is not agent]
     if world.numbers["melee_blocked"]:
         return others
-    return [thing for thing in others if thing.health is not None and not is_immune(world, thing, agent.side)]
+    return [entity for entity in others if entity.health is not None and not is_immune(world, entity, agent.side)]
 
 
 def break_boxes(world: World) -> None:
     """Who breaks a box first owns it. One that was set up in this tick may not be harmed yet."""
-    used = [world.things[row] for row in world.used]
+    used = [world.entities[row] for row in world.used]
     new = [item.index for item in used if item.kind == "box_item"]
     for box in world.live("box"):
         if world.numbers["boxes_settles"] and box.index in new:
@@ -174,16 +176,16 @@ def die(world: World, fall: Fall) -> None:
         if agent.health > 0:
             continue
         agent.here = False
-        world.deaths.append((agent.index, agent.cause, agent.source))
+        world.deaths.append((agent.index, agent.damage_type, agent.source))
         while agent.bag:
-            item = world.things[agent.bag.pop()]
+            item = world.entities[agent.bag.pop()]
             item.holder, item.here = -1, True
             item.x, item.y = fall(world, item, agent)
             world.fallen.append((item.row, agent.row))
 
 
 def pick_up(world: World) -> None:
-    """Everybody takes what is in reach, while there is room."""
+    """All agents take what is in reach, while there is room."""
     fallen = [row for row, _ in world.fallen]
     for agent in world.live("agent"):
         for item in world.live("box_item", "heal"):
@@ -210,7 +212,7 @@ def zone_at(world: World, tick: int) -> list[float]:
 
 
 def zone_damage(world: World) -> None:
-    """Who is outside of the zone as it was a tick ago loses health; in the void phase everybody is."""
+    """Agents outside of the zone as it was a tick ago lose health; in the void phase all are outside."""
     x, y, radius = zone_at(world, world.tick - 1)[:3]
     for agent in world.live("agent"):
         if radius == 0 or not within(math.dist((agent.x, agent.y), (x, y)), radius):

@@ -6,41 +6,43 @@ from typing import Any
 from tests.helpers.ambiguity import ambiguous, unambiguous
 from tests.helpers.naive_geometry import in_kite, in_sector
 from tests.helpers.naive_mechanics import distance, entry
-from tests.helpers.naive_world import Thing, World
+from tests.helpers.naive_world import NaiveEntity, World
 
 STRETCH = 1 + 1e-6  # rules, section 3: the ray to a centre is this much longer
 
 
 def see(world: World) -> list[set[int]]:
     """By agent: the rows that its camera sees. The dead see nothing."""
-    here = [thing for thing in world.things if thing.here]
+    here = [entity for entity in world.entities if entity.here]
     eyes = [me if me.here else None for me in world.of("agent")]
-    return [{thing.row for thing in here if thing is not me and sees(world, me, thing)} if me else set() for me in eyes]
+    return [
+        {entity.row for entity in here if entity is not me and sees(world, me, entity)} if me else set() for me in eyes
+    ]
 
 
-def sees(world: World, me: Thing, thing: Thing) -> bool:
+def sees(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
     """Whether its centre is in the cone, and nothing is nearer on the ray to it."""
     fov, depth = world.numbers["cameras_fov"], world.numbers["cameras_depth"]
     cone = in_kite if world.numbers["cameras_cone"] == "kite" else in_sector
-    place, eye = (thing.x, thing.y), (me.x, me.y)
+    place, eye = (entity.x, entity.y), (me.x, me.y)
     if place == eye:
         return False
-    if distance(me, thing) < 1e-3:
+    if distance(me, entity) < 1e-3:
         ambiguous("two at nearly the same place")
     if not unambiguous(lambda offset: cone(place, eye, me.angle, depth + offset, fov / 2 + offset)):
         return False
     kinds = ("agent", "box", "wall") + (("box_item", "heal") if world.numbers["cameras_items_occlude"] else ())
-    others = [other for other in world.live(*kinds) if other is not me and other is not thing]
-    ray = (thing.x - me.x) * STRETCH, (thing.y - me.y) * STRETCH
+    others = [other for other in world.live(*kinds) if other is not me and other is not entity]
+    ray = (entity.x - me.x) * STRETCH, (entity.y - me.y) * STRETCH
 
     def first(offset: float) -> bool:
-        own = entry(eye, ray, thing, offset)
+        own = entry(eye, ray, entity, offset)
         return own <= 1 and not any(entry(eye, ray, other, -offset) < own for other in others)
 
     return unambiguous(first)
 
 
-def agent_row(world: World, agent: Thing) -> list[float]:
+def agent_row(world: World, agent: NaiveEntity) -> list[float]:
     """id, [team], health, x, y, angle, vx, vy, omega; zeros after id and team once dead."""
     state = [agent.health, agent.x, agent.y, agent.angle, agent.vx, agent.vy, agent.omega]
     return [agent.index, *([agent.side] if world.teams else []), *(state if agent.here else [0] * 7)]
@@ -58,16 +60,16 @@ def corners(world: World, index: int, copied: bool) -> list[float]:
     return [number for vertex in vertices for number in vertex]
 
 
-def entity_row(world: World, thing: Thing) -> list[float]:
+def entity_row(world: World, entity: NaiveEntity) -> list[float]:
     """Its row in the observation, as it truly is."""
-    if thing.kind == "agent":
-        return agent_row(world, thing)
-    if thing.kind == "heal":
-        return [thing.x, thing.y] if thing.here else [0] * 2
-    outline = corners(world, thing.index, thing.kind == "box_item" or thing.placed)
-    if thing.kind == "box":
-        return [*outline, thing.x, thing.y, thing.angle] if thing.here else [0] * 11
-    return [*outline, thing.x, thing.y] if thing.here else [0] * 10
+    if entity.kind == "agent":
+        return agent_row(world, entity)
+    if entity.kind == "heal":
+        return [entity.x, entity.y] if entity.here else [0] * 2
+    outline = corners(world, entity.index, entity.kind == "box_item" or entity.placed)
+    if entity.kind == "box":
+        return [*outline, entity.x, entity.y, entity.angle] if entity.here else [0] * 11
+    return [*outline, entity.x, entity.y] if entity.here else [0] * 10
 
 
 def observe(world: World, i: int) -> dict[str, Any]:
@@ -75,13 +77,13 @@ def observe(world: World, i: int) -> dict[str, Any]:
     me = world.of("agent")[i]
     seen: dict[str, Any] = {"own": agent_row(world, me), "zone": world.zone}
     for key, kind in (("others", "agent"), ("heals", "heal"), ("boxes", "box"), ("box_items", "box_item")):
-        things = [thing for thing in world.of(kind) if thing is not me]
-        if things or kind == "agent":
-            seen[f"{key}_mask"] = [int(is_masked_in(world, me, thing)) for thing in things]
+        entities = [entity for entity in world.of(kind) if entity is not me]
+        if entities or kind == "agent":
+            seen[f"{key}_mask"] = [int(is_masked_in(world, me, entity)) for entity in entities]
             secret = world.numbers["cameras_mode"] == "masked"
-            rows = [(entity_row(world, thing), is_masked_in(world, me, thing) or not secret) for thing in things]
+            rows = [(entity_row(world, entity), is_masked_in(world, me, entity) or not secret) for entity in entities]
             seen[key] = [row if shown else [0] * len(row) for row, shown in rows]
-    last = world.things[me.bag[-1]] if me.bag and me.here else None
+    last = world.entities[me.bag[-1]] if me.bag and me.here else None
     if world.of("heal"):
         heal = last is not None and last.kind == "heal"
         seen["heal_slot"], seen["heal_slot_mask"] = [[world.numbers["heals_amount"] if heal else 0]], [int(heal)]
@@ -91,11 +93,11 @@ def observe(world: World, i: int) -> dict[str, Any]:
     return seen
 
 
-def is_masked_in(world: World, me: Thing, thing: Thing) -> bool:
+def is_masked_in(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
     """The mask: a living agent observes what exists, and what its camera sees if that counts."""
-    if not me.here or not thing.here:
+    if not me.here or not entity.here:
         return False
-    return world.numbers["cameras_mode"] == "omniscient" or thing.row in world.seen[me.index]
+    return world.numbers["cameras_mode"] == "omniscient" or entity.row in world.seen[me.index]
 
 
 def alive(world: World, side: int) -> int:
@@ -128,24 +130,24 @@ def reward(world: World, i: int) -> float:
 def end(world: World) -> tuple[bool, bool]:
     """Terminated, truncated."""
     standing = sum(alive(world, side) > 0 for side in range(world.sides))
-    over = standing <= {"all dead": 0, "last alive": 1}[world.numbers["ending_rule"]]
-    return over, not over and 0 < world.numbers["ending_limit"] <= world.tick
+    done = standing <= {"all dead": 0, "last alive": 1}[world.numbers["ending_rule"]]
+    return done, not done and 0 < world.numbers["ending_limit"] <= world.tick
 
 
 def statistics(world: World, before: dict[str, Any]) -> dict[str, Any]:
     """Of the episode so far, `before` being those of the tick before; items count as they are used."""
-    causes = [cause for _, cause, _ in world.deaths]
+    damage_types = [damage_type for _, damage_type, _ in world.deaths]
     return {
         "length": world.tick,
         "returns": [old + reward(world, i) for i, old in enumerate(before["returns"])],
         "kills": [old + killed(world, side) for side, old in enumerate(before["kills"])],
-        "deaths": [old + causes.count(cause) for cause, old in enumerate(before["deaths"])],
+        "deaths": [old + damage_types.count(damage_type) for damage_type, old in enumerate(before["deaths"])],
         "first_death": before["first_death"] or (world.tick if world.deaths else 0),
         **{key: world.statistics[key] for key in ("heals_used", "boxes_placed") if key in before},
     }
 
 
-def free_motion(agent: Thing, push: dict[str, int], numbers: dict[str, Any]) -> list[float]:
+def free_motion(agent: NaiveEntity, push: dict[str, int], numbers: dict[str, Any]) -> list[float]:
     """x, y, angle, vx, vy, omega after a tick in open space: a push, then substeps of damping and drifting."""
     mass = math.pi * numbers["agents_radius"] ** 2 * numbers["agents_density"]
     inertia = mass * numbers["agents_radius"] ** 2 / 2

@@ -5,21 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from outlast.components import (
-    Bag,
-    Body,
-    Box,
-    BoxesPlaced,
-    Death,
-    Episode,
-    Guard,
-    HealsUsed,
-    Health,
-    Item,
-    Shape,
-    Side,
-    Weapon,
-    Zone,
+from outlast.components import (  # isort: skip
+    Bag, Body, Box, BoxesPlaced, Death, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
 )  # fmt: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -31,14 +18,14 @@ class Loss(NamedTuple):
     """Hit points lost at once."""
 
     tick: int
-    cause: int
+    damage_type: int
     side: int
     before: int
     after: int
 
 
 @dataclass
-class Thing:
+class NaiveEntity:
     """One row of the tables: an agent, a box, an item or a wall."""
 
     row: int
@@ -55,7 +42,7 @@ class Thing:
     half_width: float
     half_height: float
     health: int | None = None  # None: has none
-    cause: int = -1
+    damage_type: int = -1
     source: int = -1
     losses: list[Loss] = field(default_factory=list)
     side: int = -1
@@ -69,12 +56,12 @@ class Thing:
 
 @dataclass
 class World:
-    """One world. `statistics` are those of the episode so far, `deaths` (agent, cause, side) those of this tick."""
+    """One world. statistics: of the episode so far; deaths: (agent, damage type, side) of this tick."""
 
-    things: list[Thing]
+    entities: list[NaiveEntity]
     tick: int
     numbers: dict[str, Any]
-    causes: list[str]
+    damage_types: list[str]
     centres: list[tuple[float, float]]
     zone: list[float]
     deaths: list[tuple[int, int, int]]
@@ -84,11 +71,11 @@ class World:
     fallen: list[tuple[int, int]] = field(default_factory=list)  # (item, agent that dropped it dying) in this tick
     seen: list[set[int]] = field(default_factory=list)  # by agent: rows that its camera sees
 
-    def of(self, *kinds: str) -> list[Thing]:
-        return [thing for thing in self.things if thing.kind in kinds]
+    def of(self, *kinds: str) -> list[NaiveEntity]:
+        return [entity for entity in self.entities if entity.kind in kinds]
 
-    def live(self, *kinds: str) -> Iterator[Thing]:
-        return (thing for thing in self.of(*kinds) if thing.here)
+    def live(self, *kinds: str) -> Iterator[NaiveEntity]:
+        return (entity for entity in self.of(*kinds) if entity.here)
 
     @property
     def teams(self) -> bool:
@@ -109,10 +96,10 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
     side, weapon, item, bag = (_rows(tables[c], w) for c in (Side, Weapon, Item, Bag))
     boxes = _rows(tables[Box], w) if Box in tables else {name: [0] * tables.dims["rows"] for name in Box.columns}
     alive = tables[Entity].alive[w].tolist()
-    things = []
+    entities = []
     for kind, span in tables.layout.spans.items():
         for index, row in enumerate(span):
-            thing = Thing(
+            entity = NaiveEntity(
                 row,
                 kind,
                 index,
@@ -121,19 +108,19 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
                 *(shape[name][row] for name in ("radius", "half_width", "half_height")),
             )
             if kind in ("agent", "box"):
-                thing.health, thing.cause, thing.source = (
+                entity.health, entity.damage_type, entity.source = (
                     health[name][row] for name in ("points", "damage_type", "source")
                 )
-                thing.losses = _past(thing, health["fatal_tick"][row])
+                entity.losses = _past(entity, health["fatal_tick"][row])
             if kind == "agent":
-                thing.side, thing.wait = side["side"][row], weapon["cooldown"][row]
-                thing.bag = bag["items"][row][: bag["count"][row]]
-            thing.owner, thing.holder = guard["vulnerable_only_to"][row], item["holder"][row]
-            thing.broken, thing.placed = boxes["broken"][row] == 1, boxes["placed"][row] == 1
-            things.append(thing)
+                entity.side, entity.wait = side["side"][row], weapon["cooldown"][row]
+                entity.bag = bag["items"][row][: bag["count"][row]]
+            entity.owner, entity.holder = guard["vulnerable_only_to"][row], item["holder"][row]
+            entity.broken, entity.placed = boxes["broken"][row] == 1, boxes["placed"][row] == 1
+            entities.append(entity)
     zone, clock = _rows(tables[Zone], w), _rows(tables[Clock], w)
     return World(
-        things,
+        entities,
         int(clock["tick"][0]),
         env.scenario.numbers(),
         tables.layout.damage_types,
@@ -146,7 +133,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
 
 
 def differences(got: World, want: World, kinds: tuple[str, ...], *columns: str) -> list[str]:
-    """Where the things of these kinds differ, in words."""
+    """Where the entities of these kinds differ, in words."""
     found = []
     for one, other in zip(got.of(*kinds), want.of(*kinds), strict=True):
         for column in columns:
@@ -160,11 +147,12 @@ def _rows(table: Any, w: int) -> dict[str, list[Any]]:
     return {name: getattr(table, name)[w].tolist() for name in table._fields}
 
 
-def _past(thing: Thing, doomed: int) -> list[Loss]:
+def _past(entity: NaiveEntity, fatal_tick: int) -> list[Loss]:
     """What must have happened to it: the blow that brought it to 0 or below, or the last one before."""
-    if thing.health <= 0:
-        return [Loss(doomed, thing.cause, thing.source, 1, thing.health)]
-    return [Loss(-1, thing.cause, thing.source, thing.health + 1, thing.health)] if thing.cause >= 0 else []
+    kind, side, points = entity.damage_type, entity.source, entity.health
+    if points <= 0:
+        return [Loss(fatal_tick, kind, side, 1, points)]
+    return [Loss(-1, kind, side, points + 1, points)] if kind >= 0 else []
 
 
 def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:

@@ -34,7 +34,7 @@ TEXT = RUNS | {
 }  # fmt: skip
 KINDS = {
     "ffa as run": ("ffa_4", RUNS),
-    "teams mended": (
+    "teams with ablations": (
         "teams_4",
         RUNS
         | {
@@ -85,7 +85,7 @@ def play(kind: str) -> tuple[Played, ...]:
                 played.append(_played(env, w, world, moves))
             except Ambiguous:
                 ambiguous += 1
-        running = [w for w in running if not _over(env, w)[0] and not _over(env, w)[1]]
+        running = [w for w in running if not _ended(env, w)[0] and not _ended(env, w)[1]]
     env.close()
     assert ambiguous < max(2, 0.05 * len(played))
     return tuple(played)
@@ -101,10 +101,10 @@ def moved_as_in(after: World) -> naive_mechanics.Move:
     """Box2D's part of a tick, taken from the world that came out of it."""
 
     def move(world: World, actions: naive_mechanics.Actions) -> None:
-        for thing, moved in zip(world.things, after.things, strict=True):
-            if thing.kind == "agent" or (thing.kind == "box" and thing.here and world.numbers["boxes_dynamic"]):
-                thing.x, thing.y, thing.angle = moved.x, moved.y, moved.angle
-                thing.vx, thing.vy, thing.omega = moved.vx, moved.vy, moved.omega
+        for entity, moved in zip(world.entities, after.entities, strict=True):
+            if entity.kind == "agent" or (entity.kind == "box" and entity.here and world.numbers["boxes_dynamic"]):
+                entity.x, entity.y, entity.angle = moved.x, moved.y, moved.angle
+                entity.vx, entity.vy, entity.omega = moved.vx, moved.vy, moved.omega
 
     return move
 
@@ -113,10 +113,10 @@ def _played(env: SurvivalVectorEnv, w: int, before: World, actions: list[dict[st
     after = read(env, w)
     want = naive_mechanics.tick(before, actions, moved_as_in(after), scattered, naive_observations.see)
     observation = {key: buffer[w].copy() for key, buffer in env._observe().items()}
-    return Played(before, actions, after, want, observation, env.worlds[Reward].reward[w].tolist(), _over(env, w))
+    return Played(before, actions, after, want, observation, env.worlds[Reward].reward[w].tolist(), _ended(env, w))
 
 
-def _over(env: SurvivalVectorEnv, w: int) -> tuple[bool, bool]:
+def _ended(env: SurvivalVectorEnv, w: int) -> tuple[bool, bool]:
     end = env.worlds[End]
     return bool(end.terminated[w, 0]), bool(end.truncated[w, 0])
 

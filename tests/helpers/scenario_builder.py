@@ -12,7 +12,7 @@ from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
 IDLE = (1, 1, 1, 0, 0, 0)
-DEEDS = {"ahead": (0, 2), "left": (1, 2), "turn": (2, 2), "attack": (3, 1), "use": (4, 1), "give": (5, 1)}
+ACTIONS = {"ahead": (0, 2), "left": (1, 2), "turn": (2, 2), "attack": (3, 1), "use": (4, 1), "give": (5, 1)}
 CORNERS = ((-7, -7), (-7, 7), (7, -7), (7, 7))  # far apart, in the first zone
 
 
@@ -29,7 +29,7 @@ class ScenarioBuilder:
         self.env = _environment(variant, frozenset(numbers.items()))
         self.env.reset()
         self.rewards: list[float] = []
-        self.over = False
+        self.done = False
         self.observation: dict[str, np.ndarray] = {}
         for kind in ("heal", "box", "box_item"):
             self.column(Entity).alive[0, self.env.worlds.span(kind)] = 0
@@ -68,16 +68,16 @@ class ScenarioBuilder:
         """Leave it with so many hit points."""
         self.column(Health).points[0, agent] = points
 
-    def step(self, deeds: dict[int, str] | None = None, times: int = 1) -> "ScenarioBuilder":
-        """So many ticks in which agents do what `deeds` says, as in {0: "ahead attack"}, and else idle."""
+    def step(self, acts: dict[int, str] | None = None, times: int = 1) -> "ScenarioBuilder":
+        """So many ticks in which agents do what `acts` says, as in {0: "ahead attack"}, and else idle."""
         actions = np.tile(np.array(IDLE), (1, self.env.num_agents, 1))
-        for agent, words in (deeds or {}).items():
+        for agent, words in (acts or {}).items():
             for word in words.split():
-                actions[0, agent, DEEDS[word][0]] = DEEDS[word][1]
+                actions[0, agent, ACTIONS[word][0]] = ACTIONS[word][1]
         for _ in range(times):
-            assert not self.over
+            assert not self.done
             self.observation, rewards, terminated, _, _ = self.env.step(actions)
-            self.rewards, self.over = rewards[0].tolist(), bool(terminated[0])
+            self.rewards, self.done = rewards[0].tolist(), bool(terminated[0])
         return self
 
     def state(self, agent: int) -> list[float]:
@@ -104,7 +104,7 @@ class ScenarioBuilder:
         return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:
-        """The mask that it is told."""
+        """The mask that it observes."""
         return self.observation[f"{key}_mask"][0, agent].astype(int).tolist()
 
     @property
@@ -120,15 +120,15 @@ class ScenarioBuilder:
         return self.column(Box).broken[0, self.env.worlds.span("box")].tolist()
 
 
-def duel(stage: ScenarioBuilder, far: float = 2.0) -> ScenarioBuilder:
+def duel(game: ScenarioBuilder, far: float = 2.0) -> ScenarioBuilder:
     """Agent 0 stands at the origin and looks at agent 1, which looks back."""
-    stage.put("agent", 0, 0, 0)
-    stage.put("agent", 1, far, 0, math.pi)
-    return stage
+    game.put("agent", 0, 0, 0)
+    game.put("agent", 1, far, 0, math.pi)
+    return game
 
 
-def mates(stage: ScenarioBuilder) -> ScenarioBuilder:
+def mates(game: ScenarioBuilder) -> ScenarioBuilder:
     """Two teams face each other: 0 and 1 on the left, 2 and 3 on the right."""
     for agent, (x, y) in enumerate(((-1, 0), (-1, 5), (1, 0), (1, 5))):
-        stage.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
-    return stage
+        game.put("agent", agent, x, y, math.pi if x > 0 else 0.0)
+    return game

@@ -40,9 +40,9 @@ __all__ = ["RESET", "SKIP", "STEP"]
 
 
 class Phase(ecs.Phase):
-    BEGIN = When.RESET, "everybody is somewhere"
-    MOVE = When.STEP, "everybody has moved"
-    FEED = When.STEP, "everybody has eaten"
+    BEGIN = When.RESET, "all are placed"
+    MOVE = When.STEP, "all have moved"
+    FEED = When.STEP, "all have eaten"
     SHOW = When.ALWAYS, "everything is seen"
 
 

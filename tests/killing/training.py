@@ -108,7 +108,7 @@ class Plot(Tables):
         super().__init__("plot", ("outlast", "plot", "{folder}/runs", "--out", "{out}"), same_bytes)
 
     def prepare(self, folder: Path) -> None:
-        from tests.training.test_training_plot import keep
+        from tests.training.test_plot import keep
 
         (folder / "runs").mkdir()
         for name, seed in (("ffa_2", 0), ("ffa_2", 1), ("teams_3", 0)):

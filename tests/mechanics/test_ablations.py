@@ -58,17 +58,17 @@ def test_names_that_mean_nothing_are_refused(name: str, reason: str) -> None:
 
 def test_the_command_line_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["variants"]) == 0
-    told = capsys.readouterr().out
-    assert all(f"+{name} " in told for name in ABLATIONS)
+    printed = capsys.readouterr().out
+    assert all(f"+{name} " in printed for name in ABLATIONS)
 
 
 def health(name: str) -> list[float]:
     """Of two agents that use a heal, one of them wounded."""
-    stage = ScenarioBuilder(name)
-    stage.wound(0, 20)
-    stage.hand(0, "heal", 0)
-    stage.hand(1, "heal", 1)
-    return stage.step({0: "use", 1: "use"}).observation["own"][0, :, -7].tolist()
+    game = ScenarioBuilder(name)
+    game.wound(0, 20)
+    game.hand(0, "heal", 0)
+    game.hand(1, "heal", 1)
+    return game.step({0: "use", 1: "use"}).observation["own"][0, :, -7].tolist()
 
 
 def test_a_capped_health_loses_what_is_above() -> None:
@@ -76,17 +76,17 @@ def test_a_capped_health_loses_what_is_above() -> None:
     assert health("ffa_4+health_cap") == [95, 100]
 
 
-def test_a_cap_below_the_health_at_birth_is_refused() -> None:
+def test_a_cap_below_the_initial_health_is_refused() -> None:
     with pytest.raises(NumberError, match="agents begin with 100"):
         make_vec(variant("ffa_1").replace(mortality_limit=99), 1)
 
 
 def paid(name: str, *dead: int) -> list[float]:
-    """Rewards of the tick in which those agents die, and nobody's hand was in it."""
-    stage = ScenarioBuilder(name)
+    """Rewards of the tick in which those agents die without a blow."""
+    game = ScenarioBuilder(name)
     for agent in dead:
-        stage.wound(agent, 0)
-    return stage.step().rewards
+        game.wound(agent, 0)
+    return game.step().rewards
 
 
 @pytest.mark.parametrize(
@@ -111,12 +111,12 @@ def test_rewards(name: str, dead: tuple[int, ...], rewards: list[float]) -> None
 
 
 def test_a_bounty_is_paid_to_the_killer() -> None:
-    stage = ScenarioBuilder("ffa_1+bounty")
-    stage.put("agent", 0, 0, 0)
-    stage.put("agent", 1, 1.5, 0)
-    stage.wound(1, 5)
-    assert stage.step({0: "attack"}).rewards == [100, -100]
-    assert stage.over  # the last one alive ends it
+    game = ScenarioBuilder("ffa_1+bounty")
+    game.put("agent", 0, 0, 0)
+    game.put("agent", 1, 1.5, 0)
+    game.wound(1, 5)
+    assert game.step({0: "attack"}).rewards == [100, -100]
+    assert game.done  # the last one alive ends it
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def steered() -> outlast.envs.core.vector_env.SurvivalVectorEnv:
     return make_vec("ffa_1+steering", 32, seed=0)
 
 
-def test_velocity_follows_the_wish_at_once(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
+def test_velocity_follows_the_action_at_once(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
     """In the agent's own frame; what is left of it after a tick is up to damping."""
     rng = np.random.default_rng(0)
     steered.reset()
@@ -133,7 +133,7 @@ def test_velocity_follows_the_wish_at_once(steered: outlast.envs.core.vector_env
     body.angle[:, n] = rng.uniform(-3, 3, (32, 2))
     body.cosine[:, n], body.sine[:, n] = np.cos(body.angle[:, n]), np.sin(body.angle[:, n])
     frame = np.exp(1j * body.angle[:, n].astype(float))
-    body.vx[:, n], body.omega[:, n] = 7.0, -2.0  # forgotten
+    body.vx[:, n], body.omega[:, n] = 7.0, -2.0  # overwritten
     actions = rng.integers(0, steered.action_sizes, (32, 2, 6))
     actions[..., 3:] = 0
     steered.step(actions)

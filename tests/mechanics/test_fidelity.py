@@ -15,19 +15,19 @@ from tests.helpers.scenario_builder import CORNERS, ScenarioBuilder
 CHECKS = json.loads((Path(__file__).parents[1] / "data" / "check-values.json").read_text())
 FREE = ("forward", "left_at_45deg", "random_motion")  # nothing touches anything
 FREE_TOLERANCE, CONTACT_TOLERANCE = 2e-4, 2e-2
-WIDE = {"room_size": 8000.0, "safe_zone_damage": 0}  # where nobody meets a wall
+WIDE = {"room_size": 8000.0, "safe_zone_damage": 0}  # where no agent meets a wall
 
 
-def perform(stage: ScenarioBuilder, check: dict[str, Any]) -> list[tuple[int, list[list[float]]]]:
+def perform(game: ScenarioBuilder, check: dict[str, Any]) -> list[tuple[int, list[list[float]]]]:
     """Play a check's script; (step, states of both agents) at each step that it lists."""
     script = check["actions"]
     actions = script if isinstance(script, list) else [script["every_step"]] * script["n"]
     listed = {row[0] for row in states(check)}
-    found = [(0, [stage.state(0), stage.state(1)])]
+    found = [(0, [game.state(0), game.state(1)])]
     for number, action in enumerate(actions, 1):
-        stage.env.step(np.array(action)[None])
+        game.env.step(np.array(action)[None])
         if number in listed:
-            found.append((number, [stage.state(0), stage.state(1)]))
+            found.append((number, [game.state(0), game.state(1)]))
     return found
 
 
@@ -37,17 +37,17 @@ def states(check: dict[str, Any]) -> list[Any]:
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_trajectories_of_the_original(name: str) -> None:
-    check, stage = CHECKS[name], ScenarioBuilder()
+    check, game = CHECKS[name], ScenarioBuilder()
     for agent, (x, y, angle) in enumerate(check["initial_xyθ"]):
-        stage.put("agent", agent, x, y, angle)
+        game.put("agent", agent, x, y, angle)
     for k, (x, y, *size) in enumerate(check["boxes_cx_cy_w_h"] or []):
-        stage.put("box", k, x, y, size=size)
+        game.put("box", k, x, y, size=size)
     if name == "place_box":
-        stage.put("box", 0, 9, 9, size=(1, 1.5))
-        stage.column(Entity).alive[0, stage.row("box", 0)] = 0
-        stage.hand(0, "box_item", 0)
+        game.put("box", 0, 9, 9, size=(1, 1.5))
+        game.column(Entity).alive[0, game.row("box", 0)] = 0
+        game.hand(0, "box_item", 0)
     tolerance = FREE_TOLERANCE if name in FREE else CONTACT_TOLERANCE
-    found = perform(stage, check)
+    found = perform(game, check)
     assert len(found) == len(states(check)) > 4
     for (step, got), (number, *want) in zip(found, states(check), strict=True):
         assert step == number
@@ -68,90 +68,90 @@ def test_the_first_step_of_full_thrust() -> None:
 
 
 def test_terminal_speed() -> None:
-    stage = ScenarioBuilder(**WIDE)
-    stage.put("agent", 0, -3900, 0)
-    stage.put("agent", 1, -3900, 50)
-    stage.step({0: "ahead", 1: "turn"}, 200)
-    assert stage.state(1)[5] == pytest.approx(4.659, abs=2e-3)  # the curve is at 4.6576
-    stage.step({0: "ahead"}, 100)
-    assert stage.state(0)[3] == pytest.approx(11.695, abs=1e-3)
+    game = ScenarioBuilder(**WIDE)
+    game.put("agent", 0, -3900, 0)
+    game.put("agent", 1, -3900, 50)
+    game.step({0: "ahead", 1: "turn"}, 200)
+    assert game.state(1)[5] == pytest.approx(4.659, abs=2e-3)  # the curve is at 4.6576
+    game.step({0: "ahead"}, 100)
+    assert game.state(0)[3] == pytest.approx(11.695, abs=1e-3)
 
 
 def test_walls_stop_an_agent_just_before_it_touches() -> None:
-    stage = ScenarioBuilder().step({0: "ahead"}, 120)
-    assert stage.state(0)[0] == pytest.approx(12.375 - 0.505, abs=2e-3)
+    game = ScenarioBuilder().step({0: "ahead"}, 120)
+    assert game.state(0)[0] == pytest.approx(12.375 - 0.505, abs=2e-3)
 
 
 def test_agents_rest_against_each_other_at_almost_their_diameter() -> None:
-    stage = ScenarioBuilder()
-    stage.put("agent", 0, -1, 0)
-    stage.put("agent", 1, 1, 0, math.pi)
-    stage.step({0: "ahead", 1: "ahead"}, 60)
-    assert stage.state(1)[0] - stage.state(0)[0] == pytest.approx(0.995, abs=3e-3)
+    game = ScenarioBuilder()
+    game.put("agent", 0, -1, 0)
+    game.put("agent", 1, 1, 0, math.pi)
+    game.step({0: "ahead", 1: "ahead"}, 60)
+    assert game.state(1)[0] - game.state(0)[0] == pytest.approx(0.995, abs=3e-3)
 
 
 def test_a_placed_box_pushes_its_user_out_at_once() -> None:
-    stage = ScenarioBuilder()
-    stage.put("agent", 0, 0, 0, 1.0)
-    stage.put("box", 0, 9, 9, size=(1, 1.5))
-    stage.column(Entity).alive[0, stage.row("box", 0)] = 0
-    stage.hand(0, "box_item", 0)
-    stage.step({0: "use"})
-    assert stage.state(0)[0] == pytest.approx(-0.60, abs=5e-3)
-    assert stage.place("box", 0) == pytest.approx((0.75 * math.cos(1), 0.75 * math.sin(1)), abs=1e-6)
+    game = ScenarioBuilder()
+    game.put("agent", 0, 0, 0, 1.0)
+    game.put("box", 0, 9, 9, size=(1, 1.5))
+    game.column(Entity).alive[0, game.row("box", 0)] = 0
+    game.hand(0, "box_item", 0)
+    game.step({0: "use"})
+    assert game.state(0)[0] == pytest.approx(-0.60, abs=5e-3)
+    assert game.place("box", 0) == pytest.approx((0.75 * math.cos(1), 0.75 * math.sin(1)), abs=1e-6)
 
 
 @pytest.mark.parametrize(("degrees", "depth"), [(0, 10), (18, 9.51), (-18, 9.51), (35.9, 9.99)])
 def test_the_cone_of_the_runs_is_a_kite(degrees: float, depth: float) -> None:
     """Its far sides are chords: between the axis and the edge it is 9.51 deep."""
     for far, seen in ((depth - 0.02, 1), (depth + 0.02, 0)):
-        stage = ScenarioBuilder()
-        stage.put("agent", 0, -7, -7, math.radians(45 - degrees))
-        stage.put("agent", 1, -7 + far * math.sqrt(0.5), -7 + far * math.sqrt(0.5))
-        assert stage.step().sees(0, "others") == [seen]
+        game = ScenarioBuilder()
+        game.put("agent", 0, -7, -7, math.radians(45 - degrees))
+        game.put("agent", 1, -7 + far * math.sqrt(0.5), -7 + far * math.sqrt(0.5))
+        assert game.step().sees(0, "others") == [seen]
 
 
 @pytest.mark.parametrize(("degrees", "seen"), [(35.9, 1), (-35.9, 1), (36.1, 0), (-36.1, 0), (180, 0)])
 def test_the_cone_opens_72_degrees(degrees: float, seen: int) -> None:
-    stage = ScenarioBuilder()
-    stage.put("agent", 0, 0, 0, math.radians(degrees))
-    stage.put("agent", 1, 5, 0)
-    assert stage.step().sees(0, "others") == [seen]
+    game = ScenarioBuilder()
+    game.put("agent", 0, 0, 0, math.radians(degrees))
+    game.put("agent", 1, 5, 0)
+    assert game.step().sees(0, "others") == [seen]
 
 
-def test_who_stands_exactly_on_the_edge_of_the_cone_is_seen() -> None:
-    stage = ScenarioBuilder(cameras_fov=math.pi / 2)
-    stage.put("agent", 0, 0, 0)
+def test_agents_exactly_on_the_edge_of_the_cone_are_seen() -> None:
+    game = ScenarioBuilder(cameras_fov=math.pi / 2)
+    game.put("agent", 0, 0, 0)
     for place, seen in (((3, 3), 1), ((3, -3), 1), ((10, 0), 1), ((-3, 3), 0), ((3, 3.01), 0), ((10.01, 0), 0)):
-        stage.put("agent", 1, *place)
-        assert stage.step().sees(0, "others") == [seen], place
+        game.put("agent", 1, *place)
+        assert game.step().sees(0, "others") == [seen], place
 
 
 @pytest.mark.parametrize("kind", ["heal", "box_item", "box"])
 def test_everything_hides_what_is_behind_it(kind: str) -> None:
-    stage = ScenarioBuilder()
-    stage.put("agent", 0, 0, 0)
-    stage.put("agent", 1, 6, 0)
-    assert stage.step().sees(0, "others") == [1]
-    stage.put(kind, 0, 3, 0.2)
-    stage.step()
-    assert stage.sees(0, "others") == [0]
-    assert stage.sees(0, {"heal": "heals", "box_item": "box_items", "box": "boxes"}[kind])[0] == 1
+    game = ScenarioBuilder()
+    game.put("agent", 0, 0, 0)
+    game.put("agent", 1, 6, 0)
+    assert game.step().sees(0, "others") == [1]
+    game.put(kind, 0, 3, 0.2)
+    game.step()
+    assert game.sees(0, "others") == [0]
+    assert game.sees(0, {"heal": "heals", "box_item": "box_items", "box": "boxes"}[kind])[0] == 1
 
 
 def test_an_item_at_the_observers_feet_is_not_seen() -> None:
-    stage = ScenarioBuilder(inventory_slots=1)
-    stage.hand(0, "heal", 1)
+    game = ScenarioBuilder(inventory_slots=1)
+    game.hand(0, "heal", 1)
     for far, seen in ((0.2, 0), (0.3, 1)):
-        stage.put("heal", 0, CORNERS[0][0] + far, CORNERS[0][1])
-        assert stage.step().sees(0, "heals")[0] == seen
+        game.put("heal", 0, CORNERS[0][0] + far, CORNERS[0][1])
+        assert game.step().sees(0, "heals")[0] == seen
 
 
 def test_cameras_of_survivors_are_right_in_the_tick_of_a_death() -> None:
     """The original mixed them up (rules, section 7, point 2)."""
-    stage = ScenarioBuilder("teams_4")
+    game = ScenarioBuilder("teams_4")
     for agent, x in enumerate((-6, -3, 0, 3)):
-        stage.put("agent", agent, x, 0, math.pi if agent == 1 else 0.0)
-    stage.wound(0, 0)
-    stage.step()
-    assert [stage.sees(agent, "others") for agent in range(4)] == [[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 0]]
+        game.put("agent", agent, x, 0, math.pi if agent == 1 else 0.0)
+    game.wound(0, 0)
+    game.step()
+    assert [game.sees(agent, "others") for agent in range(4)] == [[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 0]]

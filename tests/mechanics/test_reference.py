@@ -50,7 +50,7 @@ def test_short_episodes_are_those_of_the_reference(name: str, policy: str) -> No
 def test_whole_episodes_are_those_of_the_reference(name: str, policy: str) -> None:
     """With the paper's numbers, until they are over: each tick's whole numbers, rewards, ends and statistics.
 
-    A float's last bit, see the test below, grows with every collision: in the end some episodes go their own ways.
+    A float's last bit, see the test below, grows with every collision: in the end some episodes differ.
     """
     episodes = record(variant(name), 4, 5, POLICY[policy])
     results = [compare(episode) for episode in episodes]
@@ -94,6 +94,6 @@ def test_the_reference_feels_what_the_engine_does_otherwise() -> None:
 
 @pytest.mark.skipif(not COMPILED, reason="a whole episode")
 def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    """Its smallest size; whoever has an hour asks for more."""
+    """Its smallest size; with an hour to spare, ask for more."""
     assert main(["ffa_1", "--episodes", "1", "--seed", "3"]) == 0
     assert "ffa_1 Comparison(ticks=" in capsys.readouterr().out

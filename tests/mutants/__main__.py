@@ -6,8 +6,8 @@ relevant first, until one fails. A mutant that no test detects survives: its lin
 equivalent, as `<=` for `<` where equality cannot occur. The exit status is 1 if less than 85 % are killed.
 
 Kernels run as plain Python, so that nothing is compiled; the native backend of Box2D, which only runs compiled, is
-tested with --compiled. Excluded: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_bridge.py is
-their mutation test: it changes every number in them.
+tested with --compiled. Excluded: box2d/layout.py, probe.py, sample.py and verify.py, as tests/physics/test_backends.py
+is their mutation test: it changes every number in them.
 """
 
 import json

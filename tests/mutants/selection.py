@@ -14,42 +14,42 @@ COMPILED = [f"systems/box2d/{name}.py" for name in ("workspace", "impact", "isla
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 
 # Which tests run first, the fastest ahead; then those of NAIVE. Names are those of tests/*/test_NAME.py.
-NAIVE = "mechanics_edges mechanics_observations mechanics_bodies"
+NAIVE = "edges observations bodies"
 REFUSED = "bad_input.py::test_scenarios_are_refused"
 FIRST = {
-    "agents": "mechanics_edges mechanics_observations fidelity",
-    "boxes": "mechanics_edges mechanics_reset fidelity_rules",
-    "cameras": "mechanics_edges fidelity mechanics_crowd",
+    "agents": "edges observations fidelity",
+    "boxes": "edges reset fidelity_rules",
+    "cameras": "edges fidelity crowd",
     "death_drop": "fidelity_items",
-    "drop_last": "mechanics_world",
-    "ending": "mechanics_edges vector_ends",
+    "drop_last": "world",
+    "ending": "edges vector_ends",
     "give_last": "fidelity_items",
     "heals": "fidelity_items",
     "inventory": "fidelity_items",
     "melee": "fidelity_rules",
     "mortality": f"ablations fidelity_rules {REFUSED}",
-    "motors": "mechanics_world fidelity",
-    "physics": f"mechanics_flight fidelity {REFUSED}",
+    "motors": "world fidelity",
+    "physics": f"flight fidelity {REFUSED}",
     "pickup": "fidelity_items",
-    "record": "mechanics_observations vector_ends",
+    "record": "observations vector_ends",
     "rewards": "ablations fidelity_rules",
-    "room": "mechanics_reset fidelity",
-    "safe_zone": f"mechanics_reset fidelity_rules {REFUSED}",
-    "spawn_grid": f"mechanics_reset mechanics_world {REFUSED}",
-    "steering": "ablations mechanics_world",
-    "teams": f"mechanics_reset {REFUSED}",
-    "aabb": "mechanics_culling",
-    "blocks": "mechanics_culling",
+    "room": "reset fidelity",
+    "safe_zone": f"reset fidelity_rules {REFUSED}",
+    "spawn_grid": f"reset world {REFUSED}",
+    "steering": "ablations world",
+    "teams": f"reset {REFUSED}",
+    "aabb": "culling",
+    "blocks": "culling",
     "bounds": "bounds",
-    "broad_phase": "mechanics_culling fidelity",
+    "broad_phase": "culling fidelity",
     "points": "geometry",
     "rays": "geometry",
-    "portable": "mechanics_flight fidelity box2d",
-    "batch": "mechanics_flight box2d fidelity",
+    "portable": "flight fidelity box2d",
+    "batch": "flight box2d fidelity",
     "transfer": "fidelity",
 }
-NUMBERS = "mechanics_numbers scenario"  # where a number of a module is declared
-BRIDGE = "box2d"
+NUMBERS = "numbers scenario"  # where a number of a module is declared
+BOX2D = "box2d"
 LEFT_OUT_TESTS = (  # three slow ones, and one whose child process imports the installed outlast
     "ablations.py::test_scripted_agents_can_steer",
     "fidelity_rules.py::test_the_longest_life_without_heals",
@@ -61,7 +61,7 @@ LEFT_OUT_TESTS = (  # three slow ones, and one whose child process imports the i
 def tests_of(mutant: Mutant) -> list[list[str]]:
     """Arguments for pytest, which is called for each list in turn until a test fails: collecting all takes long."""
     if mutant.file in COMPILED:
-        first, others = BRIDGE.split(), []
+        first, others = BOX2D.split(), []
     else:
         first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
         others = [name for name in NAIVE.split() if name not in first]

@@ -82,7 +82,7 @@ def test_every_offset_that_is_a_little_off_is_found() -> None:
 @pytest.mark.parametrize("first", [name for name in OFFSETS if name.startswith("SOLVER_")])
 @pytest.mark.parametrize("second", [name for name in OFFSETS if name.startswith("SOLVER_")])
 def test_pointers_that_changed_places_are_found(first: str, second: str) -> None:
-    """Where Box2D would take one thing for another."""
+    """Where Box2D would take one type for another."""
     said = asked(first, getattr(layout, second))
     assert (said == "") == (getattr(layout, first) == getattr(layout, second))
     assert said != "crash"

@@ -83,7 +83,7 @@ def test_backendss_agree(settings: Settings) -> None:
 
 
 @backends
-def test_reach_exceeded_leaves_the_scene_untouched(backend: Any) -> None:
+def test_reach_exceeded_leaves_the_batch_untouched(backend: Any) -> None:
     batch = circles((0, 0), (0.9, 0))
     batch[0, VX] = 6
     batch[:, MAX_TRAVEL] = 10
@@ -194,7 +194,7 @@ def flown(row: ContactBatch) -> ContactBatch:
 # Nothing persists between calls, also not the impulses with which a lasting contact would start its next tick. How
 # far does that lead from one world that is kept? A circle against anything that stands still: nowhere (the last bit
 # of a float). Bodies that push each other: 0.1 mm; 1 cm after 10 seconds where a circle is balanced on the round
-# or turning thing that it pushes, a situation in which every deviation grows.
+# or turning body that it pushes, a situation in which every deviation grows.
 
 DRIVES: dict[str, tuple[float, float, float]] = {
     "straight": (0.125, 0, 0), "sliding": (0.125, 0.04, 0), "spinning": (0.125, 0, 0.00625),
@@ -259,7 +259,7 @@ def wandering(seed: int, bodies: int) -> Callable[[ContactBatch, int], None]:
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_no_warm_start_against_things_that_stand(name: str) -> None:
+def test_no_warm_start_against_static_bodies(name: str) -> None:
     assert deviation(room(circles((1, 0))), constant(name)) < 1e-6
     assert deviation(room(circles((-1, 0.1)), boxes((0.5, 0, 0.5, 0.7))), constant(name)) < 1e-6
 

@@ -48,7 +48,10 @@ def test_a_recording_is_replayed_to_the_bit(name: str, given: bool) -> None:
     """Of the scenario that the file names, and of one that is given; each tick is compared with its digest."""
     recording = Recording.open(BEFORE / f"{name}.rec", **({"scenario": outlast.variant(name)} if given else {}))
     assert recording.scenario.numbers() == outlast.variant(name).numbers()
-    assert len(list(Replay(recording).ticks())) == RECORDED + 1
+    replay, path = Replay(recording), BEFORE / f"{name}.rec"
+    assert len(list(replay.ticks())) == RECORDED + 1
+    assert repr(recording) == f"<Recording {path}: {name}, 2 worlds, 41 ticks>"
+    assert repr(replay) == f"<Replay of {path}: {name}, 2 worlds, 41 ticks>"
 
 
 @pytest.mark.parametrize("name", NAMES)

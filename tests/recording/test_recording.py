@@ -167,7 +167,7 @@ def test_what_cannot_be_recorded_is_refused_meanwhile(tmp_path: Path) -> None:
 
 
 def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
-    """In the middle of everything: the second one knows which episode it is."""
+    """In the middle of everything: the second one has the right episode."""
     env, episodes = make(), list[list[int]]()
     for name in ("a.rec", "b.rec"):
         episodes.append(env.worlds[Clock].episode[:, 0].tolist())
@@ -235,7 +235,7 @@ def test_a_forked_process_leaves_it_alone(tmp_path: Path) -> None:
     assert replayed_ticks(Recording.open(tmp_path / "a.rec")) == 3
 
 
-def test_who_forgets_to_close_loses_nothing(tmp_path: Path) -> None:
+def test_without_close_nothing_is_lost(tmp_path: Path) -> None:
     child = CHILD.format(tests=str(Path(__file__).parents[2]), path=str(tmp_path / "a.rec"), steps=50)
     subprocess.run([sys.executable, "-c", child], check=True)
     found = Recording.open(tmp_path / "a.rec")

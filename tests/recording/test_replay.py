@@ -153,15 +153,6 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
         Recording.open(tmp_path / "a.rec", scenario=scenario.with_(Poison()))
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
-def test_recordings_of_the_first_version_replay(name: str) -> None:
-    path = Path(__file__).parents[1] / "data" / "before" / f"{name}.rec"
-    replay = Replay(recording := Recording.open(path))
-    assert list(replay.ticks()) == list(range(len(recording)))
-    assert repr(recording) == f"<Recording {path}: {name}, 2 worlds, 41 ticks>"
-    assert repr(replay) == f"<Replay of {path}: {name}, 2 worlds, 41 ticks>"
-
-
 def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
     """The first and the last that are asked for, and of those between the ones in which a world takes part."""
     env, third = make(worlds=3, autoreset_mode="Disabled"), np.array([False, False, True])

@@ -10,10 +10,10 @@ import pytest
 
 import outlast
 from outlast.components import Health
-from outlast.envs.cli import main as cli
 from outlast.envs.recording import Replay
 from outlast.envs.recording.container import RECORDS
 from outlast.envs.rollout import random_policy, rollout
+from tests.conftest import run
 
 
 @pytest.fixture(scope="module")
@@ -26,25 +26,7 @@ def path(tmp_path_factory: Any) -> Path:
     return path
 
 
-def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
-    status = cli.main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
-
-
-ROLLOUT = (
-    "rollout",
-    "ffa_2",
-    "--worlds",
-    "3",
-    "--steps",
-    "150",
-    "--policy",
-    "noop",
-    "--set",
-    "safe_zone_damage=50",
-    "--quiet",
-)
+ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--steps=150", "--policy=noop", "--set=safe_zone_damage=50", "--quiet")
 
 
 def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:

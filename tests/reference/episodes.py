@@ -22,7 +22,7 @@ from tests.reference.random_numbers import scattered
 
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 FACTS = {  # columns of each kind of entity that are compared exactly
-    "agent": ("here", "health", "cause", "source", "side", "wait", "bag"), "box": ("here", "broken", "owner"),
+    "agent": ("here", "health", "damage_type", "source", "side", "wait", "bag"), "box": ("here", "broken", "owner"),
     "box_item": ("here", "holder"), "heal": ("here", "holder"),
 }  # fmt: skip
 MOTION = ("x", "y", "angle", "vx", "vy", "omega")

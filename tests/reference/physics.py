@@ -5,15 +5,15 @@ from typing import Any
 import Box2D
 
 from tests.helpers import naive_mechanics
-from tests.helpers.naive_world import Thing, World
+from tests.helpers.naive_world import NaiveEntity, World
 
 
 def move(world: World, actions: naive_mechanics.Actions) -> None:
     """The substeps of a new Box2D world that holds everything that can be touched."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]
-    bodies = [(thing, create_body(box2d, thing, numbers)) for thing in world.live("agent", "box", "wall")]
-    agents = [(body, actions[thing.index]) for thing, body in bodies if thing.kind == "agent"]
+    bodies = [(entity, create_body(box2d, entity, numbers)) for entity in world.live("agent", "box", "wall")]
+    agents = [(body, actions[entity.index]) for entity, body in bodies if entity.kind == "agent"]
     evenly = numbers["motors_give"] == "evenly"
     given = [impulses(body, action, numbers) for body, action in agents]
     for substep in range(numbers["physics_substeps"]):
@@ -24,26 +24,26 @@ def move(world: World, actions: naive_mechanics.Actions) -> None:
                 body.ApplyAngularImpulse(turn * share, True)
         iterations = numbers["physics_velocity_iterations"], numbers["physics_position_iterations"]
         box2d.Step(1 / numbers["physics_rate"], *iterations)
-    for thing, body in bodies:
+    for entity, body in bodies:
         if body.type == Box2D.b2_dynamicBody:
-            (thing.x, thing.y), thing.angle = body.position, body.angle
-            (thing.vx, thing.vy), thing.omega = body.linearVelocity, body.angularVelocity
+            (entity.x, entity.y), entity.angle = body.position, body.angle
+            (entity.vx, entity.vy), entity.omega = body.linearVelocity, body.angularVelocity
 
 
-def create_body(box2d: Any, thing: Thing, numbers: dict[str, Any]) -> Any:
+def create_body(box2d: Any, entity: NaiveEntity, numbers: dict[str, Any]) -> Any:
     """The entity as a body with one fixture."""
-    moves = thing.kind == "agent" or (thing.kind == "box" and numbers["boxes_dynamic"])
+    moves = entity.kind == "agent" or (entity.kind == "box" and numbers["boxes_dynamic"])
     body = (box2d.CreateDynamicBody if moves else box2d.CreateStaticBody)(
-        position=(thing.x, thing.y),
-        angle=thing.angle,
-        linearVelocity=(thing.vx, thing.vy),
-        angularVelocity=thing.omega,
+        position=(entity.x, entity.y),
+        angle=entity.angle,
+        linearVelocity=(entity.vx, entity.vy),
+        angularVelocity=entity.omega,
         linearDamping=numbers["physics_linear_damping"],
         angularDamping=numbers["physics_angular_damping"],
     )
-    half = thing.half_width, thing.half_height
-    shape = Box2D.b2CircleShape(radius=thing.radius) if thing.radius else Box2D.b2PolygonShape(box=half)
-    density = numbers[{"agent": "agents_density", "box": "boxes_density"}[thing.kind]] if moves else 0
+    half = entity.half_width, entity.half_height
+    shape = Box2D.b2CircleShape(radius=entity.radius) if entity.radius else Box2D.b2PolygonShape(box=half)
+    density = numbers[{"agent": "agents_density", "box": "boxes_density"}[entity.kind]] if moves else 0
     friction, restitution = numbers["physics_friction"], numbers["physics_restitution"]
     body.CreateFixture(shape=shape, density=density, friction=friction, restitution=restitution)
     return body

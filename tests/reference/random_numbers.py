@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from tests.helpers.naive_world import Thing, World
+from tests.helpers.naive_world import NaiveEntity, World
 
 
 def name_hash(name: str) -> int:
@@ -13,9 +13,9 @@ def name_hash(name: str) -> int:
     return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
 
 
-def draw_index(thing: Thing) -> int:
+def draw_index(entity: NaiveEntity) -> int:
     """The index of an entity's draws: its kind in the upper 31 bits, its number in the lower 32."""
-    return (name_hash(thing.kind) >> 33 << 32) + thing.index
+    return (name_hash(entity.kind) >> 33 << 32) + entity.index
 
 
 def philox(world: World, stream: str, index: int) -> list[int]:
@@ -32,7 +32,7 @@ def uniform2(world: World, stream: str, index: int) -> tuple[float, float]:
     return (first >> 40) / 2**24, (second >> 40) / 2**24
 
 
-def scattered(world: World, item: Thing, agent: Thing) -> tuple[float, float]:
+def scattered(world: World, item: NaiveEntity, agent: NaiveEntity) -> tuple[float, float]:
     """Where an item of a dead agent falls: on a circle around it, or anywhere inside."""
     direction, area = uniform2(world, "drop.scatter", draw_index(item))
     share = math.sqrt(area) if world.numbers["death_drop_scatter"] == "disc" else 1.0

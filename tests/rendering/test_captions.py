@@ -41,9 +41,9 @@ class Notes(Canvas):
         super().text(x, y, words, height, color, anchor)
 
 
-def words(stage: ScenarioBuilder, layer: Layer, size: int = SIZE) -> list[str]:
+def words(game: ScenarioBuilder, layer: Layer, size: int = SIZE) -> list[str]:
     """What the layer writes."""
-    scene = Scene(stage.env.worlds, 0)
+    scene = Scene(game.env.worlds, 0)
     canvas = Notes(size, scene.half)
     canvas.clear(colors.WALL)
     layer.draw(canvas, scene)
@@ -57,12 +57,12 @@ def places(image: Picture, other: Picture) -> tuple[Picture, Picture]:
     return columns / size * 2 * HALF - HALF, HALF - rows / size * 2 * HALF
 
 
-def killed(stage: ScenarioBuilder, agent: int, by: int) -> ScenarioBuilder:
+def killed(game: ScenarioBuilder, agent: int, by: int) -> ScenarioBuilder:
     """`agent` dies by the hand of `by`, which stands before it."""
-    stage.put("agent", by, 0, 0)
-    stage.put("agent", agent, 1.5, 0, math.pi)
-    stage.wound(agent, 1)
-    return stage.step({by: "attack"})
+    game.put("agent", by, 0, 0)
+    game.put("agent", agent, 1.5, 0, math.pi)
+    game.wound(agent, 1)
+    return game.step({by: "attack"})
 
 
 # ---- step counter and kill feed
@@ -71,49 +71,49 @@ def killed(stage: ScenarioBuilder, agent: int, by: int) -> ScenarioBuilder:
 @pytest.mark.parametrize("size", [64, 128, 256, 512, 1024])
 @pytest.mark.parametrize("layer", [StepCounterLayer(), KillFeedLayer()])
 def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: int, layer: Layer) -> None:
-    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
+    game = killed(ScenarioBuilder("teams_3"), 2, 0)
     rest = [other for other in LAYERS if other != layer]
-    xs, ys = places(draw(stage.env.worlds, 0, size), draw(stage.env.worlds, 0, size, rest))
+    xs, ys = places(draw(game.env.worlds, 0, size), draw(game.env.worlds, 0, size, rest))
     assert bool(len(xs)) == (size >= 256)
     assert (np.abs(ys) > ROOM).all()
     assert (np.sign(ys) == (1 if isinstance(layer, StepCounterLayer) else -1)).all()
 
 
 def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
-    stage = ScenarioBuilder("teams_3")
+    game = ScenarioBuilder("teams_3")
     for step in range(3):
-        assert words(stage, StepCounterLayer()) == [f"step {step}"]
-        stage.step()
-    stage.env.reset()
-    assert words(stage, StepCounterLayer()) == ["step 0"]
+        assert words(game, StepCounterLayer()) == [f"step {step}"]
+        game.step()
+    game.env.reset()
+    assert words(game, StepCounterLayer()) == ["step 0"]
 
 
-def test_the_feed_tells_who_died_and_of_what_the_latest_first() -> None:
-    stage = ScenarioBuilder("teams_3", safe_zone_damage=50)
-    assert words(stage, KillFeedLayer()) == []
-    killed(stage, 2, 0)
-    assert words(stage, KillFeedLayer()) == ["2 killed by side 0"]
-    image = draw(stage.env.worlds, 0, SIZE)
+def test_the_feed_lists_deaths_and_their_causes_the_latest_first() -> None:
+    game = ScenarioBuilder("teams_3", safe_zone_damage=50)
+    assert words(game, KillFeedLayer()) == []
+    killed(game, 2, 0)
+    assert words(game, KillFeedLayer()) == ["2 killed by side 0"]
+    image = draw(game.env.worlds, 0, SIZE)
     assert spot(image, -ROOM + 0.3, -HALF + 0.4) == colors.VERMILLION
-    stage.column(Clock).tick[0] += 3
-    stage.wound(1, 1)
-    stage.put("agent", 1, 12, 12)  # out of the zone
-    stage.step(times=2)
-    assert words(stage, KillFeedLayer()) == ["1 died of zone", "2 killed by side 0"]
-    assert spot(draw(stage.env.worlds, 0, SIZE), -ROOM + 0.3, -HALF + 0.4) == colors.BLUE
-    assert [stage.death(1), stage.death(2)] == [("zone", -1), ("melee", 0)]
+    game.column(Clock).tick[0] += 3
+    game.wound(1, 1)
+    game.put("agent", 1, 12, 12)  # out of the zone
+    game.step(times=2)
+    assert words(game, KillFeedLayer()) == ["1 died of zone", "2 killed by side 0"]
+    assert spot(draw(game.env.worlds, 0, SIZE), -ROOM + 0.3, -HALF + 0.4) == colors.BLUE
+    assert [game.death(1), game.death(2)] == [("zone", -1), ("melee", 0)]
 
 
 def test_the_feed_has_no_more_than_fits_and_fades() -> None:
-    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
+    game = killed(ScenarioBuilder("teams_3"), 2, 0)
     feed, brightness = KillFeedLayer(fresh=5, fading=10), []
     for _ in range(16):
-        image = draw(stage.env.worlds, 0, SIZE, [feed])
+        image = draw(game.env.worlds, 0, SIZE, [feed])
         brightness.append(int(image.max()))
-        stage.column(Clock).tick[0] += 1
+        game.column(Clock).tick[0] += 1
     assert brightness[:6] == [brightness[0]] * 6
     assert brightness[5:] == sorted(brightness[5:], reverse=True)
-    assert brightness[-1] == int(draw(stage.env.worlds, 0, SIZE, []).max()) < brightness[-2]
+    assert brightness[-1] == int(draw(game.env.worlds, 0, SIZE, []).max()) < brightness[-2]
     crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
     crowd.reset()
     crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].damage_type[0, :20] = 0, 0
@@ -122,11 +122,11 @@ def test_the_feed_has_no_more_than_fits_and_fades() -> None:
 
 
 def test_the_feed_is_read_from_the_state_alone() -> None:
-    stage = killed(ScenarioBuilder("teams_3"), 2, 0)
-    other = make_vec(stage.env.scenario, 2, seed=9)
+    game = killed(ScenarioBuilder("teams_3"), 2, 0)
+    other = make_vec(game.env.scenario, 2, seed=9)
     other.reset()
-    other.set_state(stage.env.get_state(), [1])
-    assert np.array_equal(draw(other.worlds, 1, SIZE), draw(stage.env.worlds, 0, SIZE))
+    other.set_state(game.env.get_state(), [1])
+    assert np.array_equal(draw(other.worlds, 1, SIZE), draw(game.env.worlds, 0, SIZE))
 
 
 def test_in_free_for_all_agents_kill_not_sides() -> None:
@@ -138,10 +138,10 @@ def test_in_free_for_all_agents_kill_not_sides() -> None:
 
 @pytest.mark.parametrize("far", [1.2, 1.6, 2.3])
 def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
-    stage = duel(ScenarioBuilder(), far).step({0: "attack"})
-    worlds = stage.env.worlds
+    game = duel(ScenarioBuilder(), far).step({0: "attack"})
+    worlds = game.env.worlds
     xs, ys = places(draw(worlds, 0, SIZE), draw(worlds, 0, SIZE, [v for v in LAYERS if not isinstance(v, HitsLayer)]))
-    assert (xs.min() + xs.max()) / 2 == pytest.approx(stage.place("agent", 1)[0] - 0.5, abs=0.1)
+    assert (xs.min() + xs.max()) / 2 == pytest.approx(game.place("agent", 1)[0] - 0.5, abs=0.1)
     assert (ys.min() + ys.max()) / 2 == pytest.approx(0, abs=0.1)
     assert spot(draw(worlds, 0, SIZE), far - 0.5, 0) == colors.WHITE
 
@@ -149,15 +149,15 @@ def test_a_star_lies_where_the_strike_meets_the_skin(far: float) -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.4, math.pi / 4, 2.0])
 def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
     """The nearest point of the box on the line y = 0, found by walking along it."""
-    stage = duel(ScenarioBuilder("ffa_3"), far=9)
-    stage.put("box", 0, 1.6, 0.1, angle, size=(1.5, 0.6))
-    stage.step({0: "attack"})
+    game = duel(ScenarioBuilder("ffa_3"), far=9)
+    game.put("box", 0, 1.6, 0.1, angle, size=(1.5, 0.6))
+    game.step({0: "attack"})
     walk = np.linspace(0, 3, 3001)
     a, b = walk - 1.6, np.full_like(walk, -0.1)
     inside = (abs(a * math.cos(angle) + b * math.sin(angle)) < 0.75) & (
         abs(b * math.cos(angle) - a * math.sin(angle)) < 0.3
     )
-    xs, _ = places(draw(stage.env.worlds, 0, SIZE, [HitsLayer()]), draw(stage.env.worlds, 0, SIZE, []))
+    xs, _ = places(draw(game.env.worlds, 0, SIZE, [HitsLayer()]), draw(game.env.worlds, 0, SIZE, []))
     assert (xs.min() + xs.max()) / 2 == pytest.approx(walk[inside][0], abs=0.1)
 
 

@@ -13,15 +13,9 @@ from outlast.envs.rendering.layers import select
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import POLICIES, scripted_policy
-from tests.conftest import interrupted_after
+from tests.conftest import interrupted_after, run
 
 SMALL = ("--size", "64", "--steps", "4", "--quiet")
-
-
-def run(capsys, *arguments: object) -> tuple[int, str, str]:
-    status = cli.main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
 
 
 def pictures(folder: Path) -> np.ndarray:
@@ -96,7 +90,7 @@ def test_progress_is_shown_unless_it_is_quiet(capsys, tmp_path: Path) -> None:
         (("ffa_9", "--out", "f.webm"), ("ffa_9", "did you mean")),
     ],
 )
-def test_mistakes_are_told_in_one_line(capsys, tmp_path: Path, monkeypatch, arguments, words) -> None:
+def test_mistakes_are_reported_in_one_line(capsys, tmp_path: Path, monkeypatch, arguments, words) -> None:
     monkeypatch.chdir(tmp_path)
     status, _, err = run(capsys, "frames", *arguments, "--quiet")
     assert status == 2

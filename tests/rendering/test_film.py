@@ -26,7 +26,7 @@ def needs(suffix: str) -> None:
 
 
 def frame(k: int, height: int = 96, width: int = 128) -> Image:
-    """A flat picture with a round thing that moves."""
+    """A flat picture with a moving disc."""
     image = np.full((height, width, 3), (250, 249, 246), np.uint8)
     cv2.circle(image, (20 + k, 40), 12, (0, 114, 178), -1, cv2.LINE_AA)
     cv2.rectangle(image, (60, 60), (90, 80), (213, 94, 0), -1)

@@ -97,7 +97,7 @@ def test_grids_are_nearly_square() -> None:
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
-    "nobody": ({"chosen": []}, "no world is chosen"),
+    "none": ({"chosen": []}, "no world is chosen"),
     "a world too far": ({"chosen": [0, 5]}, "there is no world 5: there are 5, from 0 on"),
     "a world before the first": ({"chosen": [-1]}, "there is no world -1"),
     "a small mosaic": ({"chosen": [0, 1, 2], "mosaic": (1, 2)}, "1x2 has no room for 3 worlds: 2x2 has"),
@@ -109,7 +109,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistakes_are_told_before_a_tick_is_run(mistake: str) -> None:
+def test_mistakes_are_reported_before_a_tick_is_run(mistake: str) -> None:
     options, message = MISTAKES[mistake]
 
     def never() -> Iterator[int]:

@@ -44,79 +44,79 @@ def without(*kinds: type[Layer]) -> list[Layer]:
     return [layer for layer in LAYERS if not isinstance(layer, kinds)]
 
 
-def picture(stage: ScenarioBuilder, *left_out: type[Layer]) -> Picture:
+def picture(game: ScenarioBuilder, *left_out: type[Layer]) -> Picture:
     """All of it but the zone, which is somewhere else in every episode."""
-    return draw(stage.env.worlds, 0, SIZE, without(SafeZoneLayer, *left_out))
+    return draw(game.env.worlds, 0, SIZE, without(SafeZoneLayer, *left_out))
 
 
 # ---- one layer after the other
 
 
 def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
-    stage = ScenarioBuilder("teams_3")
+    game = ScenarioBuilder("teams_3")
     for agent, (x, y, angle) in enumerate([(3, -4, 0.0), (-5, 2, 0.5), (0, 6, 2.0), (6, 5, -2.5)]):
-        before = picture(stage)
-        stage.put("agent", agent, x, y, angle)
+        before = picture(game)
+        game.put("agent", agent, x, y, angle)
         ahead = (math.cos(angle), math.sin(angle))
-        after = draw(stage.env.worlds, 0, SIZE, without(SafeZoneLayer, IdsLayer))
+        after = draw(game.env.worlds, 0, SIZE, without(SafeZoneLayer, IdsLayer))
         behind = (x - 0.34 * ahead[0], y - 0.34 * ahead[1])
         assert spot(before, *behind) == colors.FLOOR
         assert spot(after, *behind) == (colors.BLUE if agent < 2 else colors.VERMILLION)
         assert sum(spot(after, x + 0.6 * ahead[0], y + 0.6 * ahead[1])) < DARK
         assert spot(after, x - 0.6 * ahead[0], y - 0.6 * ahead[1]) == colors.FLOOR
-        stage.column(Entity).alive[0, agent] = 0
-        assert spot(picture(stage), *behind) == colors.FLOOR  # the dead are not shown
+        game.column(Entity).alive[0, agent] = 0
+        assert spot(picture(game), *behind) == colors.FLOOR  # the dead are not shown
 
 
 def test_heals_boxes_and_broken_boxes() -> None:
-    stage = ScenarioBuilder()
-    empty = picture(stage)
-    stage.put("heal", 0, 2, 3)
-    stage.put("box", 0, -3, 1, math.pi / 4, size=(4, 1))
-    stage.put("box_item", 1, 4, -4)
-    image = picture(stage)
+    game = ScenarioBuilder()
+    empty = picture(game)
+    game.put("heal", 0, 2, 3)
+    game.put("box", 0, -3, 1, math.pi / 4, size=(4, 1))
+    game.put("box_item", 1, 4, -4)
+    image = picture(game)
     assert spot(image, 2, 3) == colors.HEAL
     assert spot(image, -1.9, 2.1) == colors.BOX  # along the slope
     assert spot(image, -1.9, -0.1) == spot(empty, -1.9, -0.1) == colors.FLOOR  # across it
     assert spot(image, 4, -4) == colors.BOX
     for side in (0, 1):
-        stage.column(Guard).vulnerable_only_to[0, stage.env.worlds.span("box")] = side
-        image = picture(stage)
+        game.column(Guard).vulnerable_only_to[0, game.env.worlds.span("box")] = side
+        image = picture(game)
         assert spot(image, -3, 1) == spot(image, 4, -4) == colors.of_box(side)
 
 
 def test_the_zone_is_clear_the_rest_dark_and_the_next_one_dashed() -> None:
-    stage = ScenarioBuilder()
-    zone = stage.column(Zone)
+    game = ScenarioBuilder()
+    zone = game.column(Zone)
     zone.x[0], zone.y[0], zone.radius[0] = 2, 1, 6
     zone.next_x[0], zone.next_y[0], zone.next_radius[0] = 3, 0, 3
     for agent in (0, 1):
-        stage.put("agent", agent, -11 + 2 * agent, -11)
-    image, angles = draw(stage.env.worlds, 0, SIZE), np.linspace(0, 2 * math.pi, 400)
+        game.put("agent", agent, -11 + 2 * agent, -11)
+    image, angles = draw(game.env.worlds, 0, SIZE), np.linspace(0, 2 * math.pi, 400)
     for factor, color in ((0.95, colors.FLOOR), (1.05, colors.UNSAFE)):
         assert {spot(image, 2 + 6 * factor * math.cos(a), 1 + 6 * factor * math.sin(a)) for a in angles} == {color}
     dashes = [spot(image, 3 + 3 * math.cos(a), 3 * math.sin(a)) != colors.FLOOR for a in angles]
     assert 0.4 < np.mean(dashes) < 0.75
     assert np.diff(dashes).sum() >= 20
     zone.next_radius[0] = 0  # it is about to vanish
-    assert spot(draw(stage.env.worlds, 0, SIZE), 3, 0) == colors.RIM
+    assert spot(draw(game.env.worlds, 0, SIZE), 3, 0) == colors.RIM
     zone.radius[0] = 0
-    assert spot(draw(stage.env.worlds, 0, SIZE), 2, 1) == colors.UNSAFE
+    assert spot(draw(game.env.worlds, 0, SIZE), 2, 1) == colors.UNSAFE
 
 
 def test_strikes_are_shown_in_their_tick() -> None:
-    stage = duel(ScenarioBuilder())
-    assert spot(picture(stage), 1, 0) == colors.FLOOR
-    stage.step({0: "attack"})
-    assert spot(picture(stage), 1, 0) == colors.STRIKE
-    stage.step()
-    assert spot(picture(stage), 1, 0) == colors.FLOOR
-    stage.put("agent", 1, 7, 7)
-    stage.step({0: "attack"})
-    assert sum(spot(picture(stage), 1, 0)) < DARK  # it met nothing
-    assert spot(picture(stage), 2.2, 0) == colors.FLOOR  # it reaches two metres
-    stage.env.reset()  # what was done in the episode before is over
-    assert np.array_equal(picture(stage), picture(stage, MeleeLayer, HitsLayer))
+    game = duel(ScenarioBuilder())
+    assert spot(picture(game), 1, 0) == colors.FLOOR
+    game.step({0: "attack"})
+    assert spot(picture(game), 1, 0) == colors.STRIKE
+    game.step()
+    assert spot(picture(game), 1, 0) == colors.FLOOR
+    game.put("agent", 1, 7, 7)
+    game.step({0: "attack"})
+    assert sum(spot(picture(game), 1, 0)) < DARK  # it met nothing
+    assert spot(picture(game), 2.2, 0) == colors.FLOOR  # it reaches two metres
+    game.env.reset()  # what was done in the episode before is over
+    assert np.array_equal(picture(game), picture(game, MeleeLayer, HitsLayer))
 
 
 @pytest.mark.parametrize(
@@ -130,40 +130,40 @@ def test_strikes_are_shown_in_their_tick() -> None:
     ],
 )
 def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, share: float) -> None:
-    stage = duel(ScenarioBuilder(), far=5)
-    stage.wound(0, points)
-    image = picture(stage)
+    game = duel(ScenarioBuilder(), far=5)
+    game.wound(0, points)
+    image = picture(game)
     bar = [spot(image, x, 0.88) for x in np.linspace(-0.55, 0.55, 110)]
     assert np.mean([found == color for found in bar]) == pytest.approx(share, abs=0.07)
     assert set(bar) == {color, rest}
 
 
 def test_carried_items_lie_below_their_carrier() -> None:
-    stage = duel(ScenarioBuilder(), far=5)
-    bare = picture(stage)
-    stage.hand(0, "heal", 0)
-    stage.hand(0, "box_item", 1)
-    image = picture(stage)
+    game = duel(ScenarioBuilder(), far=5)
+    bare = picture(game)
+    game.hand(0, "heal", 0)
+    game.hand(0, "box_item", 1)
+    image = picture(game)
     assert spot(image, -0.2, -0.83) == colors.HEAL
     assert spot(image, 0.2, -0.83) == colors.BOX
     rows, columns = (where / SIZE * 2 * HALF - HALF for where in np.nonzero((image != bare).any(-1)))
     assert 0.5 < rows.min() < rows.max() < 1.2
     assert np.abs(columns).max() < 0.6
-    assert np.array_equal(picture(stage, InventoryLayer), bare)
+    assert np.array_equal(picture(game, InventoryLayer), bare)
 
 
 @pytest.mark.parametrize(("cone", "area"), [("kite", math.sin(0.2 * math.pi)), ("sector", 0.2 * math.pi)])
 def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
     """Area of a kite: depth^2 sin(fov / 2); of a sector: depth^2 fov / 2."""
-    stage = ScenarioBuilder(cameras_cone=cone, cameras_depth=9.0)
-    stage.put("agent", 0, -5, -4, 0.3)
-    shades = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
+    game = ScenarioBuilder(cameras_cone=cone, cameras_depth=9.0)
+    game.put("agent", 0, -5, -4, 0.3)
+    shades = draw(game.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
     covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
     assert covered * (2 * HALF / SIZE) ** 2 == pytest.approx(81 * area, rel=0.03)
 
 
-def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
-    """What observations tell of them, and what lines are drawn, agree for every agent of every world."""
+def test_lines_of_sight_lead_to_the_entities_seen() -> None:
+    """The observed entities and the lines drawn agree for every agent of every world."""
     env = make_vec("teams_3", scaled(40, least=5), seed=5)
     observations, _ = env.reset()
     masks = [key for key in observations if key.endswith("_mask") and "slot" not in key]
@@ -178,19 +178,19 @@ def test_lines_of_sight_lead_to_whoever_is_seen() -> None:
 
 
 def test_a_line_of_sight_ends_at_what_is_seen() -> None:
-    stage = duel(ScenarioBuilder(), far=8)
-    stage.step()
-    image = draw(stage.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], cones=False, width=0.2)])
+    game = duel(ScenarioBuilder(), far=8)
+    game.step()
+    image = draw(game.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], cones=False, width=0.2)])
     assert spot(image, 4, 0) == spot(image, 7.8, 0) == colors.BLUE
     assert spot(image, 8.3, 0) == spot(image, -0.3, 0) == colors.WALL
 
 
 def test_numbers_are_written_within_their_disc() -> None:
-    stage = duel(ScenarioBuilder(), far=5)
-    plain = draw(stage.env.worlds, 0, SIZE, [AgentsLayer()])
+    game = duel(ScenarioBuilder(), far=5)
+    plain = draw(game.env.worlds, 0, SIZE, [AgentsLayer()])
     rows, columns = (
         where / SIZE * 2 * HALF - HALF
-        for where in np.nonzero((draw(stage.env.worlds, 0, SIZE, [AgentsLayer(), IdsLayer()]) != plain).any(-1))
+        for where in np.nonzero((draw(game.env.worlds, 0, SIZE, [AgentsLayer(), IdsLayer()]) != plain).any(-1))
     )
     near = np.minimum(np.hypot(columns, rows), np.hypot(columns - 5, rows))
     assert near.max() < 0.5

@@ -79,23 +79,23 @@ def test_the_order_of_layers_makes_no_difference() -> None:
 
 
 def test_what_is_no_number_or_far_away_is_left_out() -> None:
-    stage = ScenarioBuilder()
-    stage.put("heal", 0, 2, 2)
-    everybody = draw(stage.env.worlds, 0, 256)
-    rows = [stage.row("agent", 0), stage.row("box", 0)]
-    stage.put("box", 0, 0, 0)
-    stage.column(Entity).alive[0, rows] = 0
-    expected = draw(stage.env.worlds, 0, 256, EVERYTHING), text(stage.env.worlds, 0).splitlines()[:22]
-    assert not np.array_equal(expected[0], everybody)
-    stage.column(Entity).alive[0, rows] = 1
+    game = ScenarioBuilder()
+    game.put("heal", 0, 2, 2)
+    whole = draw(game.env.worlds, 0, 256)
+    rows = [game.row("agent", 0), game.row("box", 0)]
+    game.put("box", 0, 0, 0)
+    game.column(Entity).alive[0, rows] = 0
+    expected = draw(game.env.worlds, 0, 256, EVERYTHING), text(game.env.worlds, 0).splitlines()[:22]
+    assert not np.array_equal(expected[0], whole)
+    game.column(Entity).alive[0, rows] = 1
     for value in (np.nan, np.inf, -np.inf, 1e30, 1e6):
-        stage.column(Body).x[0, rows] = value
-        assert np.array_equal(draw(stage.env.worlds, 0, 256, EVERYTHING), expected[0])
-        assert text(stage.env.worlds, 0).splitlines()[:22] == expected[1]
+        game.column(Body).x[0, rows] = value
+        assert np.array_equal(draw(game.env.worlds, 0, 256, EVERYTHING), expected[0])
+        assert text(game.env.worlds, 0).splitlines()[:22] == expected[1]
 
 
 def test_opencv_is_loaded_by_the_first_picture() -> None:
-    """It takes longer to import than everything else, and those who train need none."""
+    """It takes longer to import than everything else, and training needs none."""
     code = """
         import sys, outlast, outlast.envs.cli.main, outlast.envs.rendering.video
         texts = outlast.make_vec("ffa_1", 1, render_mode="ansi").render()
@@ -192,7 +192,7 @@ def test_scenarios_without_a_mechanic(name: str) -> None:
 
 
 def test_agents_may_be_all_there_is() -> None:
-    """No walls, nobody but one agent, of any size of room."""
+    """No walls, a single agent, a room of any size."""
     bare = variant("ffa_1").without(systems.Heals, systems.SafeZone).replace(n_agents=1, room_walls=False)
     for size in (2.0, 400.0):
         worlds = Worlds(bare.replace(room_size=size, spawn_grid_cells=1).modules, 1)
@@ -202,7 +202,7 @@ def test_agents_may_be_all_there_is() -> None:
 
 @dataclass(frozen=True)
 class Tide(Module):
-    """A mechanic of somebody else."""
+    """A mechanic of another package."""
 
     height: float = 4.0
 
@@ -230,13 +230,13 @@ def test_new_layers_need_no_change_elsewhere() -> None:
 
 
 def test_a_map_shows_everything_where_it_is() -> None:
-    stage = ScenarioBuilder(n_agents=2)
-    zone, alive = stage.column(Zone), stage.column(Entity).alive
+    game = ScenarioBuilder(n_agents=2)
+    zone, alive = game.column(Zone), game.column(Entity).alive
     zone.x[0], zone.y[0], zone.radius[0] = 0, 0, 12.5
-    stage.put("heal", 0, 0.1, 0.1)
-    stage.put("box", 0, 5, -5, size=(3, 3))
-    stage.put("box_item", 1, -12.4, 12.4)
-    lines = text(stage.env.worlds, 0).splitlines()
+    game.put("heal", 0, 0.1, 0.1)
+    game.put("box", 0, 5, -5, size=(3, 3))
+    game.put("box_item", 1, -12.4, 12.4)
+    lines = text(game.env.worlds, 0).splitlines()
     assert {len(line) for line in lines[:22]} == {42}
     grid = [line[1:-1] for line in lines[1:21]]
     assert grid[9][20] == "+"
@@ -247,10 +247,10 @@ def test_a_map_shows_everything_where_it_is() -> None:
     assert "".join(grid).count("#") == 24
     assert (grid[0][39], grid[10][1]) == (":", " ")
     assert lines[22:] == ["0 side 0 health 100", "1 side 1 health 100"]
-    stage.hand(0, "heal", 1)
-    stage.hand(0, "box_item", 1)
-    stage.wound(0, 7)
-    alive[0, stage.row("agent", 1)] = 0
-    lines = text(stage.env.worlds, 0).splitlines()
+    game.hand(0, "heal", 1)
+    game.hand(0, "box_item", 1)
+    game.wound(0, 7)
+    alive[0, game.row("agent", 1)] = 0
+    lines = text(game.env.worlds, 0).splitlines()
     assert lines[22:] == ["0 side 0 health 7 heal box_item", "1 side 1 dead"]
     assert "1" not in "".join(lines[:22])

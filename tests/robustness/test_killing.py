@@ -36,13 +36,13 @@ DISK = {  # bytes that a file may have: too few for the largest that is written
 
 
 @pytest.mark.parametrize(("name", "times"), [pytest.param("train", 1, marks=pytest.mark.nightly), ("replay shards", 1)])
-def test_who_is_killed_leaves_what_opens_and_goes_on(tmp_path: Path, name: str, times: int) -> None:
+def test_a_killed_process_leaves_files_that_open_and_go_on(tmp_path: Path, name: str, times: int) -> None:
     assert kill_repeatedly(KNOWN[name], times, tmp_path).failures == []
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name, writer in KNOWN.items() if not writer.slow])
-def test_who_is_killed_at_other_moments(tmp_path: Path, name: str) -> None:
+def test_processes_killed_at_other_moments(tmp_path: Path, name: str) -> None:
     """Fifty kills together."""
     tally = kill_repeatedly(KNOWN[name], 4 if name == "train" else 3, tmp_path, seed=1)
     assert tally.failures == []
@@ -104,7 +104,7 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", DISK)
-def test_a_full_disk_is_told_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str) -> None:
+def test_a_full_disk_is_reported_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str) -> None:
     """Files are limited to that many bytes; without the limit, the same command goes on."""
     trial = Trial(KNOWN[name], tmp_path, np.random.default_rng(0))
     folder = trial._new_folder("full")

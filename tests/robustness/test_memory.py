@@ -67,7 +67,7 @@ LOG = """==7== Memcheck, a memory error detector
 """  # noqa: W291
 
 
-def test_errors_of_box2d_and_of_the_tick_are_told_from_others() -> None:
+def test_errors_of_box2d_and_of_the_tick_are_distinguished_from_others() -> None:
     assert [block.splitlines()[1].split()[3] for block in memory.faults(LOG)] == ["b2World::b2World(b2Vec2", "???"]
 
 

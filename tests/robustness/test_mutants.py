@@ -16,7 +16,7 @@ needs_cosmic_ray = pytest.mark.skipif(not HAVE_COSMIC_RAY, reason="needs cosmic-
 if HAVE_COSMIC_RAY:
     from tests.mutants.operators import Mutant, mutants, sampled
 
-NOTICED = "- if push(bag, item, e, thing):\n+ if not push(bag, item, e, thing):"
+NOTICED = "- if push(bag, item, e, row):\n+ if not push(bag, item, e, row):"
 EQUIVALENT = "- body.ApplyAngularImpulse(float(row[JTURN]), True)"  # wakes a body that is awake
 
 

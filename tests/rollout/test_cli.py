@@ -15,21 +15,15 @@ from outlast.envs.cli import main as cli
 from outlast.envs.cli.options import scenario
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
-from tests.conftest import interrupted_after
-
-
-def run(capsys, *arguments: str) -> tuple[int, str, str]:
-    status = cli.main(arguments)
-    captured = capsys.readouterr()
-    return status, captured.out, captured.err
+from tests.conftest import interrupted_after, run
 
 
 def test_variants_lists_all_eight_with_their_original_names(capsys):
     status, out, _ = run(capsys, "variants")
     assert status == 0
-    variants, fixes = out.split("\n\n")
+    variants, ablations = out.split("\n\n")
     assert len(variants.splitlines()) == 8
-    assert len(fixes.splitlines()) == 1 + len(ABLATIONS)
+    assert len(ablations.splitlines()) == 1 + len(ABLATIONS)
     assert "teams_4   2v2_all_high" in out
 
 
@@ -41,19 +35,8 @@ def test_schedule_prints_the_tick(capsys):
 
 
 def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
-    arguments = (
-        "rollout",
-        "ffa_2",
-        "--worlds",
-        "3",
-        "--steps",
-        "150",
-        "--policy",
-        "noop",
-        "--set",
-        "safe_zone_damage=50",
-    )
-    status, out, err = run(capsys, *arguments)
+    command = "rollout ffa_2 --worlds 3 --steps 150 --policy noop --set safe_zone_damage=50"
+    status, out, err = run(capsys, *command.split())
     assert status == 0
     assert "world-step" in err  # the progress bar
     assert "450 world-steps in" in out
@@ -211,7 +194,7 @@ def test_deaths_are_logged_on_request(capsys, caplog):
     assert "died of zone" in caplog.text
 
 
-def test_the_version_is_told(capsys):
+def test_the_version_is_printed(capsys):
     with pytest.raises(SystemExit, match="0"):
         cli.main(("--version",))
     assert capsys.readouterr().out == f"outlast {outlast.__version__}\n"

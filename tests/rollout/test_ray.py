@@ -18,6 +18,7 @@ from outlast.envs.rollout import local
 from outlast.envs.rollout.local import Task, run_task
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
+from tests.helpers.execution_modes import short
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
 
@@ -26,13 +27,6 @@ from outlast.envs.rollout import ray as cluster  # noqa: E402
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
 WORLDS, STEPS, SEED = 10, scaled(150, least=30), 3
-SHORT = {
-    "agents_health": 10,
-    "safe_zone_radii": (9.0, 4.0),
-    "safe_zone_stand": 10,
-    "safe_zone_shrink": 10,
-    "ending_limit": 25,
-}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +38,7 @@ def workers():
 
 
 def task(policy=POLICIES["random"], variant="teams_3"):
-    return Task(outlast.variant(variant).replace(**SHORT), policy, STEPS, SEED)
+    return Task(short(variant).replace(ending_limit=25), policy, STEPS, SEED)
 
 
 def same(one, other):
@@ -94,7 +88,7 @@ def test_a_cluster_plays_as_many_whole_episodes_of_every_world(workers, monkeypa
     assert "the first 2 of every world" in str(spread)
 
 
-def test_an_episode_without_an_end_is_told_as_on_one_machine(workers):
+def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):
     def impatient(env, seed):
         local.MAX_STEPS = 30  # in the worker, which has this module, too
         return POLICIES["noop"](env, seed)

@@ -13,19 +13,13 @@ from outlast.envs.rollout.local import MAX_BATCH, Task, rollout, run_task, split
 from outlast.envs.rollout.policies import GOLDEN, POLICIES, mix64, random_policy
 from outlast.envs.rollout.summary import Summary
 from tests.conftest import COMPILED, scaled
+from tests.helpers.execution_modes import short
 
 WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
-SHORT = {
-    "agents_health": 10,
-    "safe_zone_radii": (9.0, 4.0),
-    "safe_zone_stand": 10,
-    "safe_zone_shrink": 10,
-    "ending_limit": 25,
-}
 
 
 def task(policy: str = "random", variant: str = "ffa_1") -> Task:
-    return Task(outlast.variant(variant).replace(**SHORT), POLICIES[policy], STEPS, seed=3)
+    return Task(short(variant).replace(ending_limit=25), POLICIES[policy], STEPS, seed=3)
 
 
 def whole(policy: str = "random", variant: str = "ffa_1", seed: int = 3, episodes: int = 1) -> Task:

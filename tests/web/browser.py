@@ -23,7 +23,7 @@ def environment() -> SurvivalVectorEnv:
 
 
 def ticks(env: SurvivalVectorEnv, steps: int, finished: list[dict[str, Any]] | None = None) -> Iterator[int]:
-    """A scripted rollout in which everybody strikes all the time, and now and then uses what it has.
+    """A scripted rollout in which all agents strike all the time, and now and then use what they have.
 
     finished: takes the statistics of its episodes.
     """

@@ -10,7 +10,7 @@ import pytest
 from outlast.envs.rendering import style
 from tests.web.browser import TITLE, Screen, Truth
 
-HALF = style.SIZES.margin * 12.5  # metres from the middle of the stage to its edge
+HALF = style.SIZES.margin * 12.5  # metres from the middle of the canvas to its edge
 
 
 def check(screen: Screen, truth: Truth, episode: int) -> None:
@@ -40,7 +40,7 @@ def test_every_number_is_that_of_the_simulation(look: Any, truths: dict[int, Tru
 
 
 def test_agents_are_where_they_are(look: Any, truths: dict[int, Truth]) -> None:
-    """Behind its middle, an agent has the colour of its side, if nobody is near who covers or strikes it."""
+    """Behind its middle, an agent has the colour of its side, if no agent near covers or strikes it."""
     screen = look()
     screen.key("v", "z", "h", "b")
     looked_at = 0
@@ -58,7 +58,7 @@ def test_agents_are_where_they_are(look: Any, truths: dict[int, Truth]) -> None:
 
 
 def pixel(screen: Screen, x: float, y: float) -> tuple[int, ...]:
-    """The colour of the stage at a point of the world."""
+    """The colour of the canvas at a point of the world."""
     image = cv2.imdecode(np.frombuffer(screen.picture(), np.uint8), cv2.IMREAD_COLOR_RGB)
     height, width = image.shape[:2]
     scale = min(height, width) / (2 * HALF)

@@ -86,7 +86,7 @@ def test_an_episode_begins_with_the_first_key(game):
     assert game.worlds[Clock].tick[0, 0] == 1
 
 
-def test_a_pause_stops_everything_and_forgets_taps(game):
+def test_a_pause_stops_everything_and_drops_taps(game):
     game.hold({"ahead": 1}, {})
     play(game, 5)
     game.hold({"ahead": 1}, {"give": 1})
@@ -116,18 +116,18 @@ def test_restart_is_the_next_episode_of_the_seed(game):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_verdict_is_who_lived_longest(seed):
-    """Nobody moves: the zone decides. The environment's observations say who is dead: their own row is zero."""
+def test_the_verdict_is_for_the_longest_life(seed):
+    """No agent moves: the zone decides. In the environment's observations, the own row of the dead is zero."""
     game = Game(outlast.variant("ffa_1"), others="noop", seed=seed)
     env = outlast.make_vec("ffa_1", 1, seed=seed, autoreset_mode="Disabled")
     idle = POLICIES["noop"](env)
     observations, _ = env.reset()
     lived = np.zeros(2)
-    over = False
-    while not over:
+    done = False
+    while not done:
         observations, _, terminated, truncated, info = env.step(idle(observations))
         lived += observations["own"][0, :, 1] + np.abs(observations["own"][0, :, 2:4]).sum(-1) > 0
-        over = bool(terminated[0] or truncated[0])
+        done = bool(terminated[0] or truncated[0])
     game.hold({}, {"use": 1})  # there is nothing to use
     while game.tick():
         pass

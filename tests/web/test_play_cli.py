@@ -22,7 +22,7 @@ from tests.web.clients import Page
         (("--record", "/nowhere/at/all.rec"), ("/nowhere/at/all.rec",)),
     ],
 )
-def test_mistakes_are_told_in_one_line(capsys, arguments, words):
+def test_mistakes_are_reported_in_one_line(capsys, arguments, words):
     assert cli.main(("play", "ffa_3", "--no-browser", *arguments)) == 2
     err = capsys.readouterr().err
     assert len(err.strip().splitlines()) == 1
@@ -30,7 +30,7 @@ def test_mistakes_are_told_in_one_line(capsys, arguments, words):
         assert word in err
 
 
-def test_a_taken_port_is_told_in_one_line(capsys):
+def test_a_taken_port_is_reported_in_one_line(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert cli.main(("play", "ffa_3", "--no-browser", "--port", str(port))) == 2
@@ -56,7 +56,7 @@ def test_numbers_that_cannot_be_are_refused(capsys, option, value, words):
     assert words in capsys.readouterr().err
 
 
-def test_without_websockets_the_cure_is_told():
+def test_without_websockets_the_cure_is_reported():
     code = "import sys; sys.modules['websockets'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "play", "ffa_3"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

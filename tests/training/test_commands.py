@@ -28,7 +28,7 @@ pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlas
 
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
-from tests.training.test_training_player import saved  # noqa: E402
+from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

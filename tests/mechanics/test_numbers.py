@@ -1,4 +1,4 @@
-"""The numbers of the mechanics: what each is if nobody says, and its range. Another one here is another game."""
+"""The numbers of the mechanics: the default of each, and its range. Another one here is another game."""
 
 import math
 from dataclasses import fields

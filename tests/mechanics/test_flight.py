@@ -101,7 +101,7 @@ def test_physics_takes_as_many_bodies_as_a_batch_holds() -> None:
 
 
 def test_a_batch_is_stepped_by_the_numbers_of_physics() -> None:
-    """If nobody says otherwise; Box2D's own limits are those of its header."""
+    """The defaults; Box2D's own limits are those of its header."""
     numbers: dict[str, Any] = asdict(Physics())
     expected = {"dt": F4(1 / numbers.pop("rate")), "continuous": int(numbers.pop("continuous"))}
     del numbers["backend"]
@@ -134,29 +134,29 @@ def test_a_push_gives_the_same_speed_in_the_open_and_beside_a_wall(give: str) ->
     """Where Box2D moves the agent, and where it flies by the engine's own formula."""
     speeds = []
     for x in (0.0, 11.85):
-        stage = ScenarioBuilder("ffa_1", agents_density=4.0, motors_give=give)
-        stage.put("agent", 0, x, 0, math.pi / 2)
-        stage.step({0: "ahead"})
-        speeds.append(stage.state(0)[4])
+        game = ScenarioBuilder("ffa_1", agents_density=4.0, motors_give=give)
+        game.put("agent", 0, x, 0, math.pi / 2)
+        game.step({0: "ahead"})
+        speeds.append(game.state(0)[4])
     assert speeds[0] > 0.07
     assert speeds[1] == pytest.approx(speeds[0], rel=1e-5)
 
 
-# ---- nobody leaves the room
+# ---- no agent leaves the room
 
 
 @pytest.mark.parametrize(("at", "kept"), [((12.51, 3.0), (11.875, 3.0)), ((-40.0, 13.0), (-11.875, 11.875))])
-def test_who_is_pushed_through_a_wall_is_put_back_to_its_inner_side(
+def test_bodies_pushed_through_a_wall_are_put_back_to_its_inner_side(
     at: tuple[float, float], kept: tuple[float, float]
 ) -> None:
-    stage = ScenarioBuilder("ffa_1")
-    stage.put("agent", 0, *at)
-    stage.column(Body).vx[0, 0], stage.column(Body).vy[0, 0] = 3 * np.sign(at[0]), 1
-    stage.step()
-    assert stage.state(0)[:2] == pytest.approx(kept, abs=0.05)
-    assert stage.state(0)[3] == 0
-    stage.step(times=20)
-    assert max(map(abs, stage.state(0)[:2])) < 11.9
+    game = ScenarioBuilder("ffa_1")
+    game.put("agent", 0, *at)
+    game.column(Body).vx[0, 0], game.column(Body).vy[0, 0] = 3 * np.sign(at[0]), 1
+    game.step()
+    assert game.state(0)[:2] == pytest.approx(kept, abs=0.05)
+    assert game.state(0)[3] == 0
+    game.step(times=20)
+    assert max(map(abs, game.state(0)[:2])) < 11.9
 
 
 @slow_compiled

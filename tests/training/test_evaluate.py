@@ -20,7 +20,7 @@ from outlast.training.evaluation.matches import Match  # noqa: E402
 from outlast.training.evaluation.ratings import elo  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
-from tests.training.test_training_player import saved  # noqa: E402
+from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -51,46 +51,46 @@ def counted(scenario: Scenario, names: tuple[str, str], worlds: int, each: int, 
     agents, size = range(env.num_agents), max(1, env.num_agents // 2)  # of a team; or each on its own
     figures = {name: np.zeros((worlds, each, 2)) for name in ("wins", "length", "life", "return", "kills", "dead")}
     attacks, chances = np.zeros((worlds, each, 2)), np.zeros((worlds, each, 2))
-    done, ticks = [0] * worlds, [0] * worlds
+    count, ticks = [0] * worlds, [0] * worlds
     last = np.zeros((worlds, 2), int)
-    while min(done) < each:
+    while min(count) < each:
         seen = {key: value.copy() for key, value in observations.items()}
         choices = [policy(observations) for policy in policies]
         actions = np.zeros_like(choices[0])
         for w in range(worlds):
             for i in agents:
-                role = (i // size + w + done[w]) % 2
+                role = (i // size + w + count[w]) % 2
                 actions[w, i] = choices[role][w, i]
                 me = seen["own"][w, i, -7:]
-                if done[w] < each and me.any():
+                if count[w] < each and me.any():
                     enemies = [seen["own"][w, j, -7:] for j in agents if j // size != i // size]
                     near = any(row.any() and np.hypot(*(row[1:3] - me[1:3])) <= 2.5 for row in enemies)
-                    chances[w, done[w], role] += near
-                    attacks[w, done[w], role] += near and actions[w, i, 3]
-        observations, rewards, over, _, info = env.step(actions)
+                    chances[w, count[w], role] += near
+                    attacks[w, count[w], role] += near and actions[w, i, 3]
+        observations, rewards, done, _, info = env.step(actions)
         for w in range(worlds):
             ticks[w] += 1
             for i in agents:
-                role = (i // size + w + done[w]) % 2
+                role = (i // size + w + count[w]) % 2
                 if observations["own"][w, i, -7:].any():
                     last[w, i // size] = ticks[w]
-                if done[w] < each:
-                    figures["return"][w, done[w], role] += rewards[w, i] / size
-            if over[w] and done[w] < each:
-                lives = [last[w, (role + w + done[w]) % 2] for role in (0, 1)]
-                here = (w, done[w])
+                if count[w] < each:
+                    figures["return"][w, count[w], role] += rewards[w, i] / size
+            if done[w] and count[w] < each:
+                lives = [last[w, (role + w + count[w]) % 2] for role in (0, 1)]
+                here = (w, count[w])
                 figures["life"][here], figures["length"][here] = lives, ticks[w]
                 figures["wins"][here] = [0.5 + 0.5 * np.sign(lives[k] - lives[1 - k]) for k in (0, 1)]
-                figures["kills"][here] = [info["statistics"]["kills"][w, (k + w + done[w]) % 2] for k in (0, 1)]
+                figures["kills"][here] = [info["statistics"]["kills"][w, (k + w + count[w]) % 2] for k in (0, 1)]
                 alive = [
-                    [observations["own"][w, i, -7:].any() for i in agents if (i // size + w + done[w]) % 2 == k]
+                    [observations["own"][w, i, -7:].any() for i in agents if (i // size + w + count[w]) % 2 == k]
                     for k in (0, 1)
                 ]
                 figures["dead"][here] = [len(living) - sum(living) for living in alive]
-            if over[w]:
-                done[w], ticks[w], last[w] = done[w] + 1, 0, 0
-        if over.any():
-            observations, _ = env.reset(options={"reset_mask": over})
+            if done[w]:
+                count[w], ticks[w], last[w] = count[w] + 1, 0, 0
+        if done.any():
+            observations, _ = env.reset(options={"reset_mask": done})
     env.close()
     return figures | {"attacks": attacks, "chances": chances}
 
@@ -157,11 +157,11 @@ def test_the_numbers_depend_on_the_seed_and_not_on_threads(tmp_path: Path) -> No
     assert runs[0].scenario.numbers()["cameras_mode"] == "revealed"
     assert runs[0].pairs == [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
     assert runs[0].episodes == 8  # as many in every world
-    alone = evaluated("teams_3", *texts[:2], episodes=6, worlds=4, seed=1)  # whoever else comes
+    alone = evaluated("teams_3", *texts[:2], episodes=6, worlds=4, seed=1)  # whatever else is rated
     np.testing.assert_equal([alone.pairings[1].estimates(0)], [runs[0].pairings[1].estimates(0)])
 
 
-def test_who_meets_itself_wins_half() -> None:
+def test_a_policy_against_itself_wins_half() -> None:
     evaluation = evaluated("ffa_1", "scripted", episodes=400, worlds=100)
     mean, error = evaluation.pairings[0].estimates(0)["wins"]
     assert 0.015 < error < 0.026
@@ -213,7 +213,7 @@ def test_expected_scores_give_back_the_ratings() -> None:
     expected = count / (1 + 10 ** ((true[None] - true[:, None]) / 400))
     ratings, _ = elo(expected, np.zeros((4, 4)))
     assert ratings == pytest.approx(true, abs=0.01)
-    chain = np.abs(np.subtract.outer(range(4), range(4))) == 1  # not everybody met everybody
+    chain = np.abs(np.subtract.outer(range(4), range(4))) == 1  # not all met all
     assert elo(expected * chain, np.zeros((4, 4)))[0] == pytest.approx(true, abs=0.1)
 
 

@@ -16,8 +16,8 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 @kinds
-def test_who_is_hit_loses_health_and_blames_the_right_one(kind: str) -> None:
-    assert disagreements(kind, ["agent"], "health", "cause", "source") == []
+def test_a_hit_costs_health_and_names_the_right_source(kind: str) -> None:
+    assert disagreements(kind, ["agent"], "health", "damage_type", "source") == []
 
 
 @kinds
@@ -26,7 +26,7 @@ def test_weapons_rest_after_a_strike_that_met_something(kind: str) -> None:
 
 
 @kinds
-def test_who_has_no_health_at_the_check_is_dead(kind: str) -> None:
+def test_agents_without_health_at_the_check_die(kind: str) -> None:
     assert disagreements(kind, ["agent"], "here") == []
     assert [k for k, tick in enumerate(play(kind)) if tick.after.deaths != tick.want.deaths] == []
 
@@ -36,7 +36,7 @@ def test_items_of_the_dead_lie_around_them(kind: str) -> None:
     """On the rim of the circle, or anywhere in it; the test after the next says in which direction."""
     for tick in play(kind):
         for item, agent in tick.want.fallen:
-            one, other, numbers = tick.after.things[item], tick.after.things[agent], tick.after.numbers
+            one, other, numbers = tick.after.entities[item], tick.after.entities[agent], tick.after.numbers
             far = math.dist((one.x, one.y), (other.x, other.y))
             assert far <= numbers["death_drop_radius"] + TOLERANCE
             if numbers["death_drop_scatter"] == "rim":
@@ -71,9 +71,9 @@ def test_boxes_break_become_items_and_are_set_up_again(kind: str) -> None:
 
 @kinds
 def test_bodies_move_as_in_a_box2d_world_of_all_of_them(kind: str) -> None:
-    """The tick hands over to Box2D only who may touch something.
+    """The tick hands over to Box2D only bodies that may touch another.
 
-    Where three overlap at once, or a box is set up on somebody, the order of contacts or the last bit of its place
+    Where three overlap at once, or a box is set up on an agent, the order of contacts or the last bit of its place
     decides about where they are pushed: that happens, and seldom.
     """
     gaps = []

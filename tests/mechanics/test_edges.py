@@ -19,7 +19,7 @@ from tests.reference.episodes import Outcome, facts
 
 KEEP = ("agents_count", "boxes_count", "heals_count", "inventory_slots", "rewards_kill", "rewards_death")
 AS_WRITTEN = {key: value for key, value in TEXT.items() if key not in KEEP} | {"boxes_least": 0.003}
-SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+GAMES: dict[str, tuple[str, dict[str, Any]]] = {
     "ffa as run": ("ffa_4", {}),
     "teams as run": ("teams_4", {}),
     "ffa as written": ("ffa_4", AS_WRITTEN),
@@ -28,7 +28,7 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
 SOME = settings(max_examples=600 if COMPILED else 20, deadline=None, derandomize=True)
 EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
     "several at the same place": lambda got, want: len(set(places(want))) < len(places(want)),
-    "nobody lives": lambda got, want: not any(agent.here for agent in got.world.of("agent")),
+    "all are dead": lambda got, want: not any(agent.here for agent in got.world.of("agent")),
     "a full bag": lambda got, want: any(len(agent.bag) == SLOTS for agent in got.world.of("agent")),
     "the void": lambda got, want: got.world.zone[2] == 0,
     "a death": lambda got, want: bool(got.world.deaths),
@@ -40,7 +40,7 @@ EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
 
 
 def places(outcome: Outcome) -> list[tuple[float, float]]:
-    return [(thing.x, thing.y) for thing in outcome.world.things if thing.here]
+    return [(entity.x, entity.y) for entity in outcome.world.entities if entity.here]
 
 
 def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
@@ -48,20 +48,20 @@ def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
 
     Contacts move agents off it, and what the dead drop lies anywhere.
     """
-    variant, numbers = SCENES[name]
-    stage = build(sketch, variant, **numbers)
-    before = read(stage.env, 0)
-    wishes = [dict(zip(reference.KEYS, (0, 0, 0, *agent.acts), strict=True)) for agent in sketch.agents]
-    observations, *_ = stage.env.step(np.array([[(1, 1, 1, *agent.acts) for agent in sketch.agents]]))
-    got = reference.read_outcome(stage.env, 0, observations)
-    want = reference.step(before, wishes, moved_as_in(got.world))
+    variant, numbers = GAMES[name]
+    game = build(sketch, variant, **numbers)
+    before = read(game.env, 0)
+    choices = [dict(zip(reference.KEYS, (0, 0, 0, *agent.acts), strict=True)) for agent in sketch.agents]
+    observations, *_ = game.env.step(np.array([[(1, 1, 1, *agent.acts) for agent in sketch.agents]]))
+    got = reference.read_outcome(game.env, 0, observations)
+    want = reference.step(before, choices, moved_as_in(got.world))
     still = all((a.x, a.y) == (b.x, b.y) for a, b in zip(before.of("agent"), got.world.of("agent"), strict=True))
     return got, want, still and not want.world.fallen
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", GAMES)
 def test_what_comes_out_of_degenerate_worlds_is_what_the_naive_forms_say(name: str) -> None:
-    """All of these things must have happened, and often."""
+    """All of these events must have happened, and often."""
     counts: Counter[str] = Counter()
 
     @SOME
@@ -75,7 +75,7 @@ def test_what_comes_out_of_degenerate_worlds_is_what_the_naive_forms_say(name: s
         assert min(counts.values()) >= 4, counts
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", GAMES)
 @pytest.mark.parametrize("words", CASES)
 def test_what_comes_out_of_this_world_is_what_the_naive_forms_say(words: str, name: str) -> None:
     """What hypothesis might not find: each hits an edge to the bit."""
@@ -84,7 +84,7 @@ def test_what_comes_out_of_this_world_is_what_the_naive_forms_say(words: str, na
 
 
 def check(got: Outcome, want: Outcome, on_grid: bool) -> list[str]:
-    """Whole numbers are equal on the grid, or where nothing was close; what is told, in the latter case only."""
+    """Whole numbers are equal on the grid, or where nothing was close; observations, in the latter case only."""
     events = [event for event, happened in EVENTS.items() if happened(got, want)]
     if on_grid or not want.ambiguous:
         assert facts(got, want) == []

@@ -39,8 +39,8 @@ def cells(world: World) -> list[tuple[float, float]]:
     """Centres for agents, boxes and heals in this order: each draws one of the cells that are left."""
     side, size = world.numbers["spawn_grid_cells"], world.numbers["room_size"]
     left, places = list(range(side**2)), []
-    for k, thing in enumerate(world.of("agent", "box", "heal")):
-        pick = k + (philox(world, "spawn.place", draw_index(thing))[0] * (side**2 - k) >> 64)
+    for k, entity in enumerate(world.of("agent", "box", "heal")):
+        pick = k + (philox(world, "spawn.place", draw_index(entity))[0] * (side**2 - k) >> 64)
         left[k], left[pick] = left[pick], left[k]
         places.append(tuple(size * ((index + 0.5) / side - 0.5) for index in (left[k] % side, left[k] // side)))
     return places
@@ -54,9 +54,9 @@ def normal(world: World, index: int) -> float:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_everybody_gets_the_cell_that_the_random_numbers_give(name: str) -> None:
+def test_every_entity_gets_the_cell_that_the_random_numbers_give(name: str) -> None:
     for world in fresh(name):
-        got = [(thing.x, thing.y) for thing in world.of("agent", "box", "heal")]
+        got = [(entity.x, entity.y) for entity in world.of("agent", "box", "heal")]
         assert got == [pytest.approx(place, abs=TOLERANCE) for place in cells(world)]
         assert world.key[2] == 2
 
@@ -82,28 +82,28 @@ def test_zones_have_the_centres_that_the_random_numbers_give(name: str) -> None:
 
 
 @pytest.mark.parametrize("agents", [1, 2, 3, 7, 8])
-def test_sides_are_teams_as_even_as_it_goes_or_everybody(agents: int) -> None:
+def test_sides_are_teams_of_nearly_equal_size_or_single_agents(agents: int) -> None:
     for teams in [None, *range(1, min(agents, 4) + 1)]:
         scenario = outlast.variant("ffa_1" if teams is None else "teams_2")
         counts = {"n_agents": agents} | ({} if teams is None else {"teams_count": teams})
         env = outlast.make_vec(scenario.replace(**counts), 1, seed=0)
         env.reset()
         span = env.worlds.span("agent")
-        sides, ignores = (column[0, span].tolist() for column in (env.worlds[Side].side, env.worlds[Guard].immune_to))
+        sides, immune_to = (column[0, span].tolist() for column in (env.worlds[Side].side, env.worlds[Guard].immune_to))
         if teams is None:
-            assert (sides, ignores) == (list(range(agents)), [-1] * agents)
+            assert (sides, immune_to) == (list(range(agents)), [-1] * agents)
         else:
             sizes = [sides.count(side) for side in range(teams)]
-            assert sides == ignores == sorted(sides)
+            assert sides == immune_to == sorted(sides)
             assert sizes == [agents // teams] * (teams - agents % teams) + [agents // teams + 1] * (agents % teams)
 
 
 def test_the_circle_around_a_body_holds_all_of_it() -> None:
     env = outlast.make_vec(outlast.variant("teams_4").replace(**RUNS), COUNT, seed=4)
     env.reset()
-    shape, things = env.worlds[Shape], [thing for w in range(COUNT) for thing in read(env, w).things]
+    shape, entities = env.worlds[Shape], [entity for w in range(COUNT) for entity in read(env, w).entities]
     bounds = shape.bound.ravel().tolist()
-    corners = [max(thing.radius, math.hypot(thing.half_width, thing.half_height)) for thing in things]
+    corners = [max(entity.radius, math.hypot(entity.half_width, entity.half_height)) for entity in entities]
     assert bounds == pytest.approx(corners, rel=1e-6)
 
 

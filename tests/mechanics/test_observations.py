@@ -11,20 +11,20 @@ kinds = pytest.mark.parametrize("kind", KINDS)
 
 
 @kinds
-def test_everybody_is_told_what_its_camera_sees_and_nothing_else(kind: str) -> None:
+def test_agents_observe_what_their_cameras_see_and_nothing_else(kind: str) -> None:
     for tick in play(kind):
         tick.want.zone = tick.after.zone
         for i in range(len(tick.want.of("agent"))):
-            told = naive_observations.observe(tick.want, i)
-            assert set(told) == set(tick.observation)
-            for key, value in told.items():
+            observed = naive_observations.observe(tick.want, i)
+            assert set(observed) == set(tick.observation)
+            for key, value in observed.items():
                 np.testing.assert_allclose(tick.observation[key][i], value, atol=TOLERANCE, err_msg=f"{key} of {i}")
 
 
 @kinds
 def test_cameras_of_these_worlds_see_some_and_not_all(kind: str) -> None:
     ticks = [tick for tick in play(kind) if any(tick.want.seen)]
-    shares = [len(seen) / len(tick.want.things) for tick in ticks for seen in tick.want.seen if seen]
+    shares = [len(seen) / len(tick.want.entities) for tick in ticks for seen in tick.want.seen if seen]
     assert len(ticks) > len(play(kind)) / 2
     assert 0.02 < np.mean(shares) < 0.5
 

@@ -30,7 +30,7 @@ def fresh() -> Iterator[SurvivalVectorEnv]:
     env.close()
 
 
-def test_everybody_starts_on_the_centre_of_a_cell_of_its_own(fresh: SurvivalVectorEnv) -> None:
+def test_entities_start_on_the_centres_of_cells_of_their_own(fresh: SurvivalVectorEnv) -> None:
     side, cells = 25.0, 8
     centres = [side * ((i + 0.5) / cells) - side / 2 for i in range(cells)]
     assert centres[:4] == [-10.9375, -7.8125, -4.6875, -1.5625]
@@ -65,7 +65,7 @@ def test_sides_of_boxes_are_clipped_normal_draws(fresh: SurvivalVectorEnv) -> No
             assert (sides < mean + quantile * deviation).mean() == pytest.approx(share, abs=4 * error)
 
 
-def test_nobody_is_hurt_and_nothing_is_carried_at_the_start(fresh: SurvivalVectorEnv) -> None:
+def test_no_agent_is_hurt_or_carries_anything_at_the_start(fresh: SurvivalVectorEnv) -> None:
     for w in range(0, COUNT, 20):
         world = read(fresh, w)
         assert [agent.health for agent in world.of("agent")] == [100] * fresh.num_agents
@@ -132,14 +132,14 @@ def test_the_optional_drop_lays_the_last_item_ahead(fresh: SurvivalVectorEnv) ->
             items = range(heals.start + 2 * agent, heals.start + 2 * agent + held)
             tables[Bag].items[w, agent, :held], tables[Bag].count[w, agent] = items, held
             tables[Item].holder[w, list(items)], tables[Entity].alive[w, list(items)] = agent, 0
-        before, wish = read(fresh, w), rng.integers(0, 2, fresh.num_agents).astype(np.int8)
-        call(drop_last.drop_last, DropLast(offset=1.5), fresh, w, {Drop: Drop.Table(wish)})
+        before, drops = read(fresh, w), rng.integers(0, 2, fresh.num_agents).astype(np.int8)
+        call(drop_last.drop_last, DropLast(offset=1.5), fresh, w, {Drop: Drop.Table(drops)})
         after = read(fresh, w)
         for agent in before.of("agent"):
-            dropped = agent.here and wish[agent.index] and agent.bag
+            dropped = agent.here and drops[agent.index] and agent.bag
             assert after.of("agent")[agent.index].bag == (agent.bag[:-1] if dropped else agent.bag)
             if dropped:
-                item, (x, y) = after.things[agent.bag[-1]], naive_mechanics.ahead(agent, 1.5)
+                item, (x, y) = after.entities[agent.bag[-1]], naive_mechanics.ahead(agent, 1.5)
                 assert (item.here, item.holder) == (True, -1)
                 assert (item.x, item.y) == pytest.approx((agent.x + x, agent.y + y), abs=TOLERANCE)
 
@@ -153,7 +153,7 @@ def test_other_numbers_compile_nothing_anew() -> None:
 
 def test_a_limit_of_one_hit_point_is_a_limit() -> None:
     """0 is none, and nothing else."""
-    stage = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
-    stage.hand(0, "heal", 0)
-    assert stage.step({0: "use"}).health(0) == 1
-    assert stage.bag(0) == []
+    game = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
+    game.hand(0, "heal", 0)
+    assert game.step({0: "use"}).health(0) == 1
+    assert game.bag(0) == []

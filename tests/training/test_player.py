@@ -73,7 +73,7 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
 
 
 def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -> None:
-    """Those are for the networks of whoever it plays against, also where something goes wrong."""
+    """Those are for the networks of its opponents, also where something goes wrong."""
     saved(tmp_path / "a.zip")
     observations, _ = make_vec(preset("original").scenario(variant("teams_3")), 3, seed=0).reset()
     torch.set_num_threads(3)  # put back by the fixture

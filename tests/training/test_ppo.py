@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import make_vec, variant
+from outlast import make_vec
 from outlast.ecs import Entity
+from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
@@ -20,14 +21,7 @@ from outlast.training.presets import preset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 6, 40  # steps of each world in a rollout
-QUICK = {
-    "agents_health": 10,
-    "safe_zone_radii": (9.0, 4.0),
-    "safe_zone_stand": 10,
-    "safe_zone_shrink": 10,
-    "ending_limit": 22,
-}
-SHORT = variant("teams_3").replace(**QUICK)  # ends both ways, early
+SHORT = short("teams_3").replace(ending_limit=22)  # ends both ways, early
 GAMMA, LAMBDA = 0.99, 0.95
 
 
@@ -203,8 +197,8 @@ def plainly(policy: Any) -> Any:
 @pytest.mark.parametrize("ablation", ["", "+steering"])
 def test_an_update_is_that_of_stable_baselines(coefficient: float, ablation: str, monkeypatch: Any) -> None:
     """With entropies and their gradients by PyTorch's own distributions, also of actions of different sizes."""
-    scenario, after = variant(f"teams_3{ablation}").replace(**QUICK), []
-    monkeypatch.setattr("tests.training.test_training_ppo.SHORT", scenario)
+    scenario, after = short(f"teams_3{ablation}").replace(ending_limit=22), []
+    monkeypatch.setattr("tests.training.test_ppo.SHORT", scenario)
     for plain in (False, True):
         model = make(batch_size=480, n_epochs=1, ent_coef=coefficient, target_kl=None, learning_rate=1e-3)
         if plain:

@@ -24,7 +24,7 @@ CONES = {
 
 
 def crowd(cone: str) -> SurvivalVectorEnv:
-    """Everybody somewhere, agents turned anywhere; after a tick in which nobody acts."""
+    """Agents anywhere, at any angle; after a tick in which all idle."""
     scenario = outlast.variant("ffa_4").replace(
         n_agents=4, n_heals=HEALS, n_boxes=4, spawn_grid_cells=16, **CONES[cone]
     )
