@@ -171,10 +171,11 @@ def test_another_recording_follows_when_one_is_closed(tmp_path: Path) -> None:
     env, episodes = make(), list[list[int]]()
     for name in ("a.rec", "b.rec"):
         episodes.append(env.worlds[Clock].episode[:, 0].tolist())
-        with outlast.record(env, tmp_path / name):
+        with outlast.record(env, tmp_path / name) as recorder:
             env.reset()
             play(env, 4)
         play(env, 3)
+        assert repr(recorder) == f"<Recorder to {tmp_path / name}: 5 ticks, closed>"
     assert [replayed_ticks(Recording.open(tmp_path / name)) for name in ("a.rec", "b.rec")] == [5, 5]
     (keyed,) = (record.keys for record in Recording.open(tmp_path / "b.rec").tick_records() if len(record.keys))
     assert keyed[:, 3].tolist() == episodes[1] != episodes[0]
