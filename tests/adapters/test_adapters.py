@@ -249,7 +249,7 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
     frames = env.render()
     if mode == "human":
         assert frames is None
-    elif "for each environment" in returns:
+    elif "one frame per environment" in returns:
         assert len(frames) == env.num_envs
         frames = frames[0]
     if mode == "rgb_array":
@@ -260,6 +260,6 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
 
 
 def test_the_page_describes_all_adapters() -> None:
-    described = re.findall(r"^\| .* \| (`.+`) \| .* \|$", PAGE.split("## Seeds")[0], re.MULTILINE)
+    described = re.findall(r"^\| .* \| (`.+`) \| .* \|$", PAGE.split("## Arguments")[0], re.MULTILINE)
     adapters = {name.removeprefix("outlast.") for cell in described for name in re.findall(r"`([\w.]+)`", cell)}
     assert RENDERS.keys() == adapters - {"PettingZooWrapper"}
