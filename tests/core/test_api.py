@@ -61,8 +61,11 @@ def test_right_use_passes_a_type_checker_and_each_mistake_is_found(tmp_path: Pat
     for number, line in enumerate(SCRIPT.splitlines(), 1):
         if "  # E: " in line:
             wrong[number] = line.rpartition("  # E: ")[2]
-    options = ["--config-file", "pyproject.toml"] if checker == "mypy" else ["--level", "error"]
-    command = [sys.executable, "-m", checker, *options, script]
+    options = {
+        "mypy": ["--config-file", "pyproject.toml"],
+        "basedpyright": ["--level", "error", "--pythonpath", sys.executable],
+    }[checker]
+    command = [sys.executable, "-m", checker, *options, str(script)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     found = dict(re.findall(r"user\.py:(\d+)[:\d]* (?:- )?error: .*?(?:\[([a-z-]+)\])?$", done.stdout, re.MULTILINE))
     assert {int(number) for number in found} == wrong.keys(), done.stdout + done.stderr
