@@ -5,9 +5,9 @@ from typing import Any
 from gymnasium.vector import AutoresetMode
 
 from ..core.spaces import statistics
-from ..core.validation import Array
+from ..core.validation import Array, renamed
 from ..scenarios.scenario import Number, Scenario
-from .per_agent import PerAgentVectorEnv, renamed, requested
+from .per_agent import PerAgentVectorEnv, requested
 
 
 class SurvivalAgentVectorEnv(PerAgentVectorEnv):

@@ -10,11 +10,11 @@ from outlast.ecs import Clock
 
 from ..core.agents import alive
 from ..core.spaces import statistics
-from ..core.validation import Array, check_choice, check_count
+from ..core.validation import Array, check_choice, check_count, renamed
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, check_others
-from .per_agent import DEAD, PerAgentVectorEnv, renamed, requested
+from .per_agent import DEAD, PerAgentVectorEnv, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import gymnasium
 
-from ..core.validation import Array, check_choice, checked_actions
+from ..core.validation import Array, check_choice, checked_actions, renamed
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.window import Window
@@ -13,7 +13,7 @@ from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
 from .opponents import Others
-from .per_agent import renamed, requested
+from .per_agent import requested
 
 Observation = dict[str, Array]
 

@@ -1,7 +1,6 @@
 """What adapters share in which every agent, and not every world, is an environment."""
 
 import sys
-import warnings
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -47,14 +46,6 @@ def requested(
             raise ValueError("max_episode_steps and ending_limit are the same number: give one of them")
         numbers = numbers | {"ending_limit": max_episode_steps}
     return resolve(scenario, numbers, make.__kwdefaults__ or ())
-
-
-def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
-    """`value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
-    if old not in options:
-        return value
-    warnings.warn(f"the keyword {old} is now called {new}", DeprecationWarning, stacklevel=3)
-    return options.pop(old)
 
 
 class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):

@@ -4,6 +4,7 @@ from gymnasium.vector import AutoresetMode
 
 from ..scenarios.scenario import Number, Scenario
 from ..scenarios.variants import resolve
+from .validation import renamed
 from .vector_env import SurvivalVectorEnv
 
 
@@ -18,7 +19,6 @@ def make_vec(
     check_actions: bool = True,
     first_world: int = 0,
     render_mode: str | None = None,
-    autoreset: AutoresetMode | str | None = None,
     **numbers: Number,
 ) -> SurvivalVectorEnv:
     """Make `num_worlds` worlds of a variant or scenario that are stepped together.
@@ -37,7 +37,6 @@ def make_vec(
             meaning, but do no harm.
         first_world: Number of the first world: world i of a batch is world i of any other batch of the same seed.
         render_mode: "rgb_array", "ansi" or None.
-        autoreset: Deprecated: autoreset_mode.
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
 
     Raises:
@@ -46,6 +45,7 @@ def make_vec(
         ScheduleError: The order of the scenario's systems is ambiguous.
         ValueError: An option that is out of its range.
     """
+    autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
     return SurvivalVectorEnv(
         resolve(scenario, numbers, OPTIONS),
         num_worlds,
@@ -56,7 +56,6 @@ def make_vec(
         check_actions=check_actions,
         first_world=first_world,
         render_mode=render_mode,
-        autoreset=autoreset,
     )
 
 

@@ -24,14 +24,16 @@ def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = ""
         raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
 
 
-def autoreset_mode(mode: Any, deprecated: Any = None) -> AutoresetMode:
-    """The mode, or the one of that value. deprecated: what was given as `autoreset`, the keyword's name of before.
+def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
+    """`value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
+    if old not in options:
+        return value
+    warnings.warn(f"the keyword {old} is now called {new}", DeprecationWarning, stacklevel=3)
+    return options.pop(old)
 
-    Raises ValueError for anything else.
-    """
-    if deprecated is not None:
-        warnings.warn("autoreset= is called autoreset_mode=, as in Gymnasium", DeprecationWarning, stacklevel=4)
-        mode = deprecated
+
+def autoreset_mode(mode: Any) -> AutoresetMode:
+    """The mode, or the one of that value. Raises ValueError for anything else."""
     try:
         return AutoresetMode(mode)
     except ValueError:

@@ -87,14 +87,13 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         check_actions: bool = True,
         first_world: int = 0,
         render_mode: str | None = None,
-        autoreset: AutoresetMode | str | None = None,
     ) -> None:
         check_count("num_worlds", num_worlds, 1)
         check_count("threads", threads, 1)
         check_count("first_world", first_world, 0)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
-        self.autoreset_mode = checked_autoreset_mode(autoreset_mode, deprecated=autoreset)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode

@@ -17,10 +17,9 @@ def render_world(worlds: Worlds, w: int, render_mode: str) -> Any:
     return draw(worlds, w) if render_mode == "rgb_array" else text(worlds, w)
 
 
-def render_worlds(worlds: Worlds, render_mode: str | None, copies: int = 1) -> tuple[Any, ...] | None:
-    """A frame for each sub-environment, of which `copies` share a world (and its frame); None without a mode."""
+def render_worlds(worlds: Worlds, render_mode: str | None) -> tuple[Any, ...] | None:
+    """A frame of each world; None without a mode."""
     if render_mode is None:
         warn(f"render() draws nothing without a render_mode; make the environment with one of {RENDER_MODES}")
         return None
-    frames = (render_world(worlds, w, render_mode) for w in range(worlds.count))
-    return tuple(frame for frame in frames for _ in range(copies))
+    return tuple(render_world(worlds, w, render_mode) for w in range(worlds.count))
