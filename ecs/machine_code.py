@@ -96,13 +96,21 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         for function in self._final_module.functions:
             if not function.is_declaration and function.name != symbol:
                 function.linkage = "internal"
-        constants: dict[str, list[Any]] = {}
-        for library in (self, *callees):
-            for name, environment in getattr(library, "environments", {}).items():
-                if environment.consts:
-                    constants[f"{symbol}.{len(constants)}"] = list(environment.consts)
-                    self._final_module.get_global_variable(name).name = list(constants)[-1]
+        environments = {
+            name: environment
+            for library in (self, *callees)
+            for name, environment in getattr(library, "environments", {}).items()
+        }
+        for value in self._final_module.global_variables:
+            if value.name in environments:
+                value.linkage = "linkonce_any"  # left out where no Python call needs it
         self._optimize_final_module()
+        constants: dict[str, list[Any]] = {}
+        for value in self._final_module.global_variables:
+            if value.name in environments:
+                values = list(environments[value.name].consts)
+                value.name = f"{symbol}.{len(constants)}"
+                constants[value.name] = values
         self._final_module.verify()
         return Code(symbol, self._codegen._tm.emit_object(self._final_module), constants)
 
