@@ -8,14 +8,16 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numba.core.errors import TypingError
 
 from . import schedule
 from .access import SELECTIONS
 from .arguments import ArgumentBlock
 from .cache import is_cached
+from .compile_errors import explained
 from .component import Action, Clock, Component
-from .errors import DeclarationError, ScheduleError
+from .errors import DeclarationError
+from .jit import is_engine_code
+from .kernel_check import check
 from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
@@ -63,6 +65,9 @@ class Worlds:
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components)
+        for system in self.schedule.systems:
+            if not is_engine_code(system.function):
+                check(system)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
@@ -156,7 +161,7 @@ class Worlds:
         if segment.compiled and segment.function.overloads:
             segment.function(arguments.address, start, stop)
         elif segment.compiled:
-            with _plain_errors(), _few_collections():
+            with explained(self.schedule.systems), _few_collections():
                 segment.function(arguments.address, start, stop)
         else:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -214,17 +219,3 @@ def _few_collections() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
-
-
-@contextlib.contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Turn numba's error about a read-only array into a ScheduleError that names the cure."""
-    try:
-        yield
-    except TypingError as error:
-        if "readonly array" in str(error):
-            raise ScheduleError(
-                "a system writes a component that its parameter list declares as Read; declare it Write (or Add)\n"
-                + str(error)
-            ) from None
-        raise
