@@ -182,7 +182,8 @@ class Activation:
                 self._refuse_access(value, f"takes .{name} of {value}")
             if name == "T":
                 return frozenset([value])
-            return frozenset([Column(value.component, value.access, value.name, value.part, name)])
+            if name in WRITING:
+                return frozenset([Column(value.component, value.access, value.name, value.part, name)])
         elif isinstance(value, Constant) and isinstance(value.value, ModuleType):
             if hasattr(value.value, name):
                 found = getattr(value.value, name)
@@ -216,11 +217,12 @@ class Activation:
     # ---- calls
 
     def _call(self, expression: Any) -> Values:
+        """A call of a Python function is followed with the values of its arguments."""
         target = self._only(expression.func)
-        called = target.value if isinstance(target, Constant) else None
+        called: Any = target.value if isinstance(target, Constant) else None
         if called is len:
             return ANYTHING
-        if isinstance(target, Column) and target.method in WRITING:
+        if isinstance(target, Column) and target.method:
             self._refuse_write(target)
         called = getattr(called, "python", getattr(called, "py_func", called))
         if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:

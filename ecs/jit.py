@@ -115,9 +115,14 @@ class External(types.ExternalFunction):  # type: ignore[misc]
 
     cure = ""
 
+    @property
+    def refusal(self) -> str:
+        """Why Python cannot call it, and what to do."""
+        return f"only machine code can call the C function {self.symbol}; {self.cure}"
+
     def __call__(self, *arguments: Any) -> Any:
-        """Raise DeclarationError, as Python cannot call it."""
-        raise DeclarationError(f"only machine code can call the C function {self.symbol}; {self.cure}")
+        """Raise DeclarationError."""
+        raise DeclarationError(self.refusal)
 
 
 register_model(External)(models.OpaqueModel)
@@ -153,7 +158,7 @@ class Intrinsic(_Intrinsic):  # type: ignore[misc]
         return {**super()._reduce_states(), "python": self.python}
 
     @classmethod
-    def _rebuild(cls, uuid: str, name: str, defn: Any, python: Any) -> Any:
+    def _rebuild(cls, uuid: str, name: str, defn: Any, python: Any) -> Any:  # type: ignore[override]
         result = super()._rebuild(uuid, name, defn)
         result.python = python
         return result
@@ -218,4 +223,5 @@ def storer(kind: str) -> Any:
 def _memory(address: int, kind: str) -> Any:
     """One `kind` at an address, as an array without dimensions."""
     dtype = np.dtype(kind)
-    return np.ndarray((), dtype, (ctypes.c_char * dtype.itemsize).from_address(address))
+    memory: Any = (ctypes.c_char * dtype.itemsize).from_address(address)
+    return np.ndarray((), dtype, memory)

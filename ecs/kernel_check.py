@@ -14,7 +14,8 @@ from .abstract_values import ANYTHING, FLOATING, UNKNOWN, Shared, Table, Values,
 from .access import SELECTIONS, Parameter
 from .compile_errors import AS_PYTHON, first_sentence
 from .errors import DeclarationError, ScheduleError
-from .jit import compiled
+from .jit import External, compiled
+from .references import references
 from .system import System
 
 
@@ -29,9 +30,23 @@ def check(system: System) -> None:
             cannot be compiled because of its syntax.
         ScheduleError: It writes what it declares as Read, or does more than add integers to what it declares as Add.
     """
-    function = getattr(system.function, "py_func", system.function)
+    function: Any = getattr(system.function, "py_func", system.function)
     arguments = {parameter.name: frozenset([_value(parameter)]) for parameter in system.parameters}
     _Check(system).call(function, arguments, ())
+
+
+def check_interpretable(system: System) -> None:
+    """Raise DeclarationError if a system cannot run as Python in a compiled process, as it calls a C library."""
+    ahead: list[Any] = [getattr(system.kernel, "py_func", system.kernel)]
+    seen = set(ahead)
+    while ahead:
+        for _, value in references(ahead.pop()):
+            if isinstance(value, External):
+                raise DeclarationError(f"{system.label} cannot run as Python: {value.refusal}")
+            inner = getattr(value, "py_func", value)
+            if isinstance(inner, FunctionType) and inner not in seen:
+                seen.add(inner)
+                ahead.append(inner)
 
 
 def _value(parameter: Parameter) -> Any:

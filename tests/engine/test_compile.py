@@ -98,32 +98,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
     assert results[0] == results[1]
 
 
-# ---- access is enforced
-
-
-def meddle(place: Read[Place], rows: Rows[Place]) -> None:
-    for e in rows:
-        place.x[e] = 0
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_system_that_writes_what_it_reads_is_refused(compiled: bool) -> None:
-    """Compiled: before anything runs, with the cure. In Python: by numpy, at the line that writes."""
-
-    class Meddler(Toy):
-        pass
-
-    Meddler.system(Phase.FEED, compiled=compiled)(meddle)
-    worlds = Worlds([Walkers(), Meddler()], 2)
-    if compiled and COMPILED:
-        before = digest(worlds)
-        with pytest.raises(ScheduleError, match="declares as Read; declare it Write"):
-            run(worlds, RESET)
-        assert digest(worlds) == before
-    else:
-        run(worlds, RESET)
-        with pytest.raises(ValueError, match="read-only"):
-            run(worlds, STEP)
+# ---- access
 
 
 def help_out(energy: Add[Energy], rows: Rows[Energy]) -> None:
