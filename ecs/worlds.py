@@ -15,6 +15,7 @@ from .arguments import ArgumentBlock
 from .cache import is_cached
 from .compile_errors import explained
 from .component import Action, Clock, Component
+from .entity_view import EntityView
 from .errors import DeclarationError
 from .jit import is_engine_code
 from .kernel_check import check
@@ -111,6 +112,10 @@ class Worlds:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
         rows = self.layout.spans.get(archetype, range(0))
         return slice(rows.start, rows.stop)
+
+    def entity(self, row: int, world: int = 0) -> EntityView:
+        """One entity with all its components, to print or to look into. DeclarationError if there is no such row."""
+        return EntityView(self, row, world)
 
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
         """Key the random numbers of the worlds `where` by (seeds, worlds); their episodes count from the start."""
