@@ -31,15 +31,17 @@ class EntityView:
     """
 
     def __init__(self, worlds: Any, row: int, world: int = 0) -> None:
-        for name, value, count in (("row", row, worlds.dims["rows"]), ("world", world, worlds.count)):
+        asked: list[tuple[str, Any, int]] = [("row", row, worlds.dims["rows"]), ("world", world, worlds.count)]
+        for name, value, count in asked:
             if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not 0 <= value < count:
                 raise DeclarationError(f"there is no {name} {value!r}: there are {count}, from 0 to {count - 1}")
         self.row, self.world = int(row), int(world)
         spans = worlds.layout.spans
         self.archetype = next(name for name, span in spans.items() if row in span)
         self.index = self.row - int(spans[self.archetype].start)
-        parts = (Entity, *(type(part) for part in worlds.layout.archetypes[self.archetype].parts))
-        self._tables = {component: worlds[component] for component in parts}
+        parts = worlds.layout.archetypes[self.archetype].parts
+        components: list[type[Component]] = [Entity, *map(type, parts)]
+        self._tables = {component: worlds[component] for component in components}
 
     def __getitem__(self, component: type[Component]) -> Any:
         """Its values of a component, as a named tuple."""
@@ -48,7 +50,8 @@ class EntityView:
         return component.Table(*(column[self.world, self.row] for column in self._tables[component]))
 
     def __getattr__(self, name: str) -> Any:
-        components = {component.__name__: component for component in vars(self).get("_tables", ())}
+        tables: dict[type[Component], Any] = vars(self).get("_tables", {})  # empty while it is copied
+        components = {component.__name__: component for component in tables}
         if name not in components:
             close = difflib.get_close_matches(name, components, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""

@@ -1,6 +1,9 @@
-"""Kernels called from Python within a compiled process: plain Python, and the same bits."""
+"""How kernels run: as Python within a compiled process, with the same bits; and with checks of their indices."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 from contextlib import nullcontext
 from typing import Any
 
@@ -8,15 +11,19 @@ import numpy as np
 import pytest
 
 from outlast import Scenario
-from outlast.ecs import DeclarationError, Module, Worlds, kernel
+from outlast.ecs import DeclarationError, Module, Rows, Worlds, Write, jit, kernel
+from outlast.ecs.cache_key import CacheKey
 from outlast.ecs.jit import interpreted, loader, storer
 from outlast.ecs.kernel_check import check_interpretable
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
 from outlast.ecs.tick import RESET, STEP, segments
+from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest
+from tests.helpers import toy_game
 from tests.helpers.execution_modes import short
 from tests.helpers.sines import sines_of_c
+from tests.helpers.toy_game import Place, Toy, Walkers
 
 TICKS = 40
 compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine code")
@@ -113,3 +120,63 @@ def test_the_native_backend_is_not_for_python() -> None:
                 check_interpretable(system)
         else:
             check_interpretable(system)
+
+
+# ---- bounds checks
+
+
+def reaches_out(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e + 100_000] = 0
+
+
+@kernel
+def far(place: Any, e: int) -> Any:
+    return place.x[e + 100_000]
+
+
+def reaches_out_in_a_kernel(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] = far(place, e)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("function", [reaches_out, reaches_out_in_a_kernel])
+def test_an_index_out_of_range_raises(function: Any, threads: int) -> None:
+    """In systems and kernels from outside of outlast; without the check, the process would end."""
+
+    class Local(Toy):
+        pass
+
+    Local.system(toy_game.Phase.FEED)(function)
+    worlds = Worlds([Walkers(), Local()], 40, threads)
+    toy_game.run(worlds, RESET)
+    with pytest.raises(IndexError, match="out of bounds"):
+        toy_game.run(worlds, STEP)
+
+
+@compiled_only
+def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = []
+    for checks in (True, False):
+
+        class Local(Toy):
+            pass
+
+        monkeypatch.setattr(jit, "BOUNDS_CHECKS", checks)
+        Local.system(toy_game.Phase.FEED)(reaches_out)
+        (system,) = Local.registered
+        assert bool(system.kernel.targetoptions["boundscheck"]) is checks
+        keys.append(CacheKey([system]).digest)
+    assert keys[0] != keys[1]
+    assert not any(system.kernel.targetoptions["boundscheck"] for system in Physics.registered if system.compiled)
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+@pytest.mark.parametrize(("value", "checks"), [("0", "False"), ("1", "True"), (None, "True")])
+def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks: str) -> None:
+    variables = {key: text for key, text in os.environ.items() if key != "OUTLAST_BOUNDSCHECK"}
+    variables |= {"OUTLAST_BOUNDSCHECK": value} if value else {}
+    command = [sys.executable, "-c", "from outlast.ecs import jit; print(jit.BOUNDS_CHECKS)"]
+    output = subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
+    assert output.strip() == checks
