@@ -11,8 +11,7 @@ import pytest
 
 from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
 from tests.conftest import COMPILED
-from tests.engine.test_kernel_check import system_of
-from tests.helpers.toy_game import RESET, Place, Walkers, run
+from tests.helpers.toy_game import RESET, Place, Walkers, run, system_of
 
 HOME = Path(__file__).name
 

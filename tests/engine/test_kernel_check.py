@@ -27,7 +27,7 @@ from outlast.ecs import (
 from outlast.ecs.kernel_check import check
 from outlast.ecs.simd import store
 from tests.helpers import toy_game
-from tests.helpers.toy_game import Energy, Phase, Place, Toy, Walkers
+from tests.helpers.toy_game import Energy, Place, Walkers, system_of
 
 HOME = Path(__file__).name
 FLAG = True
@@ -35,16 +35,6 @@ FLAG = True
 
 class Drift(Component):
     amount: Any = column("f4")
-
-
-def system_of(function: Callable[..., None], **options: Any) -> Module:
-    """A mechanic "local" with this one system."""
-
-    class Local(Toy):
-        pass
-
-    Local.system(Phase.FEED, **options)(function)
-    return Local()
 
 
 def check_of(function: Callable[..., None]) -> None:
