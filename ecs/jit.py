@@ -29,6 +29,7 @@ from numba.extending import models, register_model
 from .errors import DeclarationError
 
 OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
+NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # arguments of np.errstate
 BOUNDS_CHECKS = os.environ.get("OUTLAST_BOUNDSCHECK", "1") != "0"  # of kernels from outside of outlast
 Function = TypeVar("Function", bound=Callable[..., object])
 _INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
@@ -36,10 +37,10 @@ _INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Within it, kernels that Python calls run as plain Python, and so do the kernels that they call."""
+    """Within it, kernels that Python calls in this thread run as plain Python, and so do those that they call."""
     token = _INTERPRETED.set(True)
     try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # as compiled
+        with np.errstate(**NUMPY_AS_COMPILED):
             yield
     finally:
         _INTERPRETED.reset(token)
@@ -52,8 +53,9 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
     """
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        function = self.py_func if _INTERPRETED.get() else entry_point(self.py_func)
-        return function(*arguments, **named)
+        if _INTERPRETED.get():
+            return self.py_func(*arguments, **named)
+        return entry_point(self.py_func, self.targetoptions["boundscheck"])(*arguments, **named)
 
 
 def is_engine_code(function: Any) -> bool:
@@ -72,10 +74,9 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
     Returns:
         The function; under NUMBA_DISABLE_JIT as it is.
     """
-    options = {**OPTIONS, "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    if BOUNDS_CHECKS and not is_engine_code(function):
-        options["boundscheck"] = True
-    compiled = numba.njit(**options)(function)
+    checks = True if BOUNDS_CHECKS and not is_engine_code(function) else None  # None: as numba is set
+    options = {**OPTIONS, "boundscheck": checks, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled = numba.njit(**options, forceinline=inline)(function)
     if compiled is not function:  # it is under NUMBA_DISABLE_JIT
         compiled.__class__ = _Kernel
     return compiled  # type: ignore[no-any-return]
@@ -87,9 +88,9 @@ def noinline_kernel(function: Function) -> Function:
 
 
 @functools.cache
-def entry_point(function: Function) -> Function:
-    """Compile `function` to be called from Python."""
-    return numba.njit(**OPTIONS, no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
+def entry_point(function: Function, boundscheck: bool | None = None) -> Function:
+    """Compile `function` to be called from Python. boundscheck: whether indices are checked; None: as numba is set."""
+    return numba.njit(**OPTIONS, no_cfunc_wrapper=True, boundscheck=boundscheck)(function)  # type: ignore[no-any-return]
 
 
 def compiled() -> bool:

@@ -17,7 +17,7 @@ from .compile_errors import explained
 from .component import Action, Clock, Component
 from .entity_view import EntityView
 from .errors import DeclarationError
-from .jit import is_engine_code
+from .jit import NUMPY_AS_COMPILED, is_engine_code
 from .kernel_check import check
 from .layout import ALIGN, Layout
 from .module import Module
@@ -169,7 +169,7 @@ class Worlds:
             with explained(self.schedule.systems), _few_collections():
                 segment.function(arguments.address, start, stop)
         else:
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            with np.errstate(**NUMPY_AS_COMPILED):
                 segment.function(arguments, start, stop)
 
     def _applies(self, system: Any) -> bool:

@@ -155,6 +155,11 @@ def test_an_index_out_of_range_raises(function: Any, threads: int) -> None:
         toy_game.run(worlds, STEP)
 
 
+def test_a_kernel_that_python_calls_checks_its_indices() -> None:
+    with pytest.raises(IndexError):
+        far(Place.Table(np.zeros(3, np.float32), np.zeros((3, 2), np.int16)), 0)
+
+
 @compiled_only
 def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
     keys = []
