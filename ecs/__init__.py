@@ -1,9 +1,10 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
 Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
-phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
-generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
-(its threads); then what kernels use: jit, simd, random. The errors are in errors.
+phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values (what systems do, against
+what they declare), layout (the memory of a world), arguments (what kernels get), tick (the code generator), cache,
+cache_files and cache_key with references (the compile cache), compile_errors, worlds (a batch of worlds) with
+entity_view, and workers (its threads); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write
@@ -21,6 +22,7 @@ from .component import (
     Statistic,
     column,
 )
+from .entity_view import EntityView
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
 from .jit import kernel
 from .layout import Archetype, Layout
@@ -47,6 +49,7 @@ __all__ = [
     "DeclarationError",
     "EngineError",
     "Entity",
+    "EntityView",
     "Layout",
     "Module",
     "NumberError",

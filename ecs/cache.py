@@ -17,6 +17,7 @@ from weakref import WeakKeyDictionary
 
 from . import cache_files
 from .cache_key import CacheKey
+from .compile_errors import explained
 from .jit import options_of
 from .machine_code import Code, as_python, compile_function, load_code
 from .tick import Unit, run_units
@@ -116,10 +117,10 @@ class CompiledUnits:
         kernel = unit.kernel if unit else run_units
         name, qualified = function.__name__, function.__qualname__
         function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # its symbol is unique
+        options = options_of(getattr(kernel, "py_func", kernel))
         try:
-            return compile_function(
-                function, function.__code__.co_argcount, options_of(getattr(kernel, "py_func", kernel))
-            )
+            with explained(unit.system if unit else None):
+                return compile_function(function, function.__code__.co_argcount, options)
         finally:
             function.__name__, function.__qualname__ = name, qualified
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from .arguments import ArgumentBlock
 from .cache import CompiledUnits
+from .jit import interpreted
 from .machine_code import exception_at
 from .tick import CHUNK, Segment, Unit
 
@@ -50,7 +51,7 @@ class PythonExecution:
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units, one after the other."""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        with interpreted():
             for function, block in self._calls:
                 function(block, start, stop)
 

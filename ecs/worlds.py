@@ -12,8 +12,11 @@ from . import schedule
 from .access import SELECTIONS
 from .cache import CompiledUnits
 from .component import Action, Clock, Component
+from .entity_view import EntityView
 from .errors import DeclarationError, ScheduleError
 from .execution import CompiledExecution, PythonExecution
+from .jit import is_engine_code
+from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
@@ -69,6 +72,11 @@ class Worlds:
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         _check_labels(interpret, self.schedule)
+        for system in self.schedule.systems:
+            if not is_engine_code(system.function):
+                check(system)
+            if system.label in interpret:
+                check_interpretable(system)
         self._segments = segments(self.layout, self.schedule.systems, split, interpret)
         self._units = CompiledUnits([unit for segment in self._segments for unit in segment.units if unit.compiled])
         self._loaded = False
@@ -109,6 +117,10 @@ class Worlds:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
         rows = self.layout.spans.get(archetype, range(0))
         return slice(rows.start, rows.stop)
+
+    def entity(self, row: int, world: int = 0) -> EntityView:
+        """One entity with all its components, to print or to look into. DeclarationError if there is no such row."""
+        return EntityView(self, row, world)
 
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
         """Key the random numbers of the worlds `where` by (seeds, worlds); their episodes count from the start."""

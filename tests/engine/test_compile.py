@@ -36,7 +36,7 @@ from outlast.ecs import (
 from outlast.ecs.random import uniform
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
-from tests.helpers.toy_game import RESET, STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
+from tests.helpers.toy_game import STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
 
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROOT = Path(__file__).resolve().parents[2]
@@ -224,32 +224,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
     assert results[0] == results[1]
 
 
-# ---- access is enforced
-
-
-def meddle(place: Read[Place], rows: Rows[Place]) -> None:
-    for e in rows:
-        place.x[e] = 0
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_system_that_writes_what_it_reads_is_refused(compiled: bool) -> None:
-    """Compiled: before anything runs, with the cure. In Python: by numpy, at the line that writes."""
-
-    class Meddler(Toy):
-        pass
-
-    Meddler.system(Phase.FEED, compiled=compiled)(meddle)
-    worlds = Worlds([Walkers(), Meddler()], 2)
-    if compiled and COMPILED:
-        before = digest(worlds)
-        with pytest.raises(ScheduleError, match="declares as Read; declare it Write"):
-            run(worlds, RESET)
-        assert digest(worlds) == before
-    else:
-        run(worlds, RESET)
-        with pytest.raises(ValueError, match="read-only"):
-            run(worlds, STEP)
+# ---- access
 
 
 def help_out(energy: Add[Energy], rows: Rows[Energy]) -> None:
