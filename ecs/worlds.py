@@ -39,6 +39,7 @@ class Worlds:
         split: Compile every system by itself and take all worlds through one after the other, to time them (see
             `times`); the results are the same.
         without: Phases to leave out, such as that of observations.
+        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -57,12 +58,13 @@ class Worlds:
         threads: int = 1,
         split: bool = False,
         without: Collection[Phase] = (),
+        ordered: Sequence[Sequence[str]] = (),
     ) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
-        self.schedule = schedule.order(systems, self.layout.components)
+        self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)

@@ -100,7 +100,7 @@ class Physics(Module):
         return (native if self.native() else portable).make_workspace()
 
 
-@Physics.system(Phase.SPAWN, after="room.compute_bounds")
+@Physics.system(Phase.SPAWN, after=Shape)
 def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
     """Mass and moment of inertia of a disc or a rectangle, in Box2D's own order of operations. All in float32."""
     for e in solids:

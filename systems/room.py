@@ -32,7 +32,7 @@ class Room(Module):
         far, long, thin = self.size / 2, self.size / 2, self.size * self.thickness / 2
         body = Body(x=[far, -far, 0, 0], y=[0, 0, far, -far])
         shape = Shape(half_width=[thin, thin, long, long], half_height=[long, long, thin, thin])
-        return [Archetype("wall", (body, shape, Solid()), 4)]
+        return [Archetype("wall", (body, shape, Solid()), 4, order=50)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [Floor(size=self.size)]
@@ -46,7 +46,7 @@ def compute_bounds(shape: Write[Shape], bodies: Rows[Shape]) -> None:
         shape.bound[e] = max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
 
 
-@Room.system(Phase.MOVE, after="physics.fly")
+@Room.system(Phase.MOVE, after=Body)
 def keep_inside(
     body: Write[Body],
     solid: Read[Solid],
