@@ -67,7 +67,7 @@ class Layout:
 
     def __init__(self, modules: Sequence[Any]) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
-        self.archetypes = _merge(a for module in self.modules for a in _listed(module, "archetypes", Archetype))
+        self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
         self._check_counts()
         self.spans: dict[str, range] = {}
         start = 0
@@ -80,7 +80,7 @@ class Layout:
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
-        self.singletons = {type(s): s for module in self.modules for s in _listed(module, "singletons", Singleton)}
+        self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         for module in self.modules:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
@@ -271,7 +271,7 @@ def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
     return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
 
 
-def _listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
+def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
     """What a module's method returns, as a list. DeclarationError if it is no list of instances of `kind`."""
     given = getattr(module, method)()
     items = list(given) if isinstance(given, Iterable) else [given]

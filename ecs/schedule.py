@@ -230,7 +230,7 @@ def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]
 
 def _ambiguous(first: System, second: System, shared: type[Component]) -> ScheduleError:
     """The error for two systems without an order, with what to write on the one that is more likely the user's."""
-    asked, other = (first, second) if first.foreign and not second.foreign else (second, first)
+    asked, other = (first, second) if first.outside and not second.outside else (second, first)
     keyword = "after" if other.touches(shared, "write", "add") else "before"
     taken = shared in (*other.after, *other.before)  # two systems that both say so have no order
     return ScheduleError(

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from .access import Parameter
 from .component import Component
 from .phase import Phase
+from .references import is_outside
 
 
 Neighbour: TypeAlias = str | type[Component]
@@ -37,9 +38,9 @@ class System:
         return f"{self.module}.{self.name}"
 
     @property
-    def foreign(self) -> bool:
-        """Whether its function is from outside of this package: a user's mechanic."""
-        return self.function.__module__.partition(".")[0] != __name__.partition(".")[0]
+    def outside(self) -> bool:
+        """Whether its function is from outside of this package: part of a user's mechanic."""
+        return is_outside(self.function)
 
     def touches(self, component: type[Component], *kinds: str) -> bool:
         """Whether a parameter of one of these kinds ("read", "write", "add") is of the component."""
