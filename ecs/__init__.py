@@ -3,7 +3,7 @@
 Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
 phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
 generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
-(its threads), identity (what tells two games apart); then what kernels use: jit, simd, random. The errors are in errors.
+(its threads), identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write

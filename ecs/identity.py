@@ -57,7 +57,7 @@ def _describe_module(module: Module) -> Iterator[str]:
         yield _describe_prefab(singleton)
         components.add(type(singleton))
     yield f"{sorted(module.dims().items())} {module.damage_type}"
-    functions = [type(module).scratch] if is_outside(type(module).scratch) else []
+    functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
     for system in sorted(module.systems(), key=lambda system: system.label):
         yield _describe_declaration(system)
         components.update(component for parameter in system.parameters for component in parameter.components)
@@ -87,7 +87,9 @@ def _describe_declaration(system: System) -> str:
         return [each if isinstance(each, str) else full_name(each) for each in neighbours]
 
     parameters = [(p.name, p.kind, [full_name(c) for c in p.components], p.type.__name__) for p in system.parameters]
-    return f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
+    return (
+        f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
+    )
 
 
 def _describe_functions(ahead: list[FunctionType]) -> Iterator[str]:
@@ -117,7 +119,7 @@ def _instructions(code: CodeType) -> tuple[str, ...]:
 
 
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
-    """A value that code refers to; a user's function joins the `known` ones. What cannot be described counts by name."""
+    """A value that code refers to; a user's function joins the `known` ones. What cannot be followed counts by name."""
     function = getattr(value, "py_func", value)
     if isinstance(function, FunctionType) and is_outside(function) and _root(function) not in LIBRARIES:
         if function not in known:

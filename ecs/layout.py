@@ -94,11 +94,13 @@ class Layout:
 
     def __repr__(self) -> str:
         """A line for each archetype: its rows, whether they are alive after reset, and its components."""
-        lines = [f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"]
+        lines = [
+            f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"
+        ]
         for name, archetype in self.archetypes.items():
             span, parts = self.spans[name], ", ".join(type(part).__name__ for part in archetype.parts)
-            rows = f"row {span.start}" if len(span) == 1 else f"rows {span.start} to {span.stop - 1}"
-            lines.append(f"  {name}: {rows}{'' if archetype.alive else ', not alive at first'}: {parts}")
+            here = f"row {span.start}" if len(span) == 1 else f"rows {span.start} to {span.stop - 1}"
+            lines.append(f"  {name}: {here}{'' if archetype.alive else ', not alive at first'}: {parts}")
         return "\n".join(lines)
 
     def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
@@ -274,14 +276,15 @@ def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
 def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
     """What a module's method returns, as a list. DeclarationError if it is no list of instances of `kind`."""
     given = getattr(module, method)()
-    items = list(given) if isinstance(given, Iterable) else [given]
-    wrong = [item for item in items if not isinstance(item, kind)] if isinstance(given, Iterable) else items
-    if wrong:
-        found = wrong[0] if isinstance(wrong[0], type) else type(wrong[0])
-        shown = f"the class {found.__name__}" if found is wrong[0] else found.__name__
-        example = found if issubclass(found, kind) else kind
-        raise DeclarationError(
-            f"{module.name}.{method}() returned {'a list with ' if isinstance(given, Iterable) else ''}{shown}: a list of "
-            f"instances of {kind.__name__} is needed, as in return [{example.__name__}(...)]"
-        )
+    many = isinstance(given, Iterable)
+    items = list(given) if many else [given]
+    for item in items:
+        if not (many and isinstance(item, kind)):
+            found = item if isinstance(item, type) else type(item)
+            shown = f"the class {found.__name__}" if found is item else found.__name__
+            example = found if issubclass(found, kind) else kind
+            raise DeclarationError(
+                f"{module.name}.{method}() returned {'a list with ' if many else ''}{shown}: a list of instances of "
+                f"{kind.__name__} is needed, as in return [{example.__name__}(...)]"
+            )
     return items

@@ -149,7 +149,7 @@ class Module:
 
         def register(function: Function) -> Function:
             label = f"{cls.name}.{function.__name__}"
-            neighbours = {"after": _neighbours(label, "after", after), "before": _neighbours(label, "before", before)}
+            earlier, later = _neighbours(label, "after", after), _neighbours(label, "before", before)
             declared = parameters(function)
             check_random(function, label)
             inner = kernel(function) if compiled else function
@@ -160,7 +160,8 @@ class Module:
                 function=function,
                 kernel=inner,
                 parameters=declared,
-                **neighbours,
+                after=earlier,
+                before=later,
                 compiled=compiled,
                 stream=f"{cls._stream()}.{function.__name__}",
                 slot=cls,

@@ -6,6 +6,7 @@ class Phase(ecs.Phase):
     OBSERVE = When.ALWAYS, "observations show the world as it is"
 """
 
+from collections.abc import Sequence
 from enum import Enum, EnumType
 from typing import Any, NoReturn
 
@@ -27,7 +28,8 @@ class _Phases(EnumType):
         if members := list[Any](cls):
             known = ", ".join(member.name for member in members)
             raise AttributeError(f"{cls.__module__}.{cls.__qualname__} has no phase {name}; it has: {known}")
-        found = [f"{kind.__module__}.{kind.__qualname__}" for kind in cls.__subclasses__() if name in kind.__members__]
+        kinds: Sequence[type[Enum]] = cls.__subclasses__()
+        found = [f"{kind.__module__}.{kind.__qualname__}" for kind in kinds if name in kind.__members__]
         raise AttributeError(
             f"{cls.__module__}.{cls.__qualname__} is the base class of phases and has none itself. "
             + (f"{' and '.join(found)} has {name}" if found else "")

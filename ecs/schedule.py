@@ -106,9 +106,7 @@ def _check_streams(systems: Sequence[System]) -> None:
                 )
 
 
-def _order_phase(
-    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]
-) -> list[System]:
+def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]) -> list[System]:
     """Topological order by after/before, ties by label; then every conflicting pair must be connected.
 
     known: the systems of the scenario, and of all mechanics that are imported, to distinguish a typo in after/before
@@ -215,8 +213,8 @@ def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
     if not first & second:
         phases = [" and ".join(sorted(phase.name for phase in each)) for each in (first, second)]
         raise ScheduleError(
-            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order of "
-            "phases is fixed, so leave that out"
+            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order "
+            "of phases is fixed, so leave that out"
         )
 
 

@@ -10,7 +10,6 @@ from .component import Component
 from .phase import Phase
 from .references import is_outside
 
-
 Neighbour: TypeAlias = str | type[Component]
 """What a system runs after or before: a system's label, a mechanic's name, or a component."""
 

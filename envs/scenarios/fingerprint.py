@@ -1,4 +1,4 @@
-"""What identifies a game: a scenario's name, numbers, order and the code of the user's mechanics, as files keep them."""
+"""What identifies a game: a scenario's name, numbers and order, and the code of users' mechanics, as files keep it."""
 
 import json
 from collections.abc import Iterator
@@ -92,6 +92,6 @@ def _code_differences(name: str, its: list[str] | None, mine: list[str] | None) 
     elif its[0] != mine[0]:
         yield f"the mechanic {name} is {its[0]} there and {mine[0]} here"
     elif its[1] != mine[1]:
-        yield f"the code of {name} ({mine[0]}) was Python {its[1]}'s there, to which that of {mine[1]} cannot be compared"
+        yield f"the code of {name} ({mine[0]}) was Python {its[1]}'s there, and not comparable to {mine[1]}'s here"
     elif its[2] != mine[2]:
         yield f"the code of the mechanic {name} ({mine[0]}) is another one there than here"
