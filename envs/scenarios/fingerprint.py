@@ -10,7 +10,7 @@ from outlast.ecs.references import is_outside
 from .renamed import NUMBERS, current
 from .scenario import Scenario, sorted_
 
-LONGEST = 200  # characters of a name
+LONGEST = 200  # characters of a name, and entries of an order
 
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
@@ -39,7 +39,8 @@ def is_fingerprint(given: Any) -> bool:
         is_word(values[0])
         and all(map(_is_plain, values[1:]))
         and isinstance(order, list)
-        and all(_are_words(chain) and len(chain) > 1 for chain in order)
+        and len(order) <= LONGEST
+        and all(_are_words(chain) and 1 < len(chain) <= LONGEST for chain in order)
         and isinstance(code, dict)
         and all(is_word(name) and _are_words(entry) and len(entry) == 3 for name, entry in code.items())
     )

@@ -13,7 +13,7 @@ from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.cameras import FEW
-from tests.conftest import draw_actions, scaled
+from tests.conftest import draw_actions, scaled, slow_compiled
 from tests.helpers import naive_observations
 from tests.helpers.ambiguity import collecting
 from tests.helpers.naive_world import World, read
@@ -67,6 +67,7 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
 # ---- nobody leaves the room
 
 
+@slow_compiled
 @settings(max_examples=scaled(60, least=3), deadline=None, derandomize=True)
 @given(
     size=st.floats(3, 12),
