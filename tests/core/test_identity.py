@@ -13,7 +13,7 @@ import pytest
 
 import outlast
 from outlast import Scenario, variant
-from outlast.ecs import Module
+from outlast.ecs import Module, Singleton, column
 from outlast.ecs.identity import code_digest
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording import Recording
@@ -202,18 +202,13 @@ def test_the_order_that_a_scenario_gives_is_part_of_it() -> None:
 # ---- files
 
 
-class Marked(Module):
-    """A user's mechanic whose prefab values are its code: what differs only in them needs no other machine code."""
-
-    name = "marked"
-    reach = 1.0
-
-    def singletons(self) -> Any:
-        return [outlast.components.Floor(size=self.reach)]
+class Mark(Singleton):
+    reach: Any = column("f4")
 
 
 def small(reach: float) -> Scenario:
-    kind = type("Marked", (Module,), {"singletons": Marked.singletons, "reach": reach})
+    """With a user's mechanic whose code differs in a prefab value, which needs no other machine code."""
+    kind = type("Marked", (Module,), {"singletons": lambda self: [Mark(reach=reach)]})
     return Scenario("small", (Agents(), FreeForAll(), Motors(), Rewards(), Ending(limit=20), kind()))
 
 

@@ -214,10 +214,10 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
 }  # fmt: skip
 NEEDED = {  # the error without each of them
     ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many .*add Agents"),
-    ("ending",): (ScheduleError, "needs Score .*add Ending, or leave (record|rewards) out"),
-    ("rewards",): (ScheduleError, "record.note needs Reward .*add Rewards, or leave record out"),
-    ("inventory",): (ScheduleError, "needs Bag .*add Inventory, or leave (give_last|pickup|death_drop) out"),
-    ("room",): (ScheduleError, "needs Floor .*add Room, or leave (spawn_grid|safe_zone) out"),
+    ("ending",): (ScheduleError, "needs Score .*add .*Ending, or leave (record|rewards) out"),
+    ("rewards",): (ScheduleError, "record.note needs Reward .*add .*Rewards, or leave record out"),
+    ("inventory",): (ScheduleError, "needs Bag .*add .*Inventory, or leave (give_last|pickup|death_drop) out"),
+    ("room",): (ScheduleError, "needs Floor .*add .*Room, or leave (spawn_grid|safe_zone) out"),
     ("teams",): (DeclarationError, "the dimension 'sides'.* Episode.kills needs it: add FreeForAll or Teams"),
 }
 
