@@ -2,9 +2,10 @@
 
 Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
 phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values (what systems do, against
-what they declare), layout (the memory of a world), arguments (what kernels get), tick (the code generator), cache,
-cache_files and cache_key with references (the compile cache), compile_errors, worlds (a batch of worlds) with
-entity_view, and workers (its threads); then what kernels use: jit, simd, random. The errors are in errors.
+what they declare), layout (the memory of a world), arguments (what kernels get), tick (the code generator),
+machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile cache),
+compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity (what tells
+games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write

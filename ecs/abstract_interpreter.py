@@ -34,7 +34,7 @@ from .abstract_values import (
 )
 from .cache_key import FOREIGN
 from .errors import DeclarationError, EngineError, ScheduleError
-from .jit import is_engine_code
+from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
 SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes of arrays that are no values
@@ -235,7 +235,7 @@ class Activation:
         except TypeError as error:
             self._refuse(f"{called.__name__}(): {error}")
             return ANYTHING
-        if is_engine_code(called) and not any(map(tracked, bound.arguments.values())):
+        if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
             return ANYTHING  # a kernel of the engine's or the game's that gets no table
         trail = (*self.trail, place(self.function, self.line))
         return self.calls.call(called, dict(bound.arguments), trail, self.report)

@@ -27,6 +27,7 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import models, register_model
 
 from .errors import DeclarationError
+from .references import is_outside
 
 OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # arguments of np.errstate
@@ -46,19 +47,14 @@ def interpreted() -> Iterator[None]:
         _INTERPRETED.reset(token)
 
 
-def is_engine_code(function: Any) -> bool:
-    """Whether a function is outlast's own, or else from outside of it: a user's, whose kernels are checked more."""
-    return str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
-
-
 def options_of(function: Any) -> dict[str, Any]:
     """Numba's options for a kernel.
 
     Outlast's own allocate no memory, and compile faster without reference counts. Others check their indices.
     """
-    if is_engine_code(function):
-        return {**OPTIONS, "_nrt": False}
-    return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
+    if is_outside(function):
+        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
+    return {**OPTIONS, "_nrt": False}
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]

@@ -15,7 +15,6 @@ from .component import Action, Clock, Component
 from .entity_view import EntityView
 from .errors import DeclarationError, ScheduleError
 from .execution import CompiledExecution, PythonExecution
-from .jit import is_engine_code
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .module import Module
@@ -40,6 +39,7 @@ class Worlds:
         split: Compile every system by itself and take all worlds through one after the other, to time them (see
             `times`); the results are the same.
         without: Phases to leave out, such as that of observations.
+        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
 
     Attributes:
@@ -59,13 +59,14 @@ class Worlds:
         threads: int = 1,
         split: bool = False,
         without: Collection[Phase] = (),
+        ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
     ) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
-        self.schedule = schedule.order(systems, self.layout.components)
+        self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
@@ -73,7 +74,7 @@ class Worlds:
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         _check_labels(interpret, self.schedule)
         for system in self.schedule.systems:
-            if not is_engine_code(system.function):
+            if system.outside:
                 check(system)
             if system.label in interpret:
                 check_interpretable(system)
