@@ -84,11 +84,11 @@ MECHANIC = """
 
 
 def test_a_typo_is_reported_within_a_second(tmp_path: Path) -> None:
-    """From an empty cache: compiling would take ten seconds and more. The test allows for a busy machine."""
+    """From an empty cache, where compiling would take ten seconds and more. Imports are not counted."""
     file = tmp_path / "mine.py"
     file.write_text(textwrap.dedent(MECHANIC))
     variables = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
     output = subprocess.run([sys.executable, file], env=variables, capture_output=True, text=True, check=True).stdout
     seconds, message = output.splitlines()
     assert message.startswith("swamp.wade (mine.py, line 16): Body has no column 'velocity'; it has: x, y, ")
-    assert float(seconds) < 3
+    assert float(seconds) < 1

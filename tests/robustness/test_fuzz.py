@@ -41,7 +41,7 @@ def test_a_few_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) ->
 def test_a_few_random_scenarios_run_equally_or_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of seed 1. More: `python -m tests.fuzz.scenarios`."""
     assert scenarios.main(["--count", "12", "--seed", "1", "--ticks", "60", "--out", str(tmp_path)]) == 0
-    assert re.search(r"12 scenarios, [3-9] ran, \d refused, 0 findings", capsys.readouterr().out)
+    assert re.search(r"12 scenarios, \d+ ran, \d+ refused, 0 findings", capsys.readouterr().out)
 
 
 def test_what_differs_between_two_runs_of_a_scenario_is_a_finding() -> None:
