@@ -1,20 +1,14 @@
-"""What is paid beside the step: memory, the start, and resets.
+"""What is paid beside the step: memory, and resets. The start is in perf.edit.
 
     python -m perf.cost memory [--steps 10000000] [--save MACHINE]
-    python -m perf.cost start [--save MACHINE]
     python -m perf.cost reset [--save MACHINE]
 
 memory: bytes of state and of buffers (actions, observations, signals) a world, and how far the process grows while it
-takes that many world-steps. start: seconds until the first environment of a new process is made, imports included:
-with an empty cache, with a filled one, and with other numbers (counts, damage, radii) in the same scenario. reset: what
-resetting one world costs, in steps of one world: alone in its batch, and as one of 1,024.
+takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch, and as
+one of 1,024.
 """
 
 import os
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,12 +26,12 @@ CHUNK = 1024  # worlds that the memory test steps together
 
 
 def main() -> None:
-    """One of the three."""
+    """One of the two."""
     parser = options(__doc__)
-    parser.add_argument("what", choices=("memory", "start", "reset"))
+    parser.add_argument("what", choices=("memory", "reset"))
     parser.add_argument("--steps", type=int, default=1_000_000, help="world-steps of the memory test, each variant")
     given = parser.parse_args()
-    tables = {"memory": lambda: memory(given.steps), "start": start, "reset": reset}
+    tables = {"memory": lambda: memory(given.steps), "reset": reset}
     tables[given.what]().finish(given.save)
 
 
@@ -65,24 +59,6 @@ def resident() -> int:
     """Bytes of this process in memory."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
-
-
-def start() -> Table:
-    """New processes, one after the other, with a cache of their own."""
-    table = Table("start", "first environment", "seconds", "of that, imports")
-    changed = 'outlast.variant("teams_3").replace(n_heals=9, n_boxes=5, melee_damage=7, safe_zone_radii=(9.0, 2.0))'
-    with tempfile.TemporaryDirectory() as folder:
-        for name, made in (("cold", '"teams_3"'), ("warm", '"teams_3"'), ("warm, other numbers", changed)):
-            script = f"""if True:
-                import time; start = time.perf_counter()
-                import outlast; imported = time.perf_counter()
-                env = outlast.make_vec({made}, num_worlds=1, seed=0, copy=False); env.reset()
-                env.step(env.action_space.sample()); print(imported - start)"""
-            begin = time.perf_counter()
-            environment = os.environ | {"OUTLAST_CACHE_DIR": folder}
-            printed = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True)
-            table.add(name, time.perf_counter() - begin, float(printed))
-    return table
 
 
 def reset() -> Table:

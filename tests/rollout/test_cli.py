@@ -205,6 +205,6 @@ def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
     arguments = ("rollout", "ffa_1", "--worlds", "1", "--steps", "3", "--quiet")
     status, _, err = run(capsys, *arguments)
     assert status == 0
-    assert err.startswith("outlast: compiling the tick of ffa_1 for this machine, once (about 20 s); machine code")
+    assert err.startswith("outlast: compiling the tick of ffa_1 for this machine, once (about 10 s); machine code")
     assert "outlast: compiled in 0 s\n" in err
     assert logging.getLogger("outlast").handlers == []
