@@ -1,12 +1,12 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
+Read in this order: component (the tables) and fields (of their rows), access, system, numbers and module (functions on them, and their numbers),
 phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
 generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
 (its threads); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
-from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write
+from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
 from .component import (
     Action,
     Array,
@@ -22,6 +22,7 @@ from .component import (
     column,
 )
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
+from .fields import Field, Fields, columns_of
 from .jit import kernel
 from .layout import Archetype, Layout
 from .module import Module
@@ -47,10 +48,13 @@ __all__ = [
     "DeclarationError",
     "EngineError",
     "Entity",
+    "Field",
+    "Fields",
     "Layout",
     "Module",
     "NumberError",
     "Observation",
+    "Offset",
     "Phase",
     "Random",
     "Read",
@@ -67,6 +71,7 @@ __all__ = [
     "Worlds",
     "Write",
     "column",
+    "columns_of",
     "kernel",
     "number",
 ]

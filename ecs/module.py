@@ -17,12 +17,13 @@ random numbers are those of the stream "poison.sicken": a subclass draws what it
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
-from .component import Singleton
+from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
+from .fields import Field
 from .jit import kernel
 from .layout import Archetype, Layout
 from .numbers import checked, kind_of
@@ -31,6 +32,8 @@ from .references import check_random
 from .system import System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Order = str | type[Component]  # what a system runs after or before
+Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high) of all fields, or of each by name
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Module:
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
-        for item in fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
+        for item in dataclasses.fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
             given = vars(cls).get(item.name, dataclasses.MISSING)
             if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
@@ -80,7 +83,7 @@ class Module:
                 f"{type(self).__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
                 f"@dataclass(frozen=True) above class {type(self).__name__}"
             )
-        for item in fields(self):
+        for item in dataclasses.fields(self):
             if hasattr(Module, item.name):
                 raise DeclarationError(
                     f"{self.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "
@@ -113,8 +116,8 @@ class Module:
         cls,
         phase: Phase,
         *,
-        after: str | tuple[str, ...] = (),
-        before: str | tuple[str, ...] = (),
+        after: Order | tuple[Order, ...] = (),
+        before: Order | tuple[Order, ...] = (),
         compiled: bool = True,
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
@@ -124,8 +127,9 @@ class Module:
         Args:
             phase: The phase of the tick that the system runs in.
             after: What it runs after, within the phase: labels of systems ("zone.shrink"), or names of mechanics
-                ("zone"), which stand for all systems of that mechanic, or of the one in its slot.
-            before: What it runs before, likewise.
+                ("zone"), which stand for all systems of that mechanic, or of the one in its slot; or components
+                (SelfView), which stand for all systems that write them.
+            before: What it runs before, likewise; a component stands for all systems that read it.
             compiled: False for a system that stays Python, which splits the tick there.
 
         Returns:
@@ -206,25 +210,35 @@ class Module:
     def check(self, layout: Layout) -> None:
         """Raise NumberError for numbers that are impossible together with what the other modules bring."""
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+    def bounds(self, layout: Layout) -> Mapping[str, Bounds]:
         """Bounds of observations that follow from the scenario's numbers; the spaces of all environments have them.
 
         Args:
             layout: what all modules of the scenario bring.
 
         Returns:
-            By key of an observation, its lowest and its highest value, in the column's own unit: numbers, or arrays
-            that broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include
-            0, the value of rows that are not in the world.
+            By key of an observation, {field: (lowest, highest)}, in the field's own unit: numbers, or arrays with one
+            for each of the field's columns. Of a key without fields, or for all of them at once, (lowest, highest):
+            numbers, or arrays that broadcast to the column's shape. They must hold in every tick, whatever the agents
+            do, and include 0, the value of rows that are not in the world.
 
-        The bounds of a key are the widest range that any module returns. So a mechanic that breaks another one's
-        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored.
+        The bounds of a field are the widest range that any module returns. So a mechanic that breaks another one's
+        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored. What is
+        said of a key holds for those whose rows are copies, too: of "own" for "others".
+        """
+        return {}
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        """Fields that this module adds to the rows of observations, by key; a system of its own writes them.
+
+        Rows of "own" get {"own": (Field("stamina", "ticks", scale=100),)}, and with them "others", which are copies.
+        Fields for a key that is not in the scenario, as its mechanic is left out, are left out, too.
         """
         return {}
 
     def replace(self, **numbers: Any) -> Self:
         """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
-        known = [item.name for item in fields(self)]
+        known = [item.name for item in dataclasses.fields(self)]
         for key in numbers:
             if key not in known:
                 raise NumberError(f"{self.name} has no number '{key}'; it has: {', '.join(known) or 'none'}")
@@ -232,7 +246,7 @@ class Module:
 
     def value(self, name: str) -> Any:
         """The number `name` as kernels get it: of a choice, its index. DeclarationError if there is none."""
-        for item in fields(self):
+        for item in dataclasses.fields(self):
             if item.name == name:
                 choices = item.metadata.get("choices")
                 value = getattr(self, name)
@@ -246,8 +260,8 @@ def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
     return same and "<locals>" not in new.__qualname__
 
 
-def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else names
+def _names(names: Order | tuple[Order, ...]) -> tuple[Order, ...]:
+    return names if isinstance(names, tuple) else (names,)
 
 
 def _snake_case(name: str) -> str:

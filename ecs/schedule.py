@@ -97,9 +97,9 @@ def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[Sys
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
     for system in systems:
         for name in system.after:
-            earlier[system.label] |= _named(name, system, systems, known)
+            earlier[system.label] |= _meant(name, ("write", "add"), system, systems, known)
         for name in system.before:
-            for later in _named(name, system, systems, known):
+            for later in _meant(name, ("read",), system, systems, known):
                 earlier[later].add(system.label)
     ordered: list[System] = []
     predecessors: dict[str, set[str]] = {}
@@ -114,6 +114,19 @@ def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[Sys
         waiting.remove(ready)
     _check_conflicts(ordered, predecessors)
     return ordered
+
+
+def _meant(
+    what: str | type[Component], kinds: Sequence[str], asking: System, systems: Sequence[System], known: Sequence[System]
+) -> set[str]:
+    """Labels of those of the phase's `systems` that an after/before of `asking` stands for.
+
+    A component stands for all systems (but `asking`) that access it in one of these kinds.
+    """
+    if isinstance(what, str):
+        return _named(what, asking, systems, known)
+    found = {s.label for s in systems for p in s.parameters if p.kind in kinds and what in p.components}
+    return found - {asking.label}
 
 
 def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
@@ -162,5 +175,13 @@ def _conflict(first: System, second: System) -> type[Component] | None:
             kinds = (one.kind, two.kind)
             for component in one.components:
                 if component in two.components and (kinds in CONFLICTS or kinds[::-1] in CONFLICTS):
-                    return component
+                    here, there = _fields(first, component), _fields(second, component)
+                    if not (here and there) or here & there:
+                        return component
     return None
+
+
+def _fields(system: System, component: type[Component]) -> set[str]:
+    """Names of its Offsets into an observation, which is all that it touches there; empty: it touches everything."""
+    keys = {column.key or name for name, column in component.columns.items() if column.fields}
+    return {p.name for p in system.parameters if p.kind == "offset" and any(p.name.startswith(f"{k}_") for k in keys)}

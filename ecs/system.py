@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .access import Parameter
+from .component import Component
 from .phase import Phase
 
 
@@ -19,8 +20,8 @@ class System:
     function: Callable[..., Any]
     kernel: Callable[..., Any]
     parameters: tuple[Parameter, ...]
-    after: tuple[str, ...]
-    before: tuple[str, ...]
+    after: tuple[str | type[Component], ...]
+    before: tuple[str | type[Component], ...]
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
     slot: type  # of its mechanic: see Module.slot
@@ -34,9 +35,12 @@ class System:
     def inherited(self, subclass: str) -> "System":
         """The same system as one of a subclass of that name; the order among systems of one module stays."""
 
-        def renamed(labels: tuple[str, ...]) -> tuple[str, ...]:
+        def renamed(order: tuple[str | type[Component], ...]) -> tuple[str | type[Component], ...]:
             own = f"{self.module}."
-            return tuple(f"{subclass}.{each.removeprefix(own)}" if each.startswith(own) else each for each in labels)
+            return tuple(
+                f"{subclass}.{each.removeprefix(own)}" if isinstance(each, str) and each.startswith(own) else each
+                for each in order
+            )
 
         return dataclasses.replace(
             self,

@@ -24,6 +24,7 @@ from .cache import load
 from .cache_key import CacheKey
 from .component import Clock, Component
 from .errors import DeclarationError
+from .fields import offset
 from .jit import compiled, kernel
 from .layout import Layout
 from .module import Module
@@ -123,6 +124,8 @@ class Generator:
                         f'damage_type: set one in the class, as in damage_type = "{module.name}"'
                     )
                 return self._number(self.layout.damage_types.index(module.damage_type), name)
+            case "offset":
+                return self._number(offset(self.layout.fields, parameter.name, system.label), name)
             case "numbers":
                 values = np.array(_value(module, system, parameter), np.float32)
                 return self._array(name, self.arguments.add_constant(values), values.dtype)

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
+from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation, Worlds
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
@@ -51,6 +51,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
     depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
+    `fields` says what the last axis of a key holds: fields["own"]["health"] has a unit, a scale (what one divides by to
+    get about -1 to 1) and `columns`, its slice of the row. Mechanics may add fields, so read rows by these names.
 
     ## Rewards
     float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
@@ -111,6 +113,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.noop = np.array([-low for _, low in self.action_columns])
         self.noop.flags.writeable = False
         self.action_sizes = self.single_action_space.nvec[0]
+        self.fields: Fields = self.worlds.layout.fields
         self._observations = {
             k: read_only(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }

@@ -1,0 +1,324 @@
+"""Observations with named fields: mechanics add to rows of others, and nobody but the declaration knows a position."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import Scenario, make_vec, variant
+from outlast.components import (
+    Body,
+    Heal,
+    HealView,
+    ObservationMasks,
+    OthersView,
+    Phase,
+    SelfView,
+    Side,
+)
+from outlast.ecs import (
+    Archetype,
+    Array,
+    Bitset,
+    Component,
+    DeclarationError,
+    Entity,
+    Field,
+    Layout,
+    Module,
+    Observation,
+    Offset,
+    Read,
+    RowIndex,
+    Rows,
+    ScheduleError,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+    columns_of,
+    kernel,
+    number,
+)
+from outlast.envs.inspect.observation_text import observation_text
+from outlast.envs.rollout.policies import random_policy, scripted_policy
+from outlast.systems.observation_rows import write_rows
+
+OWN = ["id", "health", "x", "y", "angle", "vx", "vy", "omega"]
+
+
+class Breath(Component):
+    left: Array = column("i4", fill=100)
+
+
+class Age(Component):
+    ticks: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Stamina(Module):
+    """Agents lose breath with every tick, and observe it."""
+
+    most: int = number(100, low=1)
+
+    def archetypes(self) -> Any:
+        return [Archetype("agent", (Breath(left=self.most),))]
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"own": (Field("stamina", "ticks", scale=lambda layout: layout.numbers("stamina")["most"]),)}
+
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
+        return {"own": {"stamina": (0, self.most)}}
+
+
+@Stamina.system(Phase.DRIVE)
+def tire(breath: Write[Breath], agents: Rows[Breath]) -> None:
+    for i in range(agents.size):
+        breath.left[agents[i]] = max(0, breath.left[agents[i]] - 1 - i)
+
+
+@Stamina.system(Phase.OBSERVE)
+def see_stamina(
+    breath: Read[Breath], entities: Read[Entity], view: Write[SelfView], agents: Rows[Side], own_stamina: Offset
+) -> None:
+    for i in range(agents.size):
+        view.own[i, own_stamina] = breath.left[agents[i]] if entities.alive[agents[i]] else 0
+
+
+class Freshness(Module):
+    """Heals age, as one observes in their rows; `early` puts that ahead of where they are."""
+
+    def archetypes(self) -> Any:
+        return [Archetype("heal", (Age(),))]
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"heals": (Field("age", "ticks", scale=50.0, low=0, order=-1),)}
+
+
+@Freshness.system(Phase.DRIVE)
+def grow_old(age: Write[Age], heals: Rows[Age]) -> None:
+    for k in range(heals.size):
+        age.ticks[heals[k]] += 1 + k
+
+
+@kernel
+def fill_age(row: Array, e: int, filled: bool, tables: tuple[Array, int]) -> None:
+    age, column = tables
+    row[column] = age.ticks[e] if filled else 0
+
+
+@Freshness.system(Phase.OBSERVE)
+def see_age(
+    view: Write[HealView],
+    masks: Read[ObservationMasks],
+    age: Read[Age],
+    heals: Bitset[Heal],
+    index: RowIndex[Heal],
+    heals_age: Offset,
+) -> None:
+    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_age, (age, heals_age))
+
+
+def names(env: Any, key: str) -> list[str]:
+    return list(env.fields[key])
+
+
+def played(scenario: Scenario, steps: int = 60) -> tuple[Any, Any]:
+    """An environment of 4 worlds after some steps of random play, in which the zone kills some, and what is seen."""
+    env = make_vec(scenario.replace(agents_health=30), 4, seed=5)
+    observations, _ = env.reset()
+    policy = random_policy(env, 0)
+    for _ in range(steps):
+        observations, *_ = env.step(policy(observations))
+    return env, observations
+
+
+def test_without_additions_the_fields_are_those_of_the_paper() -> None:
+    env = make_vec("teams_3", 1)
+    assert names(env, "own") == names(env, "others") == ["id", "team", *OWN[1:]]
+    assert names(make_vec("ffa_1", 1), "own") == OWN
+    assert [(name, field.start, field.size) for name, field in env.fields["boxes"].items()] == [
+        ("vertices", 0, 8), ("x", 8, 1), ("y", 9, 1), ("angle", 10, 1)
+    ]  # fmt: skip
+    own = env.fields["own"]
+    assert {name: field.unit for name, field in own.items()}["omega"] == "rad/s"
+    assert columns_of(own, "x", "y") == slice(3, 5)
+    assert columns_of(own, "y", "health") == [4, 2]
+    assert (columns_of(own, "team"), columns_of(env.fields["boxes"], "vertices")) == (1, slice(0, 8))
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "teams_1"])
+def test_a_field_in_the_agents_own_row(name: str) -> None:
+    """All others are as without it, bit for bit, and those who see an agent see its new field."""
+    plain, before = played(variant(name))
+    env, seen = played(variant(name).with_(Stamina()))
+    agents = env.worlds.span("agent")
+    assert names(env, "own") == [*names(plain, "own"), "stamina"]
+    assert not (living := env.worlds[Entity].alive[:, agents] != 0).all()
+    own, others = seen["own"], seen["others"]
+    left = np.where(living, env.worlds[Breath].left[:, agents], 0)
+    assert left.max() > 30
+    np.testing.assert_array_equal(own[..., env.fields["own"]["stamina"].start], left)
+    np.testing.assert_array_equal(own[..., :-1], before["own"])
+    np.testing.assert_array_equal(others[..., :-1], before["others"])
+    for i in range(env.num_agents):
+        shown = (others[:, i] != 0).any(-1)
+        rest = np.delete(own, i, axis=1)
+        np.testing.assert_array_equal(others[:, i][shown], rest[shown])
+    if name == "teams_1":
+        np.testing.assert_array_equal(own[..., 1], env.worlds[Side].side[:, agents])
+    single: Any = env.single_observation_space
+    assert (single["own"].low[0, -1], single["own"].high[0, -1]) == (0, 100)
+    assert (single["others"].low[..., -1] == 0).all()
+    assert (single["others"].high[..., -1] == 100).all()
+
+
+def test_a_field_in_the_rows_of_heals_moves_the_others_of_that_row() -> None:
+    """Where a mechanic puts it first, everything that reads rows follows."""
+    scenario = variant("ffa_1").replace(cameras_mode="revealed")
+    plain, before = played(scenario)
+    env, seen = played(scenario.with_(Freshness()))
+    assert names(env, "heals") == ["x", "y", "age"] or names(env, "heals") == ["age", "x", "y"]
+    heals, fields = seen["heals"], env.fields["heals"]
+    np.testing.assert_array_equal(heals[..., columns_of(fields, "x", "y")], before["heals"])
+    here = env.worlds[Entity].alive[:, env.worlds.span("heal")] != 0
+    ages = np.where(here, env.worlds[Age].ticks[:, env.worlds.span("heal")], 0)
+    np.testing.assert_array_equal(heals[:, 0, :, fields["age"].start], ages)
+    np.testing.assert_array_equal(scripted_policy(env)(seen), scripted_policy(plain)(before))
+    one = [{key: array[0, 0] for key, array in each.items()} for each in (before, seen)]
+    assert observation_text(one[1], env.fields) == observation_text(one[0], plain.fields)
+    box: Any = env.single_observation_space["heals"]
+    assert (box.low[0, 0, 0], box.high[0, 0, 0]) == (0, np.inf)
+
+
+def test_both_at_once_need_no_order_among_them() -> None:
+    env, seen = played(variant("teams_1").with_(Stamina(), Freshness()), steps=5)
+    assert names(env, "own")[-1] == "stamina"
+    assert (seen["own"][:, 0, -1] == 95).all()
+    text = observation_text({key: array[0, 0] for key, array in seen.items()}, env.fields)
+    assert text["Stamina"] == ["95"]
+
+
+def test_what_is_added_to_rows_that_are_not_there_is_left_out() -> None:
+    """As after= names systems of mechanics that may be absent."""
+
+    class Stale(Module):
+        def fields(self) -> Mapping[str, tuple[Field, ...]]:
+            return {"heals": (Field("age"),)}
+
+    assert "heals" not in Worlds(variant("ffa_1").without("heals").with_(Stale()).modules, 1).layout.fields
+
+
+# ---- what is refused
+
+
+def adding(key: str, *fields: Field) -> Scenario:
+    class Adding(Module):
+        def fields(self) -> Mapping[str, tuple[Field, ...]]:
+            return {key: fields}
+
+    return variant("ffa_1").with_(Adding())
+
+
+def showing(**columns: Any) -> Scenario:
+    view = type("View", (Observation,), columns)
+
+    class Showing(Module):
+        def singletons(self) -> list[Singleton]:
+            return [view()]
+
+    return variant("ffa_1").with_(Showing())
+
+
+REFUSED = {
+    "two of a name": (lambda: adding("own", Field("health")), "'health' is a field of 'own' of both SelfView and adding"),
+    "two mechanics": (
+        lambda: adding("own", Field("stamina")).with_(Stamina()),
+        "'stamina' is a field of 'own' of both adding and stamina; rename one",
+    ),
+    "unknown key": (lambda: adding("onw", Field("a")), "adding adds fields to .* 'onw', which no mechanic .* mean 'own'"),
+    "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
+    "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which HealView declares without any: declare"),
+    "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a positive number"),
+    "function": (lambda: adding("own", Field("a", scale=lambda _: np.inf)), "has the scale inf"),
+    "name": (lambda: adding("own", Field("Stamina left")), "a field is called 'Stamina left': lower-case letters"),
+    "size": (lambda: adding("own", Field("a", size=0)), "the field 'a' has size 0 and the range -inf to inf: a size of"),
+    "range": (lambda: adding("own", Field("a", low=1, high=0)), "has size 1 and the range 1 to 0"),
+    "copies of nothing": (
+        lambda: showing(mine=column("f4", "agents", fields="nothing")),
+        r"the rows of 'mine' \(View\) have the fields of 'nothing', which declares none here",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_fields_that_cannot_be_are_refused(case: str) -> None:
+    make, words = REFUSED[case]
+    with pytest.raises(DeclarationError, match=words):
+        Layout(make().modules)
+
+
+def test_only_observations_have_fields() -> None:
+    with pytest.raises(DeclarationError, match=r"Odd.x has fields, which only columns of an Observation have"):
+
+        class Odd(Component):
+            x: Array = column("f4", fields=(Field("x"),))
+
+
+def asking(**annotations: Any) -> Scenario:
+    """With a system of these parameters in phase OBSERVE."""
+
+    class Asking(Module):
+        pass
+
+    def look(**parameters: Any) -> None:
+        pass
+
+    import inspect
+
+    kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    look.__signature__ = inspect.Signature([inspect.Parameter(name, kinds) for name in annotations])  # type: ignore[attr-defined]
+    look.__annotations__ = annotations
+    Asking.system(Phase.OBSERVE, compiled=False)(look)
+    return variant("ffa_1").with_(Asking())
+
+
+def test_an_offset_of_no_field_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="asking.look: there is no field for the Offset 'own_heath' .*own_health"):
+        Worlds(asking(own_heath=Offset).modules, 1)
+    with pytest.raises(DeclarationError, match="There are: .*zone_x"):
+        Worlds(asking(nothing=Offset).modules, 1)
+
+
+def test_an_offset_that_could_be_two_fields_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="'own_slot_x' could be the field 'slot_x' of 'own' and 'x' of 'own_slot'"):
+        slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
+        added = adding("own", Field("slot_x")).modules[-1]
+        Worlds(asking(own_slot_x=Offset).with_(slot, added).modules, 1)
+
+
+def test_order_is_asked_for_where_two_touch_one_field() -> None:
+    for annotations in ({"view": Write[SelfView]}, {"view": Write[SelfView], "own_x": Offset}):
+        with pytest.raises(ScheduleError, match="order of agents.see_self and asking.look in phase OBSERVE is ambiguous"):
+            Worlds(asking(**annotations).modules, 1)
+    read = asking(view=Read[SelfView], own_stamina=Offset).with_(Stamina())
+    with pytest.raises(ScheduleError, match="order of asking.look and stamina.see_stamina"):
+        Worlds(read.modules, 1)
+
+
+def test_a_component_stands_for_what_writes_it() -> None:
+    order = [system.label for system in Worlds(variant("teams_1").with_(Stamina()).modules, 1).schedule.systems]
+    writers = ["agents.see_self", "teams.see_team", "stamina.see_stamina"]
+    assert all(order.index(writer) < order.index("agents.see_others") for writer in writers)
+
+    class Early(Module):
+        pass
+
+    @Early.system(Phase.OBSERVE, before=(SelfView, OthersView), after=Body)
+    def look(view: Write[SelfView], own_id: Offset, agents: Rows[Side]) -> None:
+        """Body is written by nobody in this phase."""
+
+    with pytest.raises(ScheduleError, match="agents.see_self and early.look"):
+        Worlds(variant("ffa_1").with_(Early()).modules, 1)
