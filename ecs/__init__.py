@@ -1,9 +1,9 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (the tables) and fields (of their rows), access, system, numbers and module (functions on them, and their numbers),
-phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
-generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
-(its threads); then what kernels use: jit, simd, random. The errors are in errors.
+Read in this order: component (the tables) and fields (of observations), access, system, numbers and module (functions
+on them, and their numbers), phase and schedule (their order), layout (the memory of a world), arguments (what kernels
+get), tick (the code generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch
+of worlds) and workers (its threads); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write

@@ -9,7 +9,7 @@ position by an Offset parameter (ecs.access), everybody else from Layout.fields.
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,8 @@ class Field:
     Attributes:
         name: Unique among the fields of a key.
         unit: As in "m", "rad", "hit points"; "" for numbers without one, such as ids.
-        scale: What to divide by to get about -1 to 1: a number, or a function of the Layout that returns one.
+        scale: What to divide by to get about -1 to 1: a float; in a declaration also a function of the Layout, which
+            puts its result here.
         low: Inclusive lower bound; what mechanics return in `bounds` narrows it.
         high: Inclusive upper bound, likewise.
         size: How many columns it has.
@@ -39,7 +40,7 @@ class Field:
 
     name: str
     unit: str = ""
-    scale: float | Callable[[Any], float] = 1.0
+    scale: Any = 1.0
     low: float = -math.inf
     high: float = math.inf
     size: int = 1
@@ -70,7 +71,9 @@ def width(fields: Mapping[str, Field]) -> int:
 
 
 def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
-    """Index of the last axis of rows for some fields: rows[..., columns_of(env.fields["own"], "x", "y")].
+    """Where some fields are in the last axis of rows.
+
+    >>> place = observations["own"][..., columns_of(env.fields["own"], "x", "y")]
 
     Args:
         fields: Those of the rows' key.

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
-from .component import Component, Singleton
+from .component import Singleton
 from .errors import DeclarationError, NumberError
 from .fields import Field
 from .jit import kernel
@@ -29,10 +29,9 @@ from .layout import Archetype, Layout
 from .numbers import checked, kind_of
 from .phase import Phase
 from .references import check_random
-from .system import System
+from .system import Order, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Order = str | type[Component]  # what a system runs after or before
 Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high) of all fields, or of each by name
 
 

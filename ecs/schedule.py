@@ -10,7 +10,7 @@ from .component import Component
 from .errors import ScheduleError
 from .module import Module
 from .phase import Phase
-from .system import System
+from .system import Order, System
 
 CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
 
@@ -117,7 +117,7 @@ def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[Sys
 
 
 def _meant(
-    what: str | type[Component], kinds: Sequence[str], asking: System, systems: Sequence[System], known: Sequence[System]
+    what: Order, kinds: Sequence[str], asking: System, systems: Sequence[System], known: Sequence[System]
 ) -> set[str]:
     """Labels of those of the phase's `systems` that an after/before of `asking` stands for.
 

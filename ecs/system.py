@@ -9,6 +9,8 @@ from .access import Parameter
 from .component import Component
 from .phase import Phase
 
+Order = str | type[Component]  # what a system runs after or before: a label, a mechanic's name, or a component
+
 
 @dataclass(frozen=True)
 class System:
@@ -20,8 +22,8 @@ class System:
     function: Callable[..., Any]
     kernel: Callable[..., Any]
     parameters: tuple[Parameter, ...]
-    after: tuple[str | type[Component], ...]
-    before: tuple[str | type[Component], ...]
+    after: tuple[Order, ...]
+    before: tuple[Order, ...]
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
     slot: type  # of its mechanic: see Module.slot
@@ -35,7 +37,7 @@ class System:
     def inherited(self, subclass: str) -> "System":
         """The same system as one of a subclass of that name; the order among systems of one module stays."""
 
-        def renamed(order: tuple[str | type[Component], ...]) -> tuple[str | type[Component], ...]:
+        def renamed(order: tuple[Order, ...]) -> tuple[Order, ...]:
             own = f"{self.module}."
             return tuple(
                 f"{subclass}.{each.removeprefix(own)}" if isinstance(each, str) and each.startswith(own) else each

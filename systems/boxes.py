@@ -1,6 +1,5 @@
 """Boxes: obstacles that break, and can be carried and set up again."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any

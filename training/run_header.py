@@ -94,6 +94,22 @@ def _are_observations(given: Any) -> bool:
     return room <= MOST and all(len(shape) == 2 and mask == shape[:1] for shape, mask in kinds)
 
 
+def _are_fields(given: Any) -> bool:
+    """[size, scale] by key and name."""
+    if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
+        return False
+    entries = [entry for fields in given.values() for entry in fields.values()]
+    return all(map(is_word, [*given, *(name for fields in given.values() for name in fields)])) and all(
+        isinstance(entry, list)
+        and len(entry) == 2
+        and _is_size(entry[0])
+        and entry[0] > 0
+        and type(entry[1]) in (int, float)
+        and 1e-30 < entry[1] < 1e30
+        for entry in entries
+    )
+
+
 def _are_actions(given: Any) -> bool:
     few = isinstance(given, list) and 0 < len(given) <= FEW
     return few and all(_is_size(size) and size for size in given) and sum(given) <= MOST
@@ -104,6 +120,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
     "scenario": is_fingerprint,
     "observations": _are_observations,
+    "fields": _are_fields,
     "actions": _are_actions,
     "plan": is_plan,
 }

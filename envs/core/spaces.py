@@ -9,6 +9,7 @@ from gymnasium import spaces
 from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
 
 Array = np.ndarray[Any, Any]
+Ends = tuple[Array, Array]  # low, high
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -43,7 +44,7 @@ def check_published(worlds: Worlds) -> None:
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
 
 
-def bounds(worlds: Worlds) -> dict[str, tuple[Array, Array]]:
+def bounds(worlds: Worlds) -> dict[str, Ends]:
     """The lowest and highest values of all observations of one world, by key: float32 (agents, ...), maybe infinite.
 
     The range of a field (or of a key without fields) is what its column declares, narrowed to what modules say of it
@@ -79,7 +80,7 @@ def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Arra
     return result
 
 
-def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> tuple[Array, ...]:
+def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:
     """What a module says of a key, as arrays of the column's shape; NaN for fields that it does not mention."""
     if not fields:
         return _range(f"{module}.bounds() of '{key}'", ends, shape)
@@ -97,7 +98,7 @@ def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shap
     return low, high
 
 
-def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[Array, ...]:
+def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
     try:
         low, high = (np.broadcast_to(np.asarray(end, np.float64), shape) for end in ends)
     except ValueError as error:

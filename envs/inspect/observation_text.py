@@ -99,7 +99,9 @@ def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
     lines: Lines = {heading: [] for heading in ("Enemies", "Friends")[: 1 if viewpoint.team is None else 2]}
     for other in sorted(others, key=lambda other: viewpoint.distance(other.x, other.y)):
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"
-        lines[heading].append(f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}")
+        lines[heading].append(
+            f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}"
+        )
     return {heading: found or ["none in sight"] for heading, found in lines.items()}
 
 
