@@ -4,7 +4,7 @@ import math
 
 from outlast.ecs import Array, Component, Field, Observation, Singleton, column
 
-from .body import SPEED, SPIN, half_room
+from .body import PLACE, SPEED, SPIN
 from .health import full_health
 
 
@@ -29,8 +29,7 @@ class SelfView(Observation):
         fields=(
             Field("id", order=-1),
             Field("health", "hit points", scale=full_health),
-            Field("x", "m", scale=half_room),
-            Field("y", "m", scale=half_room),
+            *PLACE,
             Field("angle", "rad", scale=math.pi),
             Field("vx", "m/s", scale=SPEED),
             Field("vy", "m/s", scale=SPEED),

@@ -4,10 +4,9 @@ import math
 
 from outlast.ecs import Array, Component, Field, Observation, Statistic, column
 
-from .body import half_room
+from .body import PLACE
 
 VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each as if the box were centred at the origin
-PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))
 
 
 class Box(Component):

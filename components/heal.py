@@ -2,7 +2,7 @@
 
 from outlast.ecs import Array, Component, Field, Layout, Observation, Statistic, column
 
-from .body import half_room
+from .body import PLACE
 
 
 class Heal(Component):
@@ -19,9 +19,7 @@ def usual_amount(layout: Layout) -> float:
 class HealView(Observation):
     """Heals on the ground, one row for each heal of the episode, and the last slot if it holds a heal."""
 
-    heals: Array = column(
-        "f4", "agents", "heals", fields=(Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))
-    )
+    heals: Array = column("f4", "agents", "heals", fields=PLACE)
     heals_mask: Array = column("f4", "agents", "heals", low=0, high=1)
     heal_slot: Array = column("f4", "agents", 1, fields=(Field("amount", "hit points", scale=usual_amount),))
     heal_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)

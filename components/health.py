@@ -36,8 +36,8 @@ class Death(Component):
 
 
 def full_health(layout: Layout) -> float:
-    """Hit points of an agent at the start, the scale of its health."""
-    points: float = layout.numbers("agents")["health"]
+    """Hit points of an agent at the start, the scale of its health; 1 without the mechanic that says it."""
+    points: float = layout.numbers("agents").get("health", 1.0)
     return points
 
 

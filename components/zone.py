@@ -2,7 +2,7 @@
 
 from outlast.ecs import Array, Field, Observation, Singleton, column
 
-from .body import half_room
+from .body import PLACE, half_room
 
 
 class Zone(Singleton):
@@ -24,8 +24,7 @@ class ZoneView(Observation):
         "f4",
         "agents",
         fields=(
-            Field("x", "m", scale=half_room),
-            Field("y", "m", scale=half_room),
+            *PLACE,
             Field("radius", "m", scale=half_room),
             Field("next_x", "m", scale=half_room),
             Field("next_y", "m", scale=half_room),

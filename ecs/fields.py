@@ -15,6 +15,7 @@ from typing import Any
 
 from .errors import DeclarationError
 
+SMALLEST = 1e-9  # of scales: networks multiply by their inverse in float32
 Fields = Mapping[str, Mapping[str, "Field"]]  # by key of the observation and by name, in order of their columns
 
 
@@ -126,13 +127,13 @@ def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: s
 
     Args:
         layout: The Layout; its modules say which fields they add, and scales may be functions of it.
-        observations: (what declares it, its Column) by key.
+        observations: (the mechanic that brings it, its Column) by key.
         imported: Keys of all observations that any imported mechanic declares. What is added to one of them that this
             scenario lacks is left out, as the mechanic that brings it is.
 
     Raises:
         DeclarationError: Fields are added to a key that nobody declares, or that has none of its own; two have one
-            name; or a scale is not a positive number.
+            name; or a scale is too small, or no number.
     """
     found = {
         key: [(field.order, owner, field) for field in column.fields]
@@ -167,10 +168,10 @@ def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> I
             )
         owners[field.name] = owner
         scale = float(field.scale(layout) if callable(field.scale) else field.scale)
-        if not 0 < scale < math.inf:
+        if not SMALLEST <= scale < math.inf:
             raise DeclarationError(
-                f"the field '{field.name}' of '{key}' ({owner}) has the scale {scale:g}: a positive number is needed, "
-                "such as the largest value that is usual"
+                f"the field '{field.name}' of '{key}' ({owner}) has the scale {scale:g}: a number of at least "
+                f"{SMALLEST:g} is needed, such as the largest value that is usual"
             )
         yield field.name, replace(field, scale=scale, start=start)
         start += field.size

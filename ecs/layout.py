@@ -136,9 +136,13 @@ class Layout:
         return [(component, name) for component in kinds for name in component.columns]
 
     def _observations(self) -> dict[str, tuple[str, Column]]:
-        """The component's name and the column of every observation, by key."""
-        seen = [component for component in self.singletons if issubclass(component, Observation)]
-        return {column.key or name: (kind.__name__, column) for kind in seen for name, column in kind.columns.items()}
+        """The mechanic that brings it and the column of every observation, by key."""
+        brought = [(module.name, singleton) for module in self.modules for singleton in module.singletons()]
+        return {
+            column.key or name: (module, column)
+            for module, singleton in brought
+            for name, column in (singleton.columns.items() if isinstance(singleton, Observation) else ())
+        }
 
     def _place(self) -> tuple[list[Place], int]:
         places, offset = [], 0

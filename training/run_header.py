@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz
 
@@ -105,7 +106,7 @@ def _are_fields(given: Any) -> bool:
         and _is_size(entry[0])
         and entry[0] > 0
         and type(entry[1]) in (int, float)
-        and 1e-30 < entry[1] < 1e30
+        and SMALLEST <= entry[1] < math.inf
         for entry in entries
     )
 

@@ -51,8 +51,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
     depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
-    `fields` says what the last axis of a key holds: fields["own"]["health"] has a unit, a scale (what one divides by to
-    get about -1 to 1) and `columns`, its slice of the row. Mechanics may add fields, so read rows by these names.
+    Mechanics may add to rows: read them by the names in `fields`.
 
     ## Rewards
     float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
@@ -113,7 +112,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.noop = np.array([-low for _, low in self.action_columns])
         self.noop.flags.writeable = False
         self.action_sizes = self.single_action_space.nvec[0]
-        self.fields: Fields = self.worlds.layout.fields
         self._observations = {
             k: read_only(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
         }
@@ -245,6 +243,15 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if out is not None:
             write(self._observations, out)
         return self._observe()
+
+    @property
+    def fields(self) -> Fields:
+        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
+
+        Of keys that declare it, so not of masks. `columns` of a field is its slice of the row, `ecs.columns_of` the
+        index of several: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
+        """
+        return self.worlds.layout.fields
 
     @property
     def flat_size(self) -> int:

@@ -147,22 +147,22 @@ def showing(**columns: Any) -> Scenario:
 
 
 REFUSED = {
-    "two of a name": (lambda: adding("own", Field("health")), "'health' .* 'own' of both SelfView and adding; rename"),
+    "two of a name": (lambda: adding("own", Field("health")), "'health' .* 'own' of both agents and adding; rename"),
     "two mechanics": (
         lambda: adding("own", Field("stamina")).with_(Stamina()),
         "'stamina' is a field of 'own' of both adding and stamina; rename one",
     ),
     "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'"),
     "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
-    "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which HealView declares without any: declare"),
-    "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a positive"),
+    "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which heals declares without any: declare"),
+    "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a number of at"),
     "function": (lambda: adding("own", Field("a", scale=lambda _: np.inf)), "has the scale inf"),
     "name": (lambda: adding("own", Field("Stamina left")), "a field is called 'Stamina left': lower-case letters"),
     "size": (lambda: adding("own", Field("a", size=0)), "the field 'a' has size 0 and the range -inf to inf: a"),
     "range": (lambda: adding("own", Field("a", low=1, high=0)), "has size 1 and the range 1 to 0"),
     "copies of nothing": (
         lambda: showing(mine=column("f4", "agents", fields="nothing")),
-        r"the rows of 'mine' \(View\) have the fields of 'nothing', which declares none here",
+        r"the rows of 'mine' \(showing\) have the fields of 'nothing', which declares none here",
     ),
 }  # fmt: skip
 
