@@ -100,15 +100,15 @@ def _are_fields(given: Any) -> bool:
     if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]
-    return all(map(is_word, [*given, *(name for fields in given.values() for name in fields)])) and all(
-        isinstance(entry, list)
-        and len(entry) == 2
-        and _is_size(entry[0])
-        and entry[0] > 0
-        and type(entry[1]) in (int, float)
-        and SMALLEST <= entry[1] < math.inf
-        for entry in entries
-    )
+    names = [*given, *(name for fields in given.values() for name in fields)]
+    return all(map(is_word, names)) and all(map(_is_field, entries)) and sum(size for size, _ in entries) <= MOST
+
+
+def _is_field(given: Any) -> bool:
+    if not isinstance(given, list) or len(given) != 2:
+        return False
+    size, scale = given
+    return _is_size(size) and size > 0 and type(scale) in (int, float) and SMALLEST <= scale < math.inf
 
 
 def _are_actions(given: Any) -> bool:
