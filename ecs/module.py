@@ -32,7 +32,7 @@ from .references import check_random
 from .system import Order, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high) of all fields, or of each by name
+Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high), or of a key with fields by their names
 
 
 @dataclass(frozen=True)
@@ -217,9 +217,9 @@ class Module:
 
         Returns:
             By key of an observation, {field: (lowest, highest)}, in the field's own unit: numbers, or arrays with one
-            for each of the field's columns. Of a key without fields, or for all of them at once, (lowest, highest):
-            numbers, or arrays that broadcast to the column's shape. They must hold in every tick, whatever the agents
-            do, and include 0, the value of rows that are not in the world.
+            for each of the field's columns. Of a key without fields, (lowest, highest): numbers, or arrays that
+            broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include 0, the
+            value of rows that are not in the world.
 
         The bounds of a field are the widest range that any module returns. So a mechanic that breaks another one's
         bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored. What is

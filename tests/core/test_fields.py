@@ -239,3 +239,12 @@ def test_a_component_stands_for_what_writes_it() -> None:
     order = [system.label for system in Worlds(variant("ffa_1").with_(Early()).modules, 1).schedule.systems]
     assert order.index("agents.see_self") < order.index("early.blur") < order.index("agents.see_others")
     assert order.index("early.hide") < min(order.index("agents.see_others"), order.index("heals.see_heals"))
+
+
+def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
+    """An Offset into `own_slot` says nothing of the fields of `own` that the system touches."""
+    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
+    (view,) = slot.singletons()
+    scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)  # type: ignore[misc]
+    with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
+        Worlds(scenario.modules, 1)
