@@ -27,7 +27,7 @@ class DeathDrop(Module):
     scatter: str = number("disc", choices=("disc", "rim"))
 
 
-@DeathDrop.system(Phase.DIE, after="mortality.die")
+@DeathDrop.system(Phase.DIE, after=Death)
 def scatter(
     bag: Write[Bag],
     item: Write[Item],

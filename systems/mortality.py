@@ -32,7 +32,7 @@ def clear_deaths(death: Write[Death], agents: Rows[Death]) -> None:
         death.now[e] = 0
 
 
-@Mortality.system(Phase.EFFECT, after="heals.heal")
+@Mortality.system(Phase.EFFECT, after=Health)
 def cap(health: Write[Health], agents: Rows[Death, Health], limit: int) -> None:
     """Health above the limit is lost."""
     if limit > 0:

@@ -37,17 +37,17 @@ class Replay:
     """
 
     def __init__(self, recording: Recording, threads: int = 1) -> None:
-        self.recording, self.summary = recording, Summary()
+        self.recording, self.summary, scenario = recording, Summary(), recording.scenario
         try:
-            self.worlds = Worlds(recording.scenario.modules, recording.num_worlds, threads)
-            check_playable(self.worlds, recording.scenario.name)
+            self.worlds = Worlds(scenario.modules, recording.num_worlds, threads, ordered=scenario.order)
+            check_playable(self.worlds, scenario.name)
         except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
         self._check("components", recording.components, self._digests.names)
-        with announce_compilation(self.worlds, recording.scenario.name):
+        with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; nothing moves
 
     def __repr__(self) -> str:

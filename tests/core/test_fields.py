@@ -27,6 +27,7 @@ from outlast.ecs import (
     column,
     columns_of,
 )
+from outlast.ecs.identity import code_digest
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.helpers.added_fields import Age, Breath, Freshness, Stamina
@@ -123,6 +124,14 @@ def test_what_is_added_to_rows_that_are_not_there_is_left_out() -> None:
             return {"heals": (Field("age"),)}
 
     assert "heals" not in Worlds(variant("ffa_1").without("heals").with_(Stale()).modules, 1).layout.fields
+
+
+def test_a_game_with_other_fields_is_another_game() -> None:
+    """A saved state or checkpoint of one is not of the other."""
+    added = [(Field("a"),), (Field("b"),), (Field("a", size=2),), (Field("a", order=-1),), (Field("a"), Field("b"))]
+    assert len({code_digest(adding("own", *fields).modules[-1]) for fields in added}) == len(added)
+    shown = [column("f4", "agents", fields=fields) for fields in added]
+    assert len({code_digest(showing(mine=each).modules[-1]) for each in shown}) == len(shown)
 
 
 # ---- what is refused
