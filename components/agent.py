@@ -1,6 +1,11 @@
 """Agents: their sides, and how observations describe them."""
 
-from outlast.ecs import Array, Component, Observation, Singleton, column
+import math
+
+from outlast.ecs import Array, Component, Field, Observation, Singleton, column
+
+from .body import PLACE, SPEED, SPIN
+from .health import full_health
 
 
 class Side(Component):
@@ -16,13 +21,25 @@ class Sides(Singleton):
 
 
 class SelfView(Observation):
-    """The observer's own row: id, [team], health, x, y, angle, vx, vy, omega; zeros after id and team once dead."""
+    """The observer's own row; zeros but for id and team once dead. With teams, the id is followed by the team."""
 
-    own: Array = column("f4", "agents", "features")
+    own: Array = column(
+        "f4",
+        "agents",
+        fields=(
+            Field("id", order=-1),
+            Field("health", "hit points", scale=full_health),
+            *PLACE,
+            Field("angle", "rad", scale=math.pi),
+            Field("vx", "m/s", scale=SPEED),
+            Field("vy", "m/s", scale=SPEED),
+            Field("omega", "rad/s", scale=SPIN),
+        ),
+    )
 
 
 class OthersView(Observation):
     """The other agents in order of id, self left out; rows as in SelfView. Mask: 1 = visible."""
 
-    others: Array = column("f4", "agents", "others", "features")
+    others: Array = column("f4", "agents", "others", fields="own")
     others_mask: Array = column("f4", "agents", "others", low=0, high=1)

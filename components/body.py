@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Array, Component, Singleton, column, kernel
+from outlast.ecs import Array, Component, Field, Layout, Singleton, column, kernel
 
 ONE, ZERO = np.float32(1), np.float32(0)
+SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: what is seldom exceeded
 
 
 class Body(Component):
@@ -66,6 +67,15 @@ class Fault(Singleton):
     """An unrecoverable error in this world; an environment that finds it set raises."""
 
     physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)
+
+
+def half_room(layout: Layout) -> float:
+    """Metres from the middle of the room to a wall, the scale of positions; 1 without a room."""
+    side: float = layout.numbers("room").get("size", 2.0)
+    return side / 2
+
+
+PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # in rows of observations
 
 
 @kernel

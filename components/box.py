@@ -1,6 +1,12 @@
 """Boxes: breakable objects, and the items they turn into. Box k and box item k are one object in two states."""
 
-from outlast.ecs import Array, Component, Observation, Statistic, column
+import math
+
+from outlast.ecs import Array, Component, Field, Observation, Statistic, column
+
+from .body import PLACE
+
+VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each as if the box were centred at the origin
 
 
 class Box(Component):
@@ -18,18 +24,18 @@ class BoxItem(Component):
 
 
 class BoxView(Observation):
-    """Boxes: four vertices as if centred at the origin (8), x, y, angle. Mask: 1 = visible."""
+    """Boxes that stand: four vertices as if centred at the origin, where it is. Mask: 1 = visible."""
 
-    boxes: Array = column("f4", "agents", "boxes", 11)
+    boxes: Array = column("f4", "agents", "boxes", fields=(VERTICES, *PLACE, Field("angle", "rad", scale=math.pi)))
     boxes_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
 
 
 class BoxItemView(Observation):
-    """Broken boxes on the ground: vertices (8), x, y; and the last slot if it holds one: vertices."""
+    """Broken boxes on the ground, and the last slot if it holds one."""
 
-    box_items: Array = column("f4", "agents", "boxes", 10)
+    box_items: Array = column("f4", "agents", "boxes", fields=(VERTICES, *PLACE))
     box_items_mask: Array = column("f4", "agents", "boxes", low=0, high=1)
-    box_slot: Array = column("f4", "agents", 1, 8)
+    box_slot: Array = column("f4", "agents", 1, fields=(VERTICES,))
     box_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
 
 

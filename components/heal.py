@@ -1,6 +1,8 @@
 """Heals: items that give hit points."""
 
-from outlast.ecs import Array, Component, Observation, Statistic, column
+from outlast.ecs import Array, Component, Field, Layout, Observation, Statistic, column
+
+from .body import PLACE
 
 
 class Heal(Component):
@@ -9,12 +11,17 @@ class Heal(Component):
     amount: Array = column("i4", fill=75)
 
 
-class HealView(Observation):
-    """Heals on the ground (x, y), one row for each heal of the episode, and the last slot if it holds a heal."""
+def usual_amount(layout: Layout) -> float:
+    """Hit points that a heal gives, the scale of what the last slot holds; 1 if heals give none."""
+    return layout.numbers("heals").get("amount") or 1.0
 
-    heals: Array = column("f4", "agents", "heals", 2)
+
+class HealView(Observation):
+    """Heals on the ground, one row for each heal of the episode, and the last slot if it holds a heal."""
+
+    heals: Array = column("f4", "agents", "heals", fields=PLACE)
     heals_mask: Array = column("f4", "agents", "heals", low=0, high=1)
-    heal_slot: Array = column("f4", "agents", 1, 1)  # hit points it gives
+    heal_slot: Array = column("f4", "agents", 1, fields=(Field("amount", "hit points", scale=usual_amount),))
     heal_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
 
 

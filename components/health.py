@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Array, Component, column, kernel
+from outlast.ecs import Array, Component, Layout, column, kernel
 
 MOST = 1_000_000  # hit points: the largest value of a number of a mechanic
 LARGEST = 2**31 - 1  # hit points that a column holds
@@ -33,6 +33,12 @@ class Death(Component):
     now: Array = column("u1")  # 1 in the tick of death
     damage_type: Array = column("i4", fill=-1)
     source: Array = column("i4", fill=-1)  # the side that killed, -1: none
+
+
+def full_health(layout: Layout) -> float:
+    """Hit points of an agent at the start, the scale of its health; 1 without the mechanic that says it."""
+    points: float = layout.numbers("agents").get("health", 1.0)
+    return points
 
 
 @kernel

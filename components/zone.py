@@ -1,6 +1,8 @@
 """The safe zone."""
 
-from outlast.ecs import Array, Observation, Singleton, column
+from outlast.ecs import Array, Field, Observation, Singleton, column
+
+from .body import PLACE, half_room
 
 
 class Zone(Singleton):
@@ -18,4 +20,14 @@ class Zone(Singleton):
 class ZoneView(Observation):
     """Current centre and radius, next centre and radius; the same row for every agent."""
 
-    zone: Array = column("f4", "agents", 6)
+    zone: Array = column(
+        "f4",
+        "agents",
+        fields=(
+            *PLACE,
+            Field("radius", "m", scale=half_room),
+            Field("next_x", "m", scale=half_room),
+            Field("next_y", "m", scale=half_room),
+            Field("next_radius", "m", scale=half_room),
+        ),
+    )

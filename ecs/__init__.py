@@ -1,14 +1,14 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
-phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values (what systems do, against
-what they declare), layout (the memory of a world), arguments (what kernels get), tick (the code generator),
-machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile cache),
-compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity (what tells
-games apart); then what kernels use: jit, simd, random. The errors are in errors.
+Read in this order: component (the tables), fields (of observations), access, system, numbers and module (functions on
+them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values
+(what systems do, against what they declare), layout (the memory of a world), arguments (what kernels get), tick (the
+code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile
+cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity
+(what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
-from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write
+from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
 from .component import (
     Action,
     Array,
@@ -25,6 +25,7 @@ from .component import (
 )
 from .entity_view import EntityView
 from .errors import DeclarationError, EngineError, NumberError, ScheduleError
+from .fields import Field, Fields, columns_of
 from .jit import kernel
 from .layout import Archetype, Layout
 from .module import Module
@@ -51,10 +52,13 @@ __all__ = [
     "EngineError",
     "Entity",
     "EntityView",
+    "Field",
+    "Fields",
     "Layout",
     "Module",
     "NumberError",
     "Observation",
+    "Offset",
     "Phase",
     "Random",
     "Read",
@@ -71,6 +75,7 @@ __all__ = [
     "Worlds",
     "Write",
     "column",
+    "columns_of",
     "kernel",
     "number",
 ]

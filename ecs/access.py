@@ -14,6 +14,9 @@ RowIndex[A, B]  the inverse, int32 by row: the row's index in Rows[A, B], -1 if 
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         memory of this thread, from the module's scratch()
 DamageType      the number of the module's damage_type
+Offset          the first column of an observation's field, by the parameter's name KEY_FIELD: own_stamina is that of
+                the field "stamina" in the rows "own". With Read or Write of the observation, it says that the system
+                touches these fields only: those that touch different fields run in any order
 int float bool  the module's number of the same name
 tuple[float..]  the module's numbers of the same name, as a read-only float32 array
 =============== =====================================================================================
@@ -36,6 +39,7 @@ Add = Annotated[C, "add"]
 Random = Annotated[Any, "random"]
 Scratch = Annotated[Any, "scratch"]
 DamageType = Annotated[int, "damage_type"]
+Offset = Annotated[int, "offset"]
 
 
 class Rows(Generic[*Parts]):
@@ -90,5 +94,5 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     raise DeclarationError(
         f"{function.__module__}.{function.__qualname__}: parameter '{name}' is annotated {hint!r}; "
         "allowed are Read[C], Write[C], Add[C], Rows[A, ...], Bitset[A, ...], RowIndex[A, ...], Random, Scratch, "
-        "DamageType, int, float, bool, tuple"
+        "DamageType, Offset, int, float, bool, tuple"
     )

@@ -18,12 +18,13 @@ entities, zero where an archetype lacks the component, so that a row number mean
 """
 
 from collections import namedtuple
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from .errors import DeclarationError
+from .fields import Field
 
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
@@ -36,7 +37,8 @@ Real: TypeAlias = Any
 class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
-    `key` is the name under which environments publish it (default: the attribute's name).
+    `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers of
+    its last dimension, which they add to `dims`: "own fields", for the key "own".
     """
 
     dtype: np.dtype[Any]
@@ -45,6 +47,8 @@ class Column:
     low: float
     high: float
     key: str = ""
+    fields: tuple[Field, ...] | str = ()
+    unit: str = ""
 
     def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
         """Trailing shape in numbers."""
@@ -58,6 +62,8 @@ def column(
     low: float = -np.inf,
     high: float = np.inf,
     key: str = "",
+    fields: tuple[Field, ...] | str = (),
+    unit: str = "",
 ) -> Any:
     """Declare a column of a component.
 
@@ -68,8 +74,11 @@ def column(
         low: Inclusive lower bound, published in the spaces of environments.
         high: Inclusive upper bound, likewise.
         key: Name under which environments publish it (default: the attribute's name).
+        fields: Of an Observation: what its last dimension holds, which is as long as they are, those that other
+            mechanics add included. The key of another observation for rows that are copies of that one's.
+        unit: Of its values, as in "m", "rad", "hit points".
     """
-    return Column(np.dtype(dtype), dims, fill, low, high, key)
+    return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit)
 
 
 def _table_type(cls: type["Component"]) -> Any:
@@ -98,6 +107,10 @@ class Component:
             raise DeclarationError(
                 f"{cls.__name__}.{filled[0]}: columns with buffers of their own begin as 0; "
                 "leave out fill, and write the value in a system that runs at reset"
+            )
+        if named := [name for name, value in columns.items() if value.fields and not issubclass(cls, Observation)]:
+            raise DeclarationError(
+                f"{cls.__name__}.{named[0]} has fields, which only columns of an Observation have; make each a column"
             )
         cls.columns, cls.order = columns, order
         cls.Table = _table_type(cls)
@@ -145,7 +158,7 @@ class Action(Singleton, packed=False):
 class Observation(Singleton, packed=False):
     """What the learner sees, in buffers that environments return; the column's key is the observation's key.
 
-    Columns are float32, as the spaces of observations say.
+    Columns are float32, as the spaces of observations say. What the numbers of a row are is declared by `fields`.
     """
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
@@ -153,6 +166,15 @@ class Observation(Singleton, packed=False):
         for name, value in cls.columns.items():
             if value.dtype != np.float32:
                 raise DeclarationError(f"{cls.__name__}.{name} is {value.dtype}: observations are float32, 'f4'")
+            if value.fields:
+                key = value.fields if isinstance(value.fields, str) else value.key or name
+                cls.columns[name] = replace(value, dims=(*value.dims, f"{key} fields"))
+
+    @classmethod
+    def keys(cls) -> set[str]:
+        """The keys of this observation and of all that are imported and derived from it."""
+        own = {column.key or name for name, column in cls.columns.items()}
+        return own.union(*(subclass.keys() for subclass in cls.__subclasses__()))
 
 
 class Signal(Singleton, packed=False):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .component import Component
+from .fields import Field
 from .layout import Archetype, listed
 from .module import Module
 from .references import codes, is_outside, references
@@ -57,6 +58,7 @@ def _describe_module(module: Module) -> Iterator[str]:
         yield _describe_prefab(singleton)
         components.add(type(singleton))
     yield f"{sorted(module.dims().items())} {module.damage_type}"
+    yield from (f"fields {key} {_describe_fields(added)}" for key, added in sorted(module.fields().items()))
     functions: list[Any] = [type(module).scratch] if is_outside(type(module).scratch) else []
     for system in sorted(module.systems(), key=lambda system: system.label):
         yield _describe_declaration(system)
@@ -76,10 +78,14 @@ def _describe_prefab(part: Component) -> str:
 def _describe_component(component: type[Component]) -> str:
     bases = [full_name(base) for base in component.__mro__ if not is_outside(base)]
     columns = [
-        (name, c.dtype.str, c.dims, float(c.fill), float(c.low), float(c.high), c.key)
+        (name, c.dtype.str, c.dims, float(c.fill), float(c.low), float(c.high), c.key, *_describe_fields(c.fields))
         for name, c in (component.columns if is_outside(component) else {}).items()
     ]
     return f"{full_name(component)} {bases} {component.order} {component.packed} {columns}"
+
+
+def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
+    return [each if isinstance(each, str) else (each.name, each.size, each.order) for each in fields]
 
 
 def _describe_declaration(system: System) -> str:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .component import Action, Clock, Component, Entity, Observation, Signal, Singleton, Statistic
+from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .errors import DeclarationError
+from .fields import Field, placed, width
 from .random import stream_number
 from .simd import SIMD_WIDTH
 
@@ -61,6 +62,7 @@ class Layout:
         spans: Range of rows by name of the archetype.
         dims: Size by name of the dimension.
         damage_types: The damage types of the modules, in alphabetical order.
+        fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
         places: Every column.
         initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
     """
@@ -81,6 +83,8 @@ class Layout:
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
+        self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
         for module in self.modules:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
@@ -153,6 +157,17 @@ class Layout:
         kinds = [component for component in self.components if issubclass(component, Action)]
         kinds.sort(key=lambda component: (component.order, component.__qualname__))
         return [(component, name) for component in kinds for name in component.columns]
+
+    def _observations(self) -> dict[str, tuple[str, Column]]:
+        """The mechanic that brings it and the column of every observation, by key."""
+        brought = [
+            (module.name, singleton) for module in self.modules for singleton in listed(module, "singletons", Singleton)
+        ]
+        return {
+            column.key or name: (module, column)
+            for module, singleton in brought
+            for name, column in (singleton.columns.items() if isinstance(singleton, Observation) else ())
+        }
 
     def _check_counts(self) -> None:
         """DeclarationError if an archetype is only extended."""

@@ -18,12 +18,13 @@ import contextlib
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
 from .component import Component, Singleton
 from .errors import DeclarationError, NumberError
+from .fields import Field
 from .jit import kernel
 from .layout import Archetype, Layout
 from .numbers import checked, kind_of
@@ -32,6 +33,7 @@ from .references import check_random
 from .system import Neighbour, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high), or of a key with fields by their names
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Module:
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
-        for item in fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
+        for item in dataclasses.fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
             given = vars(cls).get(item.name, dataclasses.MISSING)
             if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
@@ -81,7 +83,7 @@ class Module:
                 f"{type(self).__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
                 f"@dataclass(frozen=True) above class {type(self).__name__}"
             )
-        for item in fields(self):
+        for item in dataclasses.fields(self):
             if hasattr(Module, item.name):
                 raise DeclarationError(
                     f"{self.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "
@@ -235,25 +237,35 @@ class Module:
     def check(self, layout: Layout) -> None:
         """Raise NumberError for numbers that are impossible together with what the other modules bring."""
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+    def bounds(self, layout: Layout) -> Mapping[str, Bounds]:
         """Bounds of observations that follow from the scenario's numbers; the spaces of all environments have them.
 
         Args:
             layout: what all modules of the scenario bring.
 
         Returns:
-            By key of an observation, its lowest and its highest value, in the column's own unit: numbers, or arrays
-            that broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include
-            0, the value of rows that are not in the world.
+            By key of an observation, {field: (lowest, highest)}, in the field's own unit: numbers, or arrays with one
+            for each of the field's columns. Of a key without fields, (lowest, highest): numbers, or arrays that
+            broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include 0, the
+            value of rows that are not in the world.
 
-        The bounds of a key are the widest range that any module returns. So a mechanic that breaks another one's
-        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored.
+        The bounds of a field are the widest range that any module returns. So a mechanic that breaks another one's
+        bounds (by moving agents out of the room, say) returns its own; keys that a scenario lacks are ignored. What is
+        said of a key holds for those whose rows are copies, too: of "own" for "others".
+        """
+        return {}
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        """Fields that this module adds to the rows of observations, by key; a system of its own writes them.
+
+        Rows of "own" get {"own": (Field("stamina", "ticks", scale=100),)}, and with them "others", which are copies.
+        Fields for a key that is not in the scenario, as its mechanic is left out, are left out, too.
         """
         return {}
 
     def replace(self, **numbers: Any) -> Self:
         """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
-        known = [item.name for item in fields(self)]
+        known = [item.name for item in dataclasses.fields(self)]
         for key in numbers:
             if key not in known:
                 raise NumberError(f"{self.name} has no number '{key}'; it has: {', '.join(known) or 'none'}")
@@ -261,7 +273,7 @@ class Module:
 
     def value(self, name: str) -> Any:
         """The number `name` as kernels get it: of a choice, its index. DeclarationError if there is none."""
-        for item in fields(self):
+        for item in dataclasses.fields(self):
             if item.name == name:
                 choices = item.metadata.get("choices")
                 value = getattr(self, name)

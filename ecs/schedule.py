@@ -248,5 +248,23 @@ def _conflict(first: System, second: System) -> type[Component] | None:
             kinds = (one.kind, two.kind)
             for component in one.components:
                 if component in two.components and (kinds in CONFLICTS or kinds[::-1] in CONFLICTS):
-                    return component
+                    here, there = _fields(first, component), _fields(second, component)
+                    if not (here and there) or here & there:
+                        return component
     return None
+
+
+def _fields(system: System, component: type[Component]) -> set[str]:
+    """Names of its Offsets into an observation, which is all that it touches there; empty: it touches everything."""
+    owners = {
+        column.key or name: touched
+        for parameter in system.parameters
+        for touched in parameter.components
+        for name, column in touched.columns.items()
+        if column.fields
+    }
+    found = set()
+    for name in (parameter.name for parameter in system.parameters if parameter.kind == "offset"):
+        key = max((key for key in owners if name.startswith(f"{key}_")), key=len, default="")
+        found |= {name} if owners.get(key) is component else set()
+    return found

@@ -24,6 +24,7 @@ from .access import Parameter
 from .arguments import BLOCK, MODE, ArgumentLayout, array_view, number_view, table_view
 from .component import Clock, Component
 from .errors import DeclarationError
+from .fields import offset
 from .jit import compiled, kernel, loader, storer
 from .layout import Layout
 from .machine_code import call_address
@@ -167,6 +168,8 @@ class Generator:
                         f'damage_type: set one in the class, as in damage_type = "{module.name}"'
                     )
                 return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
+            case "offset":
+                return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
             case "numbers":
                 return self._constant(
                     f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)

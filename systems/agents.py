@@ -31,6 +31,7 @@ from outlast.ecs import (
     Entity,
     Layout,
     Module,
+    Offset,
     Read,
     RowIndex,
     Rows,
@@ -64,18 +65,16 @@ class Agents(Module):
         return [SelfView(), OthersView(), Sight(), ObservationMasks()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"agents": self.count, "others": self.count - 1, "features": 8}
+        return {"agents": self.count, "others": self.count - 1}
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Side, "agents")
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
         """Health has no lower bound: damage may exceed what is left, and is observed before the check for deaths."""
         far, most = farthest_body(layout), layout.numbers("mortality").get("limit") or math.inf
-        sides = [layout.dims.get("sides", 1) - 1] * (layout.dims["features"] - 8)  # the team, if there are teams
-        low = [0, *[0] * len(sides), -math.inf, -far, -far, *[-math.inf] * 4]
-        high = [layout.dims["agents"] - 1, *sides, most, far, far, *[math.inf] * 4]
-        return {"own": (low, high), "others": (low, high)}
+        place = -far, far
+        return {"own": {"id": (0, layout.dims["agents"] - 1), "health": (-math.inf, most), "x": place, "y": place}}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return np.zeros(dims["blocks"], np.int32)
@@ -112,25 +111,29 @@ def update_masks(
 def see_self(
     body: Read[Body],
     health: Read[Health],
-    side: Read[Side],
     entities: Read[Entity],
     agents: Rows[Side],
     view: Write[SelfView],
+    own_id: Offset,
+    own_health: Offset,
+    own_x: Offset,
+    own_y: Offset,
+    own_angle: Offset,
+    own_vx: Offset,
+    own_vy: Offset,
+    own_omega: Offset,
 ) -> None:
-    """Each agent's own row: id, [team], health, x, y, angle, vx, vy, omega. With teams it is one longer."""
+    """Each agent's own row. Once it is dead, only its id is not 0."""
     me = view.own
-    k = me.shape[1] - 7  # column of the health: behind the id, and the team if there is one
     for i in range(agents.size):
         e = agents[i]
-        me[i, 0] = i
-        if k == 2:
-            me[i, 1] = side.side[e]
-        if entities.alive[e]:
-            me[i, k] = health.points[e]
-            me[i, k + 1], me[i, k + 2], me[i, k + 3] = body.x[e], body.y[e], body.angle[e]
-            me[i, k + 4], me[i, k + 5], me[i, k + 6] = body.vx[e], body.vy[e], body.omega[e]
-        else:
-            me[i, k:] = 0
+        alive = entities.alive[e] != 0
+        me[i, own_id] = i
+        me[i, own_health] = health.points[e] if alive else 0
+        me[i, own_x], me[i, own_y] = body.x[e] if alive else 0, body.y[e] if alive else 0
+        me[i, own_angle] = body.angle[e] if alive else 0
+        me[i, own_vx], me[i, own_vy] = body.vx[e] if alive else 0, body.vy[e] if alive else 0
+        me[i, own_omega] = body.omega[e] if alive else 0
 
 
 @kernel
@@ -141,7 +144,7 @@ def fill_other(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) ->
         row[f] = own[index[e], f] if filled else 0
 
 
-@Agents.system(Phase.OBSERVE, after="agents.see_self")
+@Agents.system(Phase.OBSERVE, after=SelfView)
 def see_others(
     view: Write[OthersView],
     own: Read[SelfView],
@@ -149,5 +152,5 @@ def see_others(
     peers: Bitset[Side],
     index: RowIndex[Side],
 ) -> None:
-    """The other agents' own rows, in order of id; a dead one's row is what it would observe of itself."""
+    """The other agents' own rows, with all that mechanics add to them; a dead one's is what it observes of itself."""
     write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.own, index), True)

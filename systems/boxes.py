@@ -1,6 +1,5 @@
 """Boxes: obstacles that break, and can be carried and set up again."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +33,7 @@ from outlast.ecs import (
     Entity,
     Layout,
     Module,
+    Offset,
     Random,
     Read,
     RowIndex,
@@ -99,14 +99,15 @@ class Boxes(Module):
         layout.check_count(Box, "boxes")
         layout.check_count(BoxItem, "boxes")
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
         """A box may be set up in a wall, and leaves its item there."""
         sides = (self.width, self.width_deviation), (self.height, self.height_deviation)
         half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDING for mean, deviation in sides]
-        corners, box = half * 4, (farthest_body(layout) + self.offset) * ROUNDING
+        vertices, box = np.array(half * 4), (farthest_body(layout) + self.offset) * ROUNDING
         item = max(box, farthest_item(layout))
-        known = {"boxes": [*corners, box, box, math.inf], "box_items": [*corners, item, item], "box_slot": corners}
-        return {key: (np.negative(far), far) for key, far in known.items()}
+        slot = {"vertices": (-vertices, vertices)}
+        boxes, items = (slot | {"x": (-far, far), "y": (-far, far)} for far in (box, item))
+        return {"boxes": boxes, "box_items": items, "box_slot": slot}
 
 
 @Boxes.system(Phase.DRAW)
@@ -203,12 +204,13 @@ def outline(row: Array, shape: Array, e: int, rolled: bool) -> None:
 @kernel
 def fill_box(row: Array, e: int, filled: bool, tables: Any) -> None:
     """Vertices, position and angle of the standing box `e`."""
-    body, shape, box, rolled = tables
+    body, shape, box, rolled, vertices, x, y, angle = tables
     if filled:
-        outline(row[:8], shape, e, rolled and box.placed[e] != 0)
-        row[8], row[9], row[10] = body.x[e], body.y[e], body.angle[e]
+        outline(row[vertices : vertices + 8], shape, e, rolled and box.placed[e] != 0)
     else:
-        row[:] = 0
+        row[vertices : vertices + 8] = 0
+    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
+    row[angle] = body.angle[e] if filled else 0
 
 
 @Boxes.system(Phase.OBSERVE)
@@ -221,21 +223,25 @@ def see_boxes(
     boxes: Bitset[Box],
     index: RowIndex[Box],
     corners: int,
+    boxes_vertices: Offset,
+    boxes_x: Offset,
+    boxes_y: Offset,
+    boxes_angle: Offset,
 ) -> None:
     """Boxes that stand."""
-    tables = (body, shape, box, corners == ROLLED)
+    tables = (body, shape, box, corners == ROLLED, boxes_vertices, boxes_x, boxes_y, boxes_angle)
     write_rows(view.boxes, view.boxes_mask, masks, boxes, index, fill_box, tables)
 
 
 @kernel
 def fill_item(row: Array, e: int, filled: bool, tables: Any) -> None:
     """Vertices and position of the broken box `e` on the ground."""
-    body, shape, boxes, index, rolled = tables
+    body, shape, boxes, index, rolled, vertices, x, y = tables
     if filled:
-        outline(row[:8], shape, boxes[index[e]], rolled)
-        row[8], row[9] = body.x[e], body.y[e]
+        outline(row[vertices : vertices + 8], shape, boxes[index[e]], rolled)
     else:
-        row[:] = 0
+        row[vertices : vertices + 8] = 0
+    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
 
 
 @Boxes.system(Phase.OBSERVE)
@@ -248,13 +254,16 @@ def see_items(
     items: Bitset[BoxItem],
     index: RowIndex[BoxItem],
     corners: int,
+    box_items_vertices: Offset,
+    box_items_x: Offset,
+    box_items_y: Offset,
 ) -> None:
     """Broken boxes on the ground."""
-    tables = (body, shape, boxes, index, corners == ROLLED)
+    tables = (body, shape, boxes, index, corners == ROLLED, box_items_vertices, box_items_x, box_items_y)
     write_rows(view.box_items, view.box_items_mask, masks, items, index, fill_item, tables)
 
 
-@Boxes.system(Phase.OBSERVE, after="boxes.see_items")
+@Boxes.system(Phase.OBSERVE)
 def see_slot(
     view: Write[BoxItemView],
     bag: Read[Bag],
@@ -264,6 +273,7 @@ def see_slot(
     boxes: Rows[Box],
     index: RowIndex[BoxItem],
     corners: int,
+    box_slot_vertices: Offset,
 ) -> None:
     """The last slot of the bag, if it holds a box item."""
     for i in range(agents.size):
@@ -271,6 +281,7 @@ def see_slot(
         row = last(bag, e)
         held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
         view.box_slot_mask[i, 0] = 1 if held else 0
-        view.box_slot[i, 0, :] = 0
+        vertices = view.box_slot[i, 0, box_slot_vertices : box_slot_vertices + 8]
+        vertices[:] = 0
         if held:
-            outline(view.box_slot[i, 0], shape, boxes[index[row]], corners == ROLLED)
+            outline(vertices, shape, boxes[index[row]], corners == ROLLED)

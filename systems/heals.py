@@ -30,6 +30,7 @@ from outlast.ecs import (
     Layout,
     Module,
     NumberError,
+    Offset,
     Read,
     RowIndex,
     Rows,
@@ -70,9 +71,9 @@ class Heals(Module):
                 "that an agent can have; take fewer, or smaller ones"
             )
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
         far, amounts = farthest_item(layout), layout.prefab_values(Heal, "amount").values()
-        return {"heals": (-far, far), "heal_slot": (0, max(map(np.max, amounts)))}
+        return {"heals": {"x": (-far, far), "y": (-far, far)}, "heal_slot": {"amount": (0, max(map(np.max, amounts)))}}
 
 
 @Heals.system(Phase.EFFECT)
@@ -85,10 +86,10 @@ def heal(health: Add[Health], used: Add[HealsUsed], item: Read[Item], heal: Read
 
 
 @kernel
-def fill_heal(row: Array, e: int, filled: bool, tables: tuple[Array, Array]) -> None:
+def fill_heal(row: Array, e: int, filled: bool, tables: tuple[Array, int, int]) -> None:
     """Position of heal `e`."""
-    x, y = tables
-    row[0], row[1] = x[e] if filled else 0, y[e] if filled else 0
+    body, x, y = tables
+    row[x], row[y] = body.x[e] if filled else 0, body.y[e] if filled else 0
 
 
 @Heals.system(Phase.OBSERVE)
@@ -98,12 +99,14 @@ def see_heals(
     body: Read[Body],
     heals: Bitset[Heal],
     index: RowIndex[Heal],
+    heals_x: Offset,
+    heals_y: Offset,
 ) -> None:
     """Position of each heal on the ground."""
-    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_heal, (body.x, body.y))
+    write_rows(view.heals, view.heals_mask, masks, heals, index, fill_heal, (body, heals_x, heals_y))
 
 
-@Heals.system(Phase.OBSERVE, after="heals.see_heals")
+@Heals.system(Phase.OBSERVE)
 def see_slot(
     view: Write[HealView],
     bag: Read[Bag],
@@ -111,11 +114,12 @@ def see_slot(
     entities: Read[Entity],
     agents: Rows[Bag],
     index: RowIndex[Heal],
+    heal_slot_amount: Offset,
 ) -> None:
     """The last slot of the bag, if it holds a heal."""
     for i in range(agents.size):
         e = agents[i]
         row = last(bag, e)
         held = entities.alive[e] != 0 and row >= 0 and index[row] >= 0
-        view.heal_slot[i, 0, 0] = heal.amount[row] if held else 0
+        view.heal_slot[i, 0, heal_slot_amount] = heal.amount[row] if held else 0
         view.heal_slot_mask[i, 0] = 1 if held else 0

@@ -17,6 +17,7 @@ from outlast.ecs import (
     Layout,
     Module,
     NumberError,
+    Offset,
     Random,
     Read,
     Rows,
@@ -64,9 +65,11 @@ class SafeZone(Module):
                 f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
             )
 
-    def bounds(self, layout: Layout) -> Mapping[str, tuple[Any, Any]]:
-        far, most = _size(layout) / 2 * ROUNDING, max(self.radii) * ROUNDING
-        return {"zone": ([-far, -far, 0] * 2, [far, far, most] * 2)}
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
+        far = _size(layout) / 2 * ROUNDING
+        place, radius = (-far, far), (0, max(self.radii) * ROUNDING)
+        circle = {"x": place, "y": place, "radius": radius}
+        return {"zone": circle | {f"next_{name}": ends for name, ends in circle.items()}}
 
 
 def _size(layout: Layout) -> float:
@@ -137,8 +140,19 @@ def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand:
 
 
 @SafeZone.system(Phase.OBSERVE)
-def see_zone(zone: Read[Zone], view: Write[ZoneView], agents: Rows[Side]) -> None:
+def see_zone(
+    zone: Read[Zone],
+    view: Write[ZoneView],
+    agents: Rows[Side],
+    zone_x: Offset,
+    zone_y: Offset,
+    zone_radius: Offset,
+    zone_next_x: Offset,
+    zone_next_y: Offset,
+    zone_next_radius: Offset,
+) -> None:
     """Every agent observes the zone, dead or alive."""
     for i in range(agents.size):
-        view.zone[i, 0], view.zone[i, 1], view.zone[i, 2] = zone.x[0], zone.y[0], zone.radius[0]
-        view.zone[i, 3], view.zone[i, 4], view.zone[i, 5] = zone.next_x[0], zone.next_y[0], zone.next_radius[0]
+        row = view.zone[i]
+        row[zone_x], row[zone_y], row[zone_radius] = zone.x[0], zone.y[0], zone.radius[0]
+        row[zone_next_x], row[zone_next_y], row[zone_next_radius] = zone.next_x[0], zone.next_y[0], zone.next_radius[0]

@@ -1,12 +1,13 @@
 """Teams: agents that share their rewards and cannot hurt each other."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from outlast.components import Guard, Phase, Side, Sides
-from outlast.ecs import Layout, Module, NumberError, Rows, Singleton, Write, number
+from outlast.components import Guard, Phase, SelfView, Side, Sides
+from outlast.ecs import Field, Layout, Module, NumberError, Offset, Read, Rows, Singleton, Write, number
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,13 @@ class Teams(Module):
         return [Sides(teams=1)]
 
     def dims(self) -> dict[str, int | str]:
-        return {"sides": self.count, "features": 1}
+        return {"sides": self.count}
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"own": (Field("team", order=-1),)}  # behind the id
+
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
+        return {"own": {"team": (0, self.count - 1)}}
 
     def check(self, layout: Layout) -> None:
         if self.count > layout.dims["agents"]:
@@ -40,3 +47,10 @@ def split(side: Write[Side], guard: Write[Guard], agents: Rows[Side], count: int
         e = agents[i]
         side.side[e] = np.int32(((i + 1) * count - 1) // agents.size)
         guard.immune_to[e] = side.side[e]
+
+
+@Teams.system(Phase.OBSERVE)
+def see_team(side: Read[Side], view: Write[SelfView], agents: Rows[Side], own_team: Offset) -> None:
+    """The team of each agent, dead or alive."""
+    for i in range(agents.size):
+        view.own[i, own_team] = side.side[agents[i]]

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.snapshots import state
 from outlast.envs.snapshots.state import State
@@ -22,6 +23,7 @@ from outlast.envs.storage.atomic_write import atomic_write
 
 from . import run_header, safe_torch
 from .errors import TrainingError
+from .observation_layout import Array, ObservationLayout, earlier_scales, field_table, scales
 from .policy import ActorCritic
 from .ppo import SharedPPO
 
@@ -42,6 +44,7 @@ def capture(model: SharedPPO, header: dict[str, Any]) -> dict[str, bytes]:
     last = {
         "scenario": fingerprint(model.base_env.scenario),
         "observations": model.policy.layout.shapes,
+        "fields": field_table(model.base_env.fields),
         "actions": [int(size) for size in model.base_env.action_sizes],
     }
     return {
@@ -75,6 +78,9 @@ def restore(model: SharedPPO, files: dict[str, bytes]) -> None:
 
     Raises StateError if it is of another scenario, TrainingError if what is in it is of something else, or broken.
     """
+    header = header_of(files)
+    check_fields(header, model.base_env)
+    factors = recorded_scales(header, model.policy.layout)
     rest, random = _load(files, "rest.pt"), {"actions": model.generator, "minibatches": model.shuffler}
     if not isinstance(rest, dict) or type(rest.get("updates")) is not int:
         raise TrainingError("rest.pt of the checkpoint is not what a run goes on with")
@@ -84,10 +90,37 @@ def restore(model: SharedPPO, files: dict[str, bytes]) -> None:
     model.start()
     model.base_env.set_state(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
     load_weights(model.policy, files)
+    model.policy.rescale(factors)
     model.policy.optimizer.load_state_dict(optimiser)
     for name, generator in random.items():
         generator.set_state(rest["random"][name].clone())
-    model.num_timesteps, model._n_updates = header_of(files)["steps"], rest["updates"]
+    model.num_timesteps, model._n_updates = header["steps"], rest["updates"]
+
+
+def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
+    """TrainingError if rows of observations hold other fields here than in training. Earlier files do not say."""
+    for key, fields in header.get("fields", {}).items():
+        known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
+        if known != here:
+            raise TrainingError(
+                f"the policy was trained on rows '{key}' of {known}; here they are {here or 'not there'}"
+            )
+
+
+def recorded_scales(header: run_header.Header, layout: ObservationLayout) -> tuple[Array, Array]:
+    """The scales of inputs in training, float32 (own,) and (numbers of all kinds,). Raises TrainingError."""
+    if "fields" in header:
+        try:
+            return scales(layout, header["fields"])
+        except ValueError as error:
+            raise TrainingError(f"run.json has observations that no scenario has: {error}") from None
+    try:
+        own, kinds = earlier_scales(layout, header["scenario"]["numbers"])
+    except (KeyError, TypeError, ValueError, ArithmeticError):
+        raise TrainingError("run.json has numbers that no scenario has") from None
+    if (len(own), len(kinds)) != (layout.own, sum(kind.features for kind in layout.kinds)):
+        raise TrainingError("run.json has observations that no scenario has")
+    return own, kinds
 
 
 def load_weights(policy: ActorCritic, files: dict[str, bytes]) -> None:

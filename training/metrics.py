@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Death, Item, Score
-from outlast.ecs import Entity
+from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
@@ -106,12 +106,11 @@ class BehaviourMetrics:
         views: observations by key. actions: (..., worlds, agents, actions). attack_near and attack_far: whether an
         agent attacks with a living enemy in reach, and without; near: whether there is one.
         """
-        found = {}
-        own = views[OWN]
-        teams = own.shape[-1] - 8  # 1 if rows hold a team
-        place = own[..., teams + 2 : teams + 4]
+        found, fields = {}, self.base_env.fields
+        place = views[OWN][..., columns_of(fields[OWN], "x", "y")]
         if "zone" in views:
-            found["zone_distance"] = _length(place - views["zone"][..., :2]), living
+            middle = views["zone"][..., columns_of(fields["zone"], "x", "y")]
+            found["zone_distance"] = _length(place - middle), living
         if "attack" in self.action_names:
             attack, near = actions[..., self.action_names.index("attack")], self._near(place, living)
             found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}

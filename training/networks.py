@@ -7,7 +7,6 @@ only visible rows are queries. The numbers are those of torch.nn.MultiheadAttent
 import math
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -36,13 +35,20 @@ class Extractor(nn.Module):
         self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
         self.bias = nn.Parameter(torch.zeros(len(widths), width))
         self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True)  # its parameters only
-        own_scale, scale = scales if preset.scaled else (np.ones(layout.own), np.ones(sum(widths)))
         kinds = layout.kind_of_row() + [len(widths)] * preset.padded
         self._constant("kind", torch.tensor(kinds))
         self._constant("cells", torch.tensor(layout.cells()))
-        self._constant("own_scale", torch.as_tensor(own_scale, dtype=torch.float32))
-        self._constant("scale", torch.as_tensor(scale, dtype=torch.float32)[:, None])
+        self._constant("own_scale", torch.ones(layout.own))
+        self._constant("scale", torch.ones(sum(widths), 1))
+        self.set_scales(scales)
         self._initialise(widths)
+
+    def set_scales(self, scales: tuple[Any, Any]) -> None:
+        """What inputs are multiplied by if the preset scales them: see observation_layout.scales."""
+        if self.preset.scaled:
+            own, kinds = (torch.as_tensor(each, dtype=torch.float32) for each in scales)
+            self.own_scale.copy_(own)
+            self.scale.copy_(kinds[:, None])
 
     def forward(self, packed: Tensor) -> Tensor:
         """(batch, size) to (batch, 2 * width)."""

@@ -1,17 +1,20 @@
 """How an agent's observation lies in one row of numbers, ready for the networks."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from outlast.ecs import Fields
+
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
 OWN = "own"  # what an agent observes of itself
 RENAMED_KEYS = {"self": OWN}  # observation keys of older files: what they are called now; masks go with them
-SPEED, SPIN, SIDE = 10.0, 5.0, 2.0  # metres a second, radians a second, metres of a box: what is seldom exceeded
+SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales in files of outlast 0.1
+FieldTable = Mapping[str, Mapping[str, Sequence[float]]]  # size and scale by key and name, in order of columns
 
 
 def current_key(key: str) -> str:
@@ -83,34 +86,58 @@ def layout_of(env: Any) -> ObservationLayout:
     return ObservationLayout({key: array.shape[2:] for key, array in env.observe().items()})
 
 
-def scales(layout: ObservationLayout, numbers: Mapping[str, Any]) -> tuple[Array, Array]:
+def field_table(fields: Fields) -> FieldTable:
+    """Size and scale of the fields by key and name, as checkpoints have them."""
+    return {
+        key: {name: [field.size, float(field.scale)] for name, field in named.items()} for key, named in fields.items()
+    }
+
+
+def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
     """Factors that bring every number to about -1 to 1: float32 (own,), and (numbers of all kinds,).
 
-    numbers: the scenario's.
+    Numbers of keys without fields stay as they are. Raises ValueError where the table does not fit the layout.
     """
-    known = {current_key(key): bounds for key, bounds in _bounds(numbers).items()}
-    own = [_filled(known.get(key, ()), width) for key, width in layout.alone.items()]
-    kinds = [_filled(known.get(kind.key, ()), kind.features) for kind in layout.kinds]
-    return np.concatenate([*own, []]).astype(np.float32), np.concatenate([*kinds, []]).astype(np.float32)
+
+    def factors(key: str, width: int) -> Array:
+        if key not in table:
+            return np.ones(width)
+        fields = table[key].values()
+        row = np.repeat([1 / scale for _, scale in fields], [int(size) for size, _ in fields])
+        if len(row) != layout.shapes[key][-1]:
+            raise ValueError(f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}")
+        return np.tile(row, width // len(row))
+
+    return _joined(layout, factors)
 
 
-def _bounds(numbers: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-    """Bounds of the last numbers of each row, by first key; those before are ids and sides, which stay as they are."""
+def earlier_scales(layout: ObservationLayout, numbers: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Those of a file of outlast 0.1, which has no fields but the scenario's numbers.
+
+    By its rule, which goes by position: scales of the last numbers of a row; those before are ids and sides.
+    """
     half = numbers["room_size"] / 2 if "room_size" in numbers else 1.0
     agent = (numbers["agents_health"], half, half, math.pi, SPEED, SPEED, SPIN)
-    corners = (SIDE,) * 8
-    return {
+    vertices = (2.0,) * 8
+    known = {
         OWN: agent,
         "others": agent,
         "zone": (half,) * 6,
         "heals": (half, half),
         "heal_slot": (numbers.get("heals_amount") or 1.0,),
-        "boxes": (*corners, half, half, math.pi),
-        "box_items": (*corners, half, half),
-        "box_slot": corners,
+        "boxes": (*vertices, half, half, math.pi),
+        "box_items": (*vertices, half, half),
+        "box_slot": vertices,
     }
 
+    def factors(key: str, width: int) -> Array:
+        last = known.get(key, ())
+        return 1 / np.array([1.0] * (width - len(last)) + list(last))
 
-def _filled(bounds: tuple[float, ...], width: int) -> Array:
-    """One over the bounds, with ones before them."""
-    return 1 / np.array([1.0] * (width - len(bounds)) + list(bounds))
+    return _joined(layout, factors)
+
+
+def _joined(layout: ObservationLayout, factors: Callable[[str, int], Array]) -> tuple[Array, Array]:
+    own = [factors(key, width) for key, width in layout.alone.items()]
+    kinds = [factors(kind.key, kind.features) for kind in layout.kinds]
+    return np.concatenate([*own, []]).astype(np.float32), np.concatenate([*kinds, []]).astype(np.float32)

@@ -19,7 +19,7 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
 
 from .errors import TrainingError
-from .observation_layout import OWN, ObservationLayout, scales
+from .observation_layout import OWN, ObservationLayout
 from .policy import ActorCritic
 from .presets import preset
 
@@ -68,24 +68,14 @@ class Player:
 
     def _make_policy(self, files: dict[str, bytes]) -> ActorCritic:
         """The policy in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
-        sizes, layout, actions = self._scales(), self.layout, self.header["actions"]
+        layout, actions = self.layout, self.header["actions"]
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) > len(files["policy.pt"]):
             raise TrainingError("policy.pt is too small for the observations and actions in run.json")
+        sizes = checkpoint.recorded_scales(self.header, layout)
         policy = ActorCritic(actions, lambda _: 0.0, layout=layout, preset=self.preset, scales=sizes)
         checkpoint.load_weights(policy, files)
         return policy
-
-    def _scales(self) -> tuple[Array, Array]:
-        """The scales of inputs, as in training."""
-        try:
-            own, kinds = scales(self.layout, self.header["scenario"]["numbers"])
-        except (KeyError, TypeError, ValueError, ArithmeticError):
-            raise TrainingError("run.json has numbers that no scenario has") from None
-        needed = self.layout.own, sum(kind.features for kind in self.layout.kinds)
-        if self.preset.scaled and (len(own), len(kinds)) != needed:
-            raise TrainingError("run.json has observations that no scenario has")
-        return own, kinds
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario with the observations that this policy was trained with."""
@@ -94,6 +84,7 @@ class Player:
     def check(self, env: SurvivalVectorEnv) -> None:
         """Check that it can play in these worlds. Raises TrainingError."""
         self._check(env.observe())
+        checkpoint.check_fields(self.header, env)
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")

@@ -1,7 +1,7 @@
 """Policy and value networks with several independent actions, in the form that Stable-Baselines3's PPO asks for."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -101,6 +101,11 @@ class ActorCritic(nn.Module):
         """Actions alone: sampled, or without a generator the likeliest."""
         logs = self._logs(self.extractors[0](packed))
         return logs.argmax(2) if generator is None else self.choices.draw(logs, generator)
+
+    def rescale(self, scales: tuple[Any, Any]) -> None:
+        """Take other scales of inputs, those that weights were trained with."""
+        for extractor in self.extractors:
+            cast(Extractor, extractor).set_scales(scales)
 
     def set_training_mode(self, mode: bool) -> None:
         """Nothing here behaves differently in training."""

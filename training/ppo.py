@@ -14,7 +14,7 @@ from outlast.envs.scenarios.scenario import Scenario
 from .collector import Collector
 from .errors import TrainingError
 from .hyperparameters import PAPER, ROLLOUT, check_ranges
-from .observation_layout import layout_of, scales
+from .observation_layout import field_table, layout_of, scales
 from .policy import ActorCritic
 from .presets import DEAD, Preset
 from .rollout_buffer import AgentRolloutBuffer
@@ -60,7 +60,11 @@ class SharedPPO(PPO):  # type: ignore[misc]  # mypy does not follow it
                 n_steps=steps // worlds,
                 seed=seed,
                 device=device,
-                policy_kwargs={"layout": layout, "preset": preset, "scales": scales(layout, scenario.numbers())},
+                policy_kwargs={
+                    "layout": layout,
+                    "preset": preset,
+                    "scales": scales(layout, field_table(self.base_env.fields)),
+                },
                 rollout_buffer_class=AgentRolloutBuffer,
                 rollout_buffer_kwargs={"layout": layout, "dead": dead, "generator": self.shuffler},
                 **(PAPER | hyperparameters),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz
 
@@ -94,6 +95,22 @@ def _are_observations(given: Any) -> bool:
     return room <= MOST and all(len(shape) == 2 and mask == shape[:1] for shape, mask in kinds)
 
 
+def _are_fields(given: Any) -> bool:
+    """[size, scale] by key and name."""
+    if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
+        return False
+    entries = [entry for fields in given.values() for entry in fields.values()]
+    names = [*given, *(name for fields in given.values() for name in fields)]
+    return all(map(is_word, names)) and all(map(_is_field, entries)) and sum(size for size, _ in entries) <= MOST
+
+
+def _is_field(given: Any) -> bool:
+    if not isinstance(given, list) or len(given) != 2:
+        return False
+    size, scale = given
+    return _is_size(size) and size > 0 and type(scale) in (int, float) and SMALLEST <= scale < math.inf
+
+
 def _are_actions(given: Any) -> bool:
     few = isinstance(given, list) and 0 < len(given) <= FEW
     return few and all(_is_size(size) and size for size in given) and sum(given) <= MOST
@@ -104,6 +121,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
     "scenario": is_fingerprint,
     "observations": _are_observations,
+    "fields": _are_fields,
     "actions": _are_actions,
     "plan": is_plan,
 }

@@ -123,6 +123,23 @@ def observations(name: str) -> str:
     return _published(Observation, worlds(name), name)
 
 
+def fields(name: str) -> str:
+    """The fields of observations of the variant `name`, and the mechanics that add some to rows of others."""
+    there, rows = worlds(name), []
+    adding = {(key, field.name): m for m in there.layout.modules for key, own in m.fields().items() for field in own}
+    for key, _, _, column in published(there, Observation):
+        if isinstance(column.fields, str):
+            rows.append([code(key), f"as `{column.fields}`", "", "", "", ""])
+            continue
+        for k, field in enumerate(there.layout.fields.get(key, {}).values()):
+            last = field.columns.stop - 1
+            where = str(field.start) if field.size == 1 else f"{field.start} to {last}"
+            owner = adding.get((key, field.name))
+            who = code(type(owner).__name__) if owner else ""
+            rows.append([code(key) if k == 0 else "", code(field.name), where, field.unit, f"{field.scale:.4g}", who])
+    return grid(["key", "field", "columns", "unit", "scale", "added by"], rows)
+
+
 def statistics(name: str) -> str:
     """The statistics of an episode of the variant `name`."""
     return _published(Statistic, worlds(name), name)

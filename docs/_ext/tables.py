@@ -30,6 +30,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.numbers,
         catalogue.actions,
         catalogue.observations,
+        catalogue.fields,
         catalogue.statistics,
         catalogue.all_components,
         catalogue.component_uses,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from outlast.components import Bag, Body, Guard, Health, Item, ObservationMasks, Phase, Shape, Side, Spawned
+from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
 from outlast.components.inventory import last
 from outlast.components.sight import is_set
@@ -18,6 +19,7 @@ from outlast.ecs import (
     Entity,
     Module,
     Observation,
+    Offset,
     Read,
     Rows,
     Singleton,
@@ -46,7 +48,7 @@ class Illness(Component):
 class VialView(Observation):
     """Vials on the ground (x, y), whether the last slot holds one, and how ill one is."""
 
-    vials: Array = column("f4", "agents", "vials", 2)
+    vials: Array = column("f4", "agents", "vials", fields=PLACE)
     vials_mask: Array = column("f4", "agents", "vials", low=0, high=1)
     vial_slot_mask: Array = column("f4", "agents", 1, low=0, high=1)
     illness: Array = column("f4", "agents", 1, low=0)  # ticks
@@ -151,6 +153,8 @@ def see_vials(
     entities: Read[Entity],
     agents: Rows[Illness],
     vials: Rows[Vial],
+    vials_x: Offset,
+    vials_y: Offset,
 ) -> None:
     """Every entry is written in every tick, so that nothing is left of the tick before."""
     for i in range(agents.size):
@@ -158,8 +162,8 @@ def see_vials(
             e = vials[k]
             filled = is_set(masks.filled, i, e)
             view.vials_mask[i, k] = is_set(masks.mask, i, e)
-            view.vials[i, k, 0] = body.x[e] if filled else 0
-            view.vials[i, k, 1] = body.y[e] if filled else 0
+            view.vials[i, k, vials_x] = body.x[e] if filled else 0
+            view.vials[i, k, vials_y] = body.y[e] if filled else 0
         me, alive = agents[i], entities.alive[agents[i]] != 0
         item = last(bag, me)
         held = alive and vials[0] <= item <= vials[vials.size - 1]

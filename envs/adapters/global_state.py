@@ -3,7 +3,7 @@
 import numpy as np
 from gymnasium import spaces
 
-from outlast.components import Body, Health, Item, SelfView, Shape, Side, Zone
+from outlast.components import Body, Health, Item, SelfView, Shape, Side, ZoneView
 from outlast.ecs import Entity, Worlds
 
 from ..core.spaces import bounds
@@ -18,8 +18,8 @@ class GlobalState:
     In this order, each a block of rows; all but the flags are 0 for what is not there:
 
     ======= ===================================================================================
-    agents  alive (0, 1), then the row `own` of their observation: id, [team], health, x, y, angle, vx, vy, omega
-    zone    x, y, radius, next x, next y, next radius; only if the scenario has one
+    agents  alive (0, 1), then the row `own` of their observation, with the fields of that
+    zone    the row `zone` of their observation, likewise; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
     ======= ===================================================================================
@@ -38,28 +38,23 @@ class GlobalState:
     def __call__(self, w: int = 0) -> Array:
         """The vector of world `w`, a new array."""
         parts = [self._agents(w), self._objects(w), self._items(w)]
-        if Zone in self.worlds:
-            parts.insert(1, self._zone(w))
+        if ZoneView in self.worlds:
+            parts.insert(1, self.worlds[ZoneView].zone[w, 0])  # the same for all agents
         return np.concatenate([part.ravel() for part in parts], dtype=np.float32)
 
     def _blocks(self) -> list[tuple[int, Array]]:
         """(number of rows, low and high of the numbers of a row, float32 (2, numbers)) of every block."""
         known, flag, carrier = bounds(self.worlds), _ends(1, 0, 1), _ends(1, 0, len(self.agents))
-        zone = np.stack(known["zone"])[:, 0] if "zone" in known else _ends(6)
+        zone = [(1, np.stack(known["zone"])[:, 0])] if ZoneView in self.worlds else []
         return [
             (len(self.agents), np.hstack([flag, np.stack(known["own"])[:, 0]])),
-            (int(Zone in self.worlds), zone),
+            *zone,
             (len(self.objects), np.hstack([flag, _ends(6)])),
             (len(self.items), np.hstack([flag, _ends(2), carrier])),
         ]
 
     def _agents(self, w: int) -> Array:
         return np.column_stack([self.worlds[Entity].alive[w, self.agents], self.worlds[SelfView].own[w]])
-
-    def _zone(self, w: int) -> Array:
-        zone = self.worlds[Zone]
-        values = [zone.x, zone.y, zone.radius, zone.next_x, zone.next_y, zone.next_radius]
-        return np.concatenate([value[w] for value in values])
 
     def _objects(self, w: int) -> Array:
         body, shape = self.worlds[Body], self.worlds[Shape]

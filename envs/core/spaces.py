@@ -1,13 +1,15 @@
 """Spaces, built from what the scenario's components declare."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from outlast.ecs import Action, Column, Component, DeclarationError, Observation, Statistic, Worlds
+from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
 
 Array = np.ndarray[Any, Any]
+Ends = tuple[Array, Array]  # low, high
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -42,40 +44,68 @@ def check_published(worlds: Worlds) -> None:
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
 
 
-def bounds(worlds: Worlds) -> dict[str, tuple[Array, Array]]:
+def bounds(worlds: Worlds) -> dict[str, Ends]:
     """The lowest and highest values of all observations of one world, by key: float32 (agents, ...), maybe infinite.
 
-    The range of a key is what its column declares, narrowed to what modules say of it (see ecs.Module.bounds). Where
-    that is a single value it gets room for 1 more, as wrappers that rescale divide by the width of the range.
+    The range of a field (or of a key without fields) is what its column declares, narrowed to what modules say of it
+    (see ecs.Module.bounds). Where that is a single value it gets room for 1 more, as wrappers that rescale divide by
+    the width of the range.
 
     Raises:
-        DeclarationError: a module's bounds do not fit the shape of the column, or the low one is above the high one.
+        DeclarationError: a module's bounds do not fit the shape, have a low end above the high one, or are not by the
+            names of the key's fields.
     """
-    stated: dict[str, list[tuple[Array, Array]]] = {}
-    shapes = {key: component.row_shape(name, worlds.dims) for key, component, name, _ in published(worlds, Observation)}
-    for module in worlds.layout.modules:
-        for key, ends in module.bounds(worlds.layout).items():
-            if key in shapes:
-                stated.setdefault(key, []).append(_checked(module.name, key, ends, shapes[key]))
-    found = {}
-    for key, _, _, column in published(worlds, Observation):
-        said = stated.get(key, [(np.full(shapes[key], -np.inf), np.full(shapes[key], np.inf))])
+    layout, found = worlds.layout, {}
+    stated = [(module.name, module.bounds(layout)) for module in layout.modules]
+    for key, component, name, column in published(worlds, Observation):
+        fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
+        keys = {key, column.fields} if isinstance(column.fields, str) else {key}
+        said = [
+            _checked(module, k, ends[k], fields, shape) for module, ends in stated for k in sorted(keys & ends.keys())
+        ]
+        sizes = [field.size for field in fields.values()] or 1
+        least = np.repeat([field.low for field in fields.values()] or [-np.inf], sizes)
+        most = np.repeat([field.high for field in fields.values()] or [np.inf], sizes)
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
-            low = np.maximum(np.min([least for least, _ in said], 0), column.low).astype(np.float32)
-            high = np.minimum(np.max([most for _, most in said], 0), column.high).astype(np.float32)
+            low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in said]), np.fmax(least, column.low))
+            high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in said]), np.fmin(most, column.high))
+            low, high = low.astype(np.float32), high.astype(np.float32)
         found[key] = low, np.where(low == high, low + 1, high)
     return found
 
 
-def _checked(module: str, key: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """What a module says of a key, as arrays of the column's shape."""
+def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Array:
+    """The widest of several ends, NaN where none is given."""
+    result: Array = widest.reduce([np.full(shape, np.nan), *ends])
+    return result
+
+
+def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:
+    """What a module says of a key, as arrays of the column's shape; NaN for fields that it does not mention."""
+    if not fields:
+        return _range(f"{module}.bounds() of '{key}'", ends, shape)
+    known = ", ".join(fields)
+    if not isinstance(ends, Mapping):
+        raise DeclarationError(
+            f"{module}.bounds() of '{key}' are {ends!r:.60}: {{field: (low, high)}} is needed; its fields are {known}"
+        )
+    low, high = np.full(shape, np.nan), np.full(shape, np.nan)
+    for name, pair in ends.items():
+        if name not in fields:
+            raise DeclarationError(f"{module}.bounds() of '{key}' have no field '{name}' to be of; there are: {known}")
+        there = (..., fields[name].columns)
+        low[there], high[there] = _range(f"{module}.bounds() of '{name}' in '{key}'", pair, low[there].shape)
+    return low, high
+
+
+def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
     try:
         low, high = (np.broadcast_to(np.asarray(end, np.float64), shape) for end in ends)
     except ValueError as error:
         cure = "give numbers, or arrays that broadcast to it"
-        raise DeclarationError(f"{module}.bounds() of '{key}' do not fit its shape {shape} ({error}); {cure}") from None
+        raise DeclarationError(f"{what} do not fit its shape {shape} ({error}); {cure}") from None
     if not (low <= high).all():
-        raise DeclarationError(f"{module}.bounds() of '{key}' have a low end above the high one: {ends}; swap them")
+        raise DeclarationError(f"{what} have a low end above the high one: {ends}; swap them")
     return low, high
 
 

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Observation, Worlds
+from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation, Worlds
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
@@ -51,6 +51,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
     depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
+    Mechanics may add to rows: read them by the names in `fields`.
 
     ## Rewards
     float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
@@ -245,6 +246,15 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if out is not None:
             write(self._observations, out)
         return self._observe()
+
+    @property
+    def fields(self) -> Fields:
+        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
+
+        Of keys that declare it, so not of masks. `columns` of a field is its slice of the row, `ecs.columns_of` the
+        index of several: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
+        """
+        return self.worlds.layout.fields
 
     @property
     def flat_size(self) -> int:

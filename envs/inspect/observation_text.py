@@ -6,22 +6,25 @@ from typing import Any
 
 import numpy as np
 
+from outlast.ecs import Field, Fields, columns_of
+
 Array = np.ndarray[Any, Any]
 Lines = dict[str, list[str]]
 
-ROW = 8  # features of an agent's row without its team
-VERTICES = 8  # numbers before the place of a box
-GROUPS = {"heals": ("Heals", 0), "boxes": ("Boxes", VERTICES), "box_items": ("Broken boxes", VERTICES)}
+GROUPS = {"heals": "Heals", "boxes": "Boxes", "box_items": "Broken boxes"}
+ZONE = ("x", "y", "radius", "next_x", "next_y", "next_radius")
+MOTION = ("x", "y", "angle", "vx", "vy", "omega")
+SHOWN = {"id", "team", "health", *MOTION}
 HANDLED = {"own", "others", "zone", "heal_slot", "box_slot", *GROUPS}
 FEW = 4  # numbers of an observation of other mechanics that still make a line
 
 
 class Viewpoint:
-    """Where an agent is and faces. row: id, [team], health, x, y, angle, velocities."""
+    """An agent, where it is and faces. row: of `own` or `others`, with these fields."""
 
-    def __init__(self, row: Array) -> None:
-        self.team = int(row[1]) if len(row) > ROW else None
-        self.health, self.x, self.y, self.angle = (float(value) for value in row[-7:-3])
+    def __init__(self, row: Array, fields: Mapping[str, Field]) -> None:
+        self.id, self.health, self.x, self.y, self.angle = _values(row, fields, "id", "health", "x", "y", "angle")
+        self.team = row[fields["team"].start] if "team" in fields else None
 
     def distance(self, x: float, y: float) -> float:
         """Metres to a point."""
@@ -40,32 +43,40 @@ class Viewpoint:
         return "behind" if abs(degrees) >= 178 else f"{abs(degrees)}° {'left' if degrees > 0 else 'right'}"
 
 
-def observation_text(observation: Mapping[str, Array]) -> Lines:
-    """Lines of text by heading. observation: of one agent, float32 arrays by key.
+def observation_text(observation: Mapping[str, Array], fields: Fields) -> Lines:
+    """Lines of text by heading.
 
-    Keys of other mechanics get a line if they are short. Velocities and the outlines of boxes get none.
+    Keys of other mechanics, and the fields that they add to the agent's own row, get a line if they are short.
+    Velocities and the outlines of boxes get none.
+
+    Args:
+        observation: Of one agent, float32 arrays by key.
+        fields: Those of the environment (SurvivalVectorEnv.fields).
     """
-    if not observation["own"][-7:].any():
+    own = observation["own"]
+    if not own[columns_of(fields["own"], "health", *MOTION)].any():
         return {"Health": ["dead"]}
-    viewpoint = Viewpoint(observation["own"])
+    viewpoint = Viewpoint(own, fields["own"])
     lines = {"Health": [f"{viewpoint.health:.0f}"]}
     if "heal_slot" in observation or "box_slot" in observation:
-        lines["Next item"] = list(_slots(observation)) or ["none"]
+        lines["Next item"] = list(_slots(observation, fields)) or ["none"]
     if "zone" in observation:
-        lines["Zone"] = list(_zone(viewpoint, *(float(value) for value in observation["zone"])))
-    lines |= _agents(viewpoint, observation["others"][observation["others_mask"] > 0])
-    for key, (heading, column) in GROUPS.items():
+        lines["Zone"] = list(_zone(viewpoint, *_values(observation["zone"], fields["zone"], *ZONE)))
+    others = observation["others"][observation["others_mask"] > 0]
+    lines |= _agents(viewpoint, [Viewpoint(row, fields["others"]) for row in others])
+    for key, heading in GROUPS.items():
         if key in observation:
             rows = observation[key][observation[f"{key}_mask"] > 0]
-            lines[heading] = _nearest(viewpoint, rows[:, column : column + 2])
-    return lines | dict(_rest(observation))
+            lines[heading] = _nearest(viewpoint, rows[:, columns_of(fields[key], "x", "y")])
+    return lines | dict(_rest(observation, fields["own"]))
 
 
-def _slots(observation: Mapping[str, Array]) -> Iterator[str]:
+def _slots(observation: Mapping[str, Array], fields: Fields) -> Iterator[str]:
     if "heal_slot" in observation and observation["heal_slot_mask"][0] > 0:
-        yield f"heal, +{observation['heal_slot'][0, 0]:.0f}"
+        yield f"heal, +{observation['heal_slot'][0, fields['heal_slot']['amount'].start]:.0f}"
     if "box_slot" in observation and observation["box_slot_mask"][0] > 0:
-        width, height = np.ptp(observation["box_slot"][0].reshape(4, 2), axis=0)
+        vertices = observation["box_slot"][0, fields["box_slot"]["vertices"].columns]
+        width, height = np.ptp(vertices.reshape(4, 2), axis=0)
         yield f"box, {width:.1f} × {height:.1f} m"
 
 
@@ -83,13 +94,14 @@ def _zone(viewpoint: Viewpoint, x: float, y: float, radius: float, *after: float
         yield f"next: inside, {left:.1f} m" if left >= 0 else f"next: {-left:.1f} m away, {viewpoint.bearing(x, y)}"
 
 
-def _agents(viewpoint: Viewpoint, rows: Array) -> Lines:
+def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
     """Enemies, and friends where there are teams, nearest first."""
     lines: Lines = {heading: [] for heading in ("Enemies", "Friends")[: 1 if viewpoint.team is None else 2]}
-    for row in sorted(rows, key=lambda row: viewpoint.distance(*row[-6:-4])):
-        other = Viewpoint(row)
+    for other in sorted(others, key=lambda other: viewpoint.distance(other.x, other.y)):
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"
-        lines[heading].append(f"agent {row[0]:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}")
+        lines[heading].append(
+            f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}"
+        )
     return {heading: found or ["none in sight"] for heading, found in lines.items()}
 
 
@@ -100,8 +112,13 @@ def _nearest(viewpoint: Viewpoint, places: Array) -> list[str]:
     return [f"{len(places)} in sight, nearest {viewpoint.direction(*nearest)}"]
 
 
-def _rest(observation: Mapping[str, Array]) -> Iterator[tuple[str, list[str]]]:
-    """Observations of other mechanics."""
-    for key, values in observation.items():
-        if key not in HANDLED and not key.endswith("_mask") and values.size <= FEW:
+def _rest(observation: Mapping[str, Array], own: Mapping[str, Field]) -> Iterator[tuple[str, list[str]]]:
+    """Observations of other mechanics, and what they add to the agent's own row."""
+    added = {name: observation["own"][field.columns] for name, field in own.items() if name not in SHOWN}
+    for key, values in (added | {key: values for key, values in observation.items() if key not in HANDLED}).items():
+        if not key.endswith("_mask") and values.size <= FEW:
             yield key.replace("_", " ").capitalize(), [", ".join(f"{value:g}" for value in values.ravel())]
+
+
+def _values(row: Array, fields: Mapping[str, Field], *names: str) -> Iterator[float]:
+    return (float(row[fields[name].start]) for name in names)

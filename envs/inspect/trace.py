@@ -48,6 +48,7 @@ ROLES: tuple[tuple[type[Component], str], ...] = (
     (Item, "item"),
     (Solid, "wall"),
 )
+CIRCLES = ("x", "y", "radius", "next_x", "next_y", "next_radius")  # of the zone
 DIGITS = 4  # of metres and radians
 SECONDS = 1 / 30  # a tick, where no bodies move
 
@@ -121,7 +122,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     not in a bag and not broken; owner: a side, -1: none; wound: hit points that it lacks.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
-    zone = [_number(column[0]) for column in scene[Zone][:6]] if Zone in scene else None
+    zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
     alive = set(scene.living(Body, Shape))
     return {
         "episode": scene[Clock].episode[0],

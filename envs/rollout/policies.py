@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from outlast.ecs import columns_of
+
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 
 Policy = Callable[[Arrays], Actions]
@@ -64,22 +66,24 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
         A policy.
     """
     levels = {key: -low for key, low in env.action_columns}  # each way
-    teams = env.worlds.dims["features"] - 8  # 1 if rows hold a team
 
     def act(observations: Arrays) -> Actions:
-        own, zone = observations["own"], observations.get("zone")
-        health, position, angle = own[..., teams + 1], own[..., teams + 2 : teams + 4], own[..., teams + 4]
-        velocity, omega = own[..., teams + 5 : teams + 7], own[..., teams + 7]
+        def see(key: str, *names: str) -> Any:
+            return observations[key][..., columns_of(env.fields[key], *names)]
+
+        health, position, angle = see("own", "health"), see("own", "x", "y"), see("own", "angle")
+        velocity, omega = see("own", "vx", "vy"), see("own", "omega")
         goal, urgent = np.zeros_like(position), np.zeros(health.shape, bool)
-        if zone is not None:  # towards the next circle; at once if outside of the present one
-            goal, urgent = zone[..., 3:5], _length(position - zone[..., :2]) > 0.9 * zone[..., 2]
+        if "zone" in observations:  # towards the next circle; at once if outside of the present one
+            goal = see("zone", "next_x", "next_y")
+            urgent = _length(position - see("zone", "x", "y")) > 0.9 * see("zone", "radius")
         if "heals" in observations:
-            heal, found = _nearest(position, observations["heals"], observations["heals_mask"])
+            heal, found = _nearest(position, see("heals", "x", "y"), observations["heals_mask"])
             goal = np.where((found & ~urgent)[..., None], heal, goal)
-        others, visible = observations["others"], observations["others_mask"]
-        if teams:
-            visible = visible * (others[..., 1] != own[..., None, 1])
-        enemy, met = _nearest(position, others[..., teams + 2 : teams + 4], visible)
+        visible = observations["others_mask"]
+        if "team" in env.fields["own"]:
+            visible = visible * (see("others", "team") != see("own", "team")[..., None])
+        enemy, met = _nearest(position, see("others", "x", "y"), visible)
         close = met & (_length(enemy - position) < 2 * REACH) & ~urgent
         goal = np.where(close[..., None], enemy, goal)
         ahead, left = _rotate(2 * (goal - position) - velocity, -angle)  # slow down in time

@@ -115,30 +115,39 @@ def test_items_placed_in_a_wall() -> None:
         assert body.x[0, row] <= box.high[0, 0, 0 if kind == "heal" else 8]
 
 
-def said(key: str, low: Any, high: Any) -> Scenario:
+def said(key: str, ends: Any) -> Scenario:
     """With a mechanic that does nothing but say what can be."""
 
     @dataclasses.dataclass(frozen=True)
     class Said(Module):
         def bounds(self, layout: Any) -> Any:
-            return {key: (low, high)}
+            return {key: ends}
 
     return variant("ffa_1").with_(Said())
 
 
 def test_of_what_several_modules_say_the_widest_counts() -> None:
     """So a mechanic can break the bounds of another one; but not what a column declares."""
-    assert row("", "heal_slot", said("heal_slot", -5, 20)) == [(-5, 75)]
-    assert row("", "heal_slot", said("heal_slot", 0, 200)) == [(0, 200)]
-    assert row("", "heals_mask", said("heals_mask", -5, 5))[0] == (0, 1)
-    assert row("", "own", said("nowhere", 0, 1)) == row("ffa_1", "own")
+    assert row("", "heal_slot", said("heal_slot", {"amount": (-5, 20)})) == [(-5, 75)]
+    assert row("", "heal_slot", said("heal_slot", {"amount": (0, 200)})) == [(0, 200)]
+    assert row("", "heals_mask", said("heals_mask", (-5, 5)))[0] == (0, 1)
+    assert row("", "own", said("nowhere", (0, 1))) == row("ffa_1", "own")
+    further = said("own", {"x": (-20, 1)})
+    assert row("", "own", further)[2:4] == row("", "others", further)[2:4] == [(-20, 12.5), (-12.5, 12.5)]
+    narrow = [(-5, 5) if k == 7 else pair for k, pair in enumerate(row("ffa_1", "own"))]
+    assert row("", "own", said("own", {"omega": (-5, 5)})) == narrow
 
 
 def test_bounds_that_cannot_be_are_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'zone' do not fit its shape \(2, 6\)"):
-        make_vec(said("zone", [0, 0, 0], 1), 1)
-    with pytest.raises(DeclarationError, match=r"said.bounds\(\) of 'own' have a low end above the high one"):
-        make_vec(said("own", 1, 0), 1)
+    for key, ends, words in (
+        ("others_mask", ([0, 0, 0], 1), r"of 'others_mask' do not fit its shape \(2, 1\)"),
+        ("heals", {"x": ([0, 0], 1)}, r"of 'x' in 'heals' do not fit its shape \(2, 15, 1\)"),
+        ("own", {"x": (1, 0)}, "of 'x' in 'own' have a low end above the high one"),
+        ("own", (0, 1), r"of 'own' are \(0, 1\): {field: \(low, high\)} is needed; its fields are id, health, x"),
+        ("zone", {"z": (0, 1)}, "of 'zone' have no field 'z' to be of; there are: x, y, radius"),
+    ):
+        with pytest.raises(DeclarationError, match=r"said.bounds\(\) " + words):
+            make_vec(said(key, ends), 1)
 
 
 # ---- wrappers

@@ -208,7 +208,17 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
     "many actions": ({"actions": [60_000]}, "policy.pt is too small for the observations and actions"),
     "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
-    "numbers": ({"scenario": {"name": "x", "numbers": {"room_size": 0}}}, "numbers that no scenario has"),
+    "numbers": (
+        {"scenario": {"name": "x", "numbers": {"room_size": 0}}, "fields": None},
+        "numbers that no scenario has",
+    ),
+    "no fields": ({"fields": {"own": {}}}, "its fields cannot be"),
+    "field": ({"fields": {"own": {"id": 1}}}, "its fields cannot be"),
+    "size of a field": ({"fields": {"own": {"id": [-9, 1.0]}}}, "its fields cannot be"),
+    "large fields": ({"fields": {"own": {"id": [60_000, 1.0], "x": [60_000, 1.0]}}}, "its fields cannot be"),
+    "scale": ({"fields": {"own": {"id": [9, 0.0]}}}, "its fields cannot be"),
+    "infinite scale": ({"fields": {"own": {"id": [9, np.inf]}}}, "its fields cannot be"),
+    "few fields": ({"fields": {"own": {"id": [3, 1.0]}}}, "rows of own have 9 numbers, and fields of 3"),
     "plan": ({"plan": [1]}, "its plan cannot be"),
     "version": ({"version": 2}, "has version 2: 1 is needed"),
 }
@@ -217,7 +227,7 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("what", HEADERS)
 def test_policies_are_not_what_they_cannot_be(tmp_path: Path, files: Files, what: str) -> None:
     changes, reason = HEADERS[what]
-    header = json.loads(files["run.json"]) | changes
+    header = {key: value for key, value in (json.loads(files["run.json"]) | changes).items() if value is not None}
     checkpoint.write_checkpoint(tmp_path / "a.zip", files | {"run.json": json.dumps(header).encode()})
     with memory_limit(2**22), pytest.raises(TrainingError, match=reason) as caught:
         Player(tmp_path / "a.zip")

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import make_vec, variant
+from outlast import VARIANTS, make_vec, variant
+from outlast.ecs import Layout
 from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.observation_layout import ObservationLayout, layout_of, scales  # noqa: E402
+from outlast.training.observation_layout import ObservationLayout, earlier_scales, field_table, layout_of, scales  # noqa: E402
 from outlast.training.policy import ActorCritic, MultiCategorical  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
 
@@ -32,7 +33,7 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Obs
     packed = np.zeros((worlds, env.num_agents, layout.size), np.float32)
     env.observe(out=layout.views(packed))
     flat = {key: array.reshape(-1, *array.shape[2:]).copy() for key, array in observations.items()}
-    return layout, flat, torch.from_numpy(packed.reshape(-1, layout.size)), scales(layout, scenario.numbers())
+    return layout, flat, torch.from_numpy(packed.reshape(-1, layout.size)), scales(layout, field_table(env.fields))
 
 
 def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
@@ -168,10 +169,23 @@ def test_scaled_is_paper_on_scaled_inputs() -> None:
     assert float(inputs[:, place].abs().max()) < 1.5 < 10 < float(packed[:, place].abs().max())
 
 
+@pytest.mark.parametrize("name", VARIANTS)
+def test_scales_by_name_are_those_by_position_of_before(name: str) -> None:
+    """Bit for bit, so that policies in files of before play as they did."""
+    for scenario in (variant(name), variant(name).replace(room_size=31.0, agents_health=7, heals_amount=0)):
+        fields = Layout(scenario.modules).fields
+        layout = layout_of(make_vec(scenario, 1))
+        for one, other in zip(
+            scales(layout, field_table(fields)), earlier_scales(layout, scenario.numbers()), strict=True
+        ):
+            assert one.tobytes() == other.tobytes()
+            assert one.dtype == np.float32
+
+
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
     layout = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
-    policy = make(chosen, layout, scales(layout, {"agents_health": 100}))
+    policy = make(chosen, layout, scales(layout, {}))
     assert bool(policy.predict_values(torch.randn(5, layout.size)).isfinite().all())
 
 

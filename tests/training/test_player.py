@@ -1,6 +1,7 @@
 """Trained policies as functions, and as opponents."""
 
 import contextlib
+import json
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +22,7 @@ from outlast.training.player import Player  # noqa: E402
 from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
 from outlast.training.run_header import NAME  # noqa: E402
+from tests.helpers.added_fields import Stamina  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -115,15 +117,44 @@ def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen
     model.collect()
     views = model.policy.layout.views(model.rollout_buffer.observations[-1].reshape(4, 4, -1))
     with zipfile.ZipFile(tmp_path / "a.zip") as archive, zipfile.ZipFile(tmp_path / "before.zip", "w") as before:
-        for name in archive.namelist():
-            before.writestr(
-                name, archive.read(name).replace(b'"own"', b'"self"') if name == NAME else archive.read(name)
-            )
+        for name in set(archive.namelist()) - {NAME}:
+            before.writestr(name, archive.read(name))
+        header = json.loads(archive.read(NAME))
+        del header["fields"]  # which were not written then
+        before.writestr(NAME, json.dumps(header).replace('"own"', '"self"'))
     player = Player(tmp_path / "before.zip", seed=None)
     assert player.header["observations"].keys() == views.keys()
     assert np.array_equal(player(views), Player(tmp_path / "a.zip", seed=None)(views))
     with pytest.raises(TrainingError, match="here are"):
         player({"self" if key == "own" else key: view for key, view in views.items()})
+
+
+def test_scales_are_those_of_the_file(tmp_path: Path) -> None:
+    """Where a policy plays and where a run goes on, whatever is declared now."""
+    model = saved(tmp_path / "a.zip", "scaled")
+    files = checkpoint.read_checkpoint(tmp_path / "a.zip")
+    header = json.loads(files[NAME])
+    scale = model.policy.extractors[0].own_scale.clone()
+    where = list(header["fields"]["own"]).index("health")
+    assert scale[where] == np.float32(1 / 100)
+    header["fields"]["own"]["health"][1] = 50.0
+    scale[where] = 1 / 50
+    files |= {NAME: json.dumps(header).encode()}
+    checkpoint.write_checkpoint(tmp_path / "b.zip", files)
+    assert torch.equal(Player(tmp_path / "b.zip").policy.extractors[0].own_scale, scale)
+    checkpoint.restore(model, files)
+    assert all(torch.equal(extractor.own_scale, scale) for extractor in model.policy.extractors)
+
+
+def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
+    """As long as those of the policy, but of other numbers."""
+    model = SharedPPO(variant("ffa_1").replace(n_agents=4).with_(Stamina()), preset("original"), worlds=4, steps=256)
+    model.start()
+    checkpoint.write_checkpoint(tmp_path / "a.zip", checkpoint.capture(model, {}))
+    player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
+    player.check(model.base_env)
+    with pytest.raises(TrainingError, match=r"trained on rows 'own' of id, health, .*stamina; here they are id, team"):
+        player.check(make_vec(team, 1))
 
 
 def test_other_observations_are_refused(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import outlast
 from outlast.components import Health, Side
-from outlast.ecs import Clock
+from outlast.ecs import Clock, Layout
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import MessageError, PlayError
 from outlast.envs.inspect.observation_text import observation_text
@@ -24,6 +24,7 @@ KEYS = [  # held, tapped, and the environment's action: ahead, left, turn, attac
     ({"left": 1}, {"give": 1, "turn": -1}, (1, 2, 0, 0, 0, 1)),
     ({}, {}, (1, 1, 1, 0, 0, 0)),
 ]
+FIELDS = {name: Layout(outlast.variant(name).modules).fields for name in ("ffa_3", "teams_3")}
 
 
 def play(game: Game, ticks: int) -> None:
@@ -174,7 +175,7 @@ def test_the_text_is_the_observation():
         "heal_slot_mask": np.array([1], f4),
         "poison": np.array([2.5], f4),
     }
-    assert observation_text(observation) == {
+    assert observation_text(observation, FIELDS["teams_3"]) == {
         "Health": ["63"],
         "Next item": ["heal, +75"],
         "Zone": ["inside, 3.0 m to the edge", "next: 4.0 m away, ahead"],
@@ -188,10 +189,11 @@ def test_the_text_is_the_observation():
 def test_the_text_outside_of_the_zone_and_after_death():
     row = np.array([0, 100, 0, -8, -np.pi / 2, 0, 0, 0], np.float32)
     observation = {"own": row, "others": np.zeros((0, 8), np.float32), "others_mask": np.zeros(0, np.float32)}
-    text = observation_text(observation | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)})
+    fields = FIELDS["ffa_3"]
+    text = observation_text(observation | {"zone": np.array([0, 0, 5, 0, 0, 0], np.float32)}, fields)
     assert text["Zone"] == ["outside by 3.0 m, behind", "it vanishes next, 8.0 m behind"]
-    assert observation_text(observation | {"zone": np.zeros(6, np.float32)})["Zone"] == ["nowhere is safe"]
-    assert observation_text(observation | {"own": np.zeros(8, np.float32)}) == {"Health": ["dead"]}
+    assert observation_text(observation | {"zone": np.zeros(6, np.float32)}, fields)["Zone"] == ["nowhere is safe"]
+    assert observation_text(observation | {"own": np.zeros(8, np.float32)}, fields) == {"Health": ["dead"]}
 
 
 def test_the_text_has_the_health_of_the_world(game):

@@ -125,7 +125,7 @@ class Game:
         return {
             "phase": self.phase,
             "snapshot": snapshot(self.worlds, 0),
-            "text": observation_text(observation),
+            "text": observation_text(observation, self.env.fields),
             "death": self.death,
             "events": list(self._recent),
             "result": self._result() if self.phase is GamePhase.OVER else None,

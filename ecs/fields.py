@@ -1,0 +1,192 @@
+"""Fields: the named numbers of each row of an observation, as its column declares them and other mechanics add to them.
+
+    own: Array = column("f4", "agents", fields=(Field("id", order=-1), Field("x", "m", scale=half_room)))
+
+The row is as long as all fields of its key together. A mechanic adds some with Module.fields; kernels get a field's
+position by an Offset parameter (ecs.access), everybody else from Layout.fields.
+"""
+
+import difflib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .errors import DeclarationError
+
+SMALLEST = 1e-9  # of scales: networks multiply by their inverse in float32
+Fields = Mapping[str, Mapping[str, "Field"]]  # by key of the observation and by name, in order of their columns
+
+
+@dataclass(frozen=True)
+class Field:
+    """A named number in each row of an observation, or `size` of them that belong together, such as vertices.
+
+    Attributes:
+        name: Unique among the fields of a key.
+        unit: As in "m", "rad", "hit points"; "" for numbers without one, such as ids.
+        scale: What to divide by to get about -1 to 1: a float; in a declaration also a function of the Layout, which
+            puts its result here.
+        low: Inclusive lower bound; what mechanics return in `bounds` narrows it.
+        high: Inclusive upper bound, likewise.
+        size: How many columns it has.
+        order: Fields of a key lie in this order. Of equal ones, those that the column declares come first, one behind
+            the other, then those of other mechanics in order of the mechanics' names.
+        start: Its first column, which the layout sets.
+
+    Raises:
+        DeclarationError: A name, size or range that cannot be.
+    """
+
+    name: str
+    unit: str = ""
+    scale: Any = 1.0
+    low: float = -math.inf
+    high: float = math.inf
+    size: int = 1
+    order: int = 0
+    start: int = 0
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch("[a-z][a-z0-9_]*", self.name):
+            raise DeclarationError(
+                f"a field is called {self.name!r}: lower-case letters, digits and underscores are needed, as in "
+                'Field("stamina")'
+            )
+        if self.size < 1 or not self.low <= self.high:
+            raise DeclarationError(
+                f"the field '{self.name}' has size {self.size} and the range {self.low:g} to {self.high:g}: a size of "
+                "at least 1 and a low end that is not above the high one are needed"
+            )
+
+    @property
+    def columns(self) -> slice:
+        """Its columns in the row."""
+        return slice(self.start, self.start + self.size)
+
+
+def width(fields: Mapping[str, Field]) -> int:
+    """Length of a row of these fields."""
+    return sum(field.size for field in fields.values())
+
+
+def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
+    """Where some fields are in the last axis of rows.
+
+    >>> place = observations["own"][..., columns_of(env.fields["own"], "x", "y")]
+
+    Args:
+        fields: Those of the rows' key.
+        *names: One field of size 1 gives an integer; several give their columns in this order, as a slice where they
+            lie one behind the other (then the result is a view).
+
+    Raises:
+        KeyError: There is no such field.
+    """
+    if len(names) == 1 and fields[names[0]].size == 1:
+        return fields[names[0]].start
+    found = [k for name in names for k in range(fields[name].start, fields[name].columns.stop)]
+    span = slice(found[0], found[-1] + 1)
+    return span if found == list(range(span.start, span.stop)) else found
+
+
+def offset(fields: Fields, name: str, label: str) -> int:
+    """First column of the field that an Offset parameter is named after, KEY_FIELD.
+
+    Args:
+        fields: Layout.fields.
+        name: The parameter's name.
+        label: The system's label, for errors.
+
+    Raises:
+        DeclarationError: No field, or more than one, is called so.
+    """
+    known = [(f"{key}_{field.name}", key, field) for key, named in fields.items() for field in named.values()]
+    found = [(key, field) for full, key, field in known if full == name]
+    if len(found) == 1:
+        return found[0][1].start
+    if found:
+        owners = " and ".join(f"'{field.name}' of '{key}'" for key, field in found)
+        raise DeclarationError(
+            f"{label}: the Offset '{name}' could be the field {owners}; rename one of them, or its observation"
+        )
+    names = [full for full, _, _ in known]
+    near = difflib.get_close_matches(name, names)
+    keys = {key for _, key, _ in known if name.startswith(f"{key}_")}
+    listed = [full for full, key, _ in known if key in keys] or names
+    raise DeclarationError(
+        f"{label}: there is no field for the Offset '{name}' (KEY_FIELD, as in own_health)"
+        + (f"; did you mean {' or '.join(near)}?" if near else ";")
+        + f" There are: {', '.join(listed) or 'none'}"
+    )
+
+
+def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: set[str]) -> dict[str, dict[str, Field]]:
+    """The fields of all observations by key and name, in order of their columns, with `start` and `scale` as numbers.
+
+    Args:
+        layout: The Layout; its modules say which fields they add, and scales may be functions of it.
+        observations: (the mechanic that brings it, its Column) by key.
+        imported: Keys of all observations that any imported mechanic declares. What is added to one of them that this
+            scenario lacks is left out, as the mechanic that brings it is.
+
+    Raises:
+        DeclarationError: Fields are added to a key that nobody declares, or that has none of its own; two have one
+            name; or a scale is too small, or no number.
+    """
+    found = {
+        key: [(field.order, owner, field) for field in column.fields]
+        for key, (owner, column) in observations.items()
+        if column.fields and not isinstance(column.fields, str)
+    }
+    for module in layout.modules:
+        for key, added in module.fields().items():
+            if key in found:
+                found[key] += [(field.order, module.name, field) for field in added]
+            elif key in observations or key not in imported:
+                raise DeclarationError(_not_extended(module.name, key, observations, [*found, *imported]))
+    result = {key: dict(_in_order(layout, key, entries)) for key, entries in sorted(found.items())}
+    for key, (owner, column) in observations.items():
+        if isinstance(column.fields, str):
+            if column.fields not in result:
+                raise DeclarationError(
+                    f"the rows of '{key}' ({owner}) have the fields of '{column.fields}', which declares none here; "
+                    "add the mechanic that does, or declare fields=(Field(...), ...)"
+                )
+            result[key] = result[column.fields]
+    return result
+
+
+def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> Iterator[tuple[str, Field]]:
+    owners: dict[str, str] = {}
+    start = 0
+    for _, owner, field in sorted(entries, key=lambda entry: entry[0]):
+        if field.name in owners:
+            raise DeclarationError(
+                f"'{field.name}' is a field of '{key}' of both {owners[field.name]} and {owner}; rename one of them"
+            )
+        owners[field.name] = owner
+        scale = float(field.scale(layout) if callable(field.scale) else field.scale)
+        if not SMALLEST <= scale < math.inf:
+            raise DeclarationError(
+                f"the field '{field.name}' of '{key}' ({owner}) has the scale {scale:g}: a number of at least "
+                f"{SMALLEST:g} is needed, such as the largest value that is usual"
+            )
+        yield field.name, replace(field, scale=scale, start=start)
+        start += field.size
+
+
+def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: list[str]) -> str:
+    """Why a module cannot add fields to a key."""
+    if key not in observations:
+        near = difflib.get_close_matches(key, known)
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(sorted(set(known)))}"
+        return f"{module} adds fields to the observation '{key}', which no mechanic declares; {hint}"
+    owner, column = observations[key]
+    if column.fields:
+        return f"{module} adds fields to '{key}', whose rows have the fields of '{column.fields}': add them to that"
+    return (
+        f"{module} adds fields to '{key}', which {owner} declares without any: declare its columns by "
+        'column("f4", ..., fields=(Field(...), ...)), or publish an observation of your own'
+    )

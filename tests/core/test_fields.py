@@ -1,0 +1,259 @@
+"""Observations with named fields: mechanics add to rows of others, and nobody but the declaration knows a position."""
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import Scenario, make_vec, variant
+from outlast.components import ObservationMasks, Phase, SelfView, Side
+from outlast.ecs import (
+    Component,
+    DeclarationError,
+    Entity,
+    Field,
+    Layout,
+    Module,
+    Observation,
+    Offset,
+    Read,
+    Rows,
+    ScheduleError,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+    columns_of,
+)
+from outlast.ecs.identity import code_digest
+from outlast.envs.inspect.observation_text import observation_text
+from outlast.envs.rollout.policies import random_policy, scripted_policy
+from tests.helpers.added_fields import Age, Breath, Freshness, Stamina
+
+OWN = ["id", "health", "x", "y", "angle", "vx", "vy", "omega"]
+
+
+def names(env: Any, key: str) -> list[str]:
+    return list(env.fields[key])
+
+
+def played(scenario: Scenario, steps: int = 60) -> tuple[Any, Any]:
+    """An environment of 4 worlds after some steps of random play, in which the zone kills some, and what is seen."""
+    env = make_vec(scenario.replace(agents_health=30), 4, seed=5)
+    observations, _ = env.reset()
+    policy = random_policy(env, 0)
+    for _ in range(steps):
+        observations, *_ = env.step(policy(observations))
+    return env, observations
+
+
+def test_without_additions_the_fields_are_those_of_the_paper() -> None:
+    env = make_vec("teams_3", 1)
+    assert names(env, "own") == names(env, "others") == ["id", "team", *OWN[1:]]
+    assert names(make_vec("ffa_1", 1), "own") == OWN
+    assert [(name, field.start, field.size) for name, field in env.fields["boxes"].items()] == [
+        ("vertices", 0, 8), ("x", 8, 1), ("y", 9, 1), ("angle", 10, 1)
+    ]  # fmt: skip
+    own = env.fields["own"]
+    assert {name: field.unit for name, field in own.items()}["omega"] == "rad/s"
+    assert columns_of(own, "x", "y") == slice(3, 5)
+    assert columns_of(own, "y", "health") == [4, 2]
+    assert (columns_of(own, "team"), columns_of(env.fields["boxes"], "vertices")) == (1, slice(0, 8))
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "teams_1"])
+def test_a_field_in_the_agents_own_row(name: str) -> None:
+    """All others are as without it, bit for bit, and those who see an agent see its new field."""
+    plain, before = played(variant(name))
+    env, seen = played(variant(name).with_(Stamina()))
+    agents = env.worlds.span("agent")
+    assert names(env, "own") == [*names(plain, "own"), "stamina"]
+    living = env.worlds[Entity].alive[:, agents] != 0
+    assert not living.all()
+    own, others = seen["own"], seen["others"]
+    left = np.where(living, env.worlds[Breath].left[:, agents], 0)
+    assert left.max() > 30
+    np.testing.assert_array_equal(own[..., env.fields["own"]["stamina"].start], left)
+    np.testing.assert_array_equal(own[..., :-1], before["own"])
+    np.testing.assert_array_equal(others[..., :-1], before["others"])
+    for i in range(env.num_agents):
+        shown = (others[:, i] != 0).any(-1)
+        rest = np.delete(own, i, axis=1)
+        np.testing.assert_array_equal(others[:, i][shown], rest[shown])
+    if name == "teams_1":
+        np.testing.assert_array_equal(own[..., 1], env.worlds[Side].side[:, agents])
+    single: Any = env.single_observation_space
+    assert (single["own"].low[0, -1], single["own"].high[0, -1]) == (0, 100)
+    assert (single["others"].low[..., -1] == 0).all()
+    assert (single["others"].high[..., -1] == 100).all()
+
+
+def test_a_field_in_the_rows_of_heals_moves_the_others_of_that_row() -> None:
+    """Where a mechanic puts it first, everything that reads rows follows."""
+    scenario = variant("ffa_1").replace(cameras_mode="revealed")
+    plain, before = played(scenario)
+    env, seen = played(scenario.with_(Freshness()))
+    assert names(env, "heals") == ["age", "x", "y"]
+    heals, fields = seen["heals"], env.fields["heals"]
+    np.testing.assert_array_equal(heals[..., columns_of(fields, "x", "y")], before["heals"])
+    here = env.worlds[Entity].alive[:, env.worlds.span("heal")] != 0
+    ages = np.where(here, env.worlds[Age].ticks[:, env.worlds.span("heal")], 0)
+    np.testing.assert_array_equal(heals[:, 0, :, fields["age"].start], ages)
+    np.testing.assert_array_equal(scripted_policy(env)(seen), scripted_policy(plain)(before))
+    one = [{key: array[0, 0] for key, array in each.items()} for each in (before, seen)]
+    assert observation_text(one[1], env.fields) == observation_text(one[0], plain.fields)
+    box: Any = env.single_observation_space["heals"]
+    assert (box.low[0, 0, 0], box.high[0, 0, 0]) == (0, np.inf)
+
+
+def test_both_at_once_need_no_order_among_them() -> None:
+    env, seen = played(variant("teams_1").with_(Stamina(), Freshness()), steps=5)
+    assert names(env, "own")[-1] == "stamina"
+    assert (seen["own"][:, 0, -1] == 95).all()
+    text = observation_text({key: array[0, 0] for key, array in seen.items()}, env.fields)
+    assert text["Stamina"] == ["95"]
+
+
+def test_what_is_added_to_rows_that_are_not_there_is_left_out() -> None:
+    """As after= names systems of mechanics that may be absent."""
+
+    class Stale(Module):
+        def fields(self) -> Mapping[str, tuple[Field, ...]]:
+            return {"heals": (Field("age"),)}
+
+    assert "heals" not in Worlds(variant("ffa_1").without("heals").with_(Stale()).modules, 1).layout.fields
+
+
+def test_a_game_with_other_fields_is_another_game() -> None:
+    """A saved state or checkpoint of one is not of the other."""
+    added = [(Field("a"),), (Field("b"),), (Field("a", size=2),), (Field("a", order=-1),), (Field("a"), Field("b"))]
+    assert len({code_digest(adding("own", *fields).modules[-1]) for fields in added}) == len(added)
+    shown = [column("f4", "agents", fields=fields) for fields in added]
+    assert len({code_digest(showing(mine=each).modules[-1]) for each in shown}) == len(shown)
+
+
+# ---- what is refused
+
+
+def adding(key: str, *fields: Field) -> Scenario:
+    class Adding(Module):
+        def fields(self) -> Mapping[str, tuple[Field, ...]]:
+            return {key: fields}
+
+    return variant("ffa_1").with_(Adding())
+
+
+def showing(**columns: Any) -> Scenario:
+    view = type("View", (Observation,), columns)
+
+    class Showing(Module):
+        def singletons(self) -> list[Singleton]:
+            return [view()]
+
+    return variant("ffa_1").with_(Showing())
+
+
+REFUSED = {
+    "two of a name": (lambda: adding("own", Field("health")), "'health' .* 'own' of both agents and adding; rename"),
+    "two mechanics": (
+        lambda: adding("own", Field("stamina")).with_(Stamina()),
+        "'stamina' is a field of 'own' of both adding and stamina; rename one",
+    ),
+    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'"),
+    "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
+    "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which heals declares without any: declare"),
+    "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a number of at"),
+    "function": (lambda: adding("own", Field("a", scale=lambda _: np.inf)), "has the scale inf"),
+    "name": (lambda: adding("own", Field("Stamina left")), "a field is called 'Stamina left': lower-case letters"),
+    "size": (lambda: adding("own", Field("a", size=0)), "the field 'a' has size 0 and the range -inf to inf: a"),
+    "range": (lambda: adding("own", Field("a", low=1, high=0)), "has size 1 and the range 1 to 0"),
+    "copies of nothing": (
+        lambda: showing(mine=column("f4", "agents", fields="nothing")),
+        r"the rows of 'mine' \(showing\) have the fields of 'nothing', which declares none here",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_fields_that_cannot_be_are_refused(case: str) -> None:
+    make, words = REFUSED[case]
+    with pytest.raises(DeclarationError, match=words):
+        Layout(make().modules)
+
+
+def test_only_observations_have_fields() -> None:
+    with pytest.raises(DeclarationError, match=r"Odd.x has fields, which only columns of an Observation have"):
+
+        class Odd(Component):
+            x: Any = column("f4", fields=(Field("x"),))
+
+
+def asking(**annotations: Any) -> Scenario:
+    """With a system of these parameters in phase OBSERVE."""
+
+    class Asking(Module):
+        pass
+
+    def look(**parameters: Any) -> None:
+        pass
+
+    kinds = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    look.__signature__ = inspect.Signature([inspect.Parameter(name, kinds) for name in annotations])  # type: ignore[attr-defined]
+    look.__annotations__ = annotations
+    Asking.system(Phase.OBSERVE, compiled=False)(look)
+    return variant("ffa_1").with_(Asking())
+
+
+def test_an_offset_of_no_field_is_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"asking.look: .* no field for the Offset 'own_heath' .*own_health"):
+        Worlds(asking(own_heath=Offset).modules, 1)
+    with pytest.raises(DeclarationError, match=r"There are: .*zone_x"):
+        Worlds(asking(nothing=Offset).modules, 1)
+
+
+def test_an_offset_that_could_be_two_fields_is_refused() -> None:
+    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
+    scenario = asking(own_slot_x=Offset).with_(slot, adding("own", Field("slot_x")).modules[-1])
+    with pytest.raises(DeclarationError, match="could be the field 'slot_x' of 'own' and 'x' of 'own_slot'; rename"):
+        Worlds(scenario.modules, 1)
+
+
+def test_order_is_asked_for_where_two_touch_one_field() -> None:
+    for annotations in ({"view": Write[SelfView]}, {"view": Write[SelfView], "own_x": Offset}):
+        with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look in phase OBSERVE"):
+            Worlds(asking(**annotations).modules, 1)
+    read = asking(view=Read[SelfView], own_stamina=Offset).with_(Stamina())
+    with pytest.raises(ScheduleError, match=r"order of asking.look and stamina.see_stamina"):
+        Worlds(read.modules, 1)
+
+
+def test_a_component_stands_for_what_writes_it() -> None:
+    order = [system.label for system in Worlds(variant("teams_1").with_(Stamina()).modules, 1).schedule.systems]
+    writers = ["agents.see_self", "teams.see_team", "stamina.see_stamina"]
+    assert all(order.index(writer) < order.index("agents.see_others") for writer in writers)
+
+    class Early(Module):
+        pass
+
+    @Early.system(Phase.OBSERVE, after="agents.see_self")
+    def blur(view: Write[SelfView], agents: Rows[Side]) -> None:
+        """Ahead of agents.see_others, which says after=SelfView."""
+
+    @Early.system(Phase.OBSERVE, before=ObservationMasks)
+    def hide(masks: Write[ObservationMasks], agents: Rows[Side]) -> None:
+        """Ahead of all who read them."""
+
+    order = [system.label for system in Worlds(variant("ffa_1").with_(Early()).modules, 1).schedule.systems]
+    assert order.index("agents.see_self") < order.index("early.blur") < order.index("agents.see_others")
+    assert order.index("early.hide") < min(order.index("agents.see_others"), order.index("heals.see_heals"))
+
+
+def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
+    """An Offset into `own_slot` says nothing of the fields of `own` that the system touches."""
+    slot = showing(own_slot=column("f4", "agents", fields=(Field("x"),))).modules[-1]
+    (view,) = slot.singletons()
+    scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)  # type: ignore[misc]
+    with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
+        Worlds(scenario.modules, 1)
