@@ -1,7 +1,7 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (the tables), access, system, numbers and module (functions on them, and their numbers),
-phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
+Read in this order: component and event (the tables), access, system, numbers and module (functions on them, and their
+numbers), phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
 generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
 (its threads); then what kernels use: jit, simd, random. The errors are in errors.
 """
@@ -21,7 +21,8 @@ from .component import (
     Statistic,
     column,
 )
-from .errors import DeclarationError, EngineError, NumberError, ScheduleError
+from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
+from .event import Event, emit
 from .jit import kernel
 from .layout import Archetype, Layout
 from .module import Module
@@ -40,6 +41,7 @@ __all__ = [
     "Archetype",
     "Array",
     "Bitset",
+    "CapacityError",
     "Clock",
     "Column",
     "Component",
@@ -47,6 +49,7 @@ __all__ = [
     "DeclarationError",
     "EngineError",
     "Entity",
+    "Event",
     "Layout",
     "Module",
     "NumberError",
@@ -67,6 +70,7 @@ __all__ = [
     "Worlds",
     "Write",
     "column",
+    "emit",
     "kernel",
     "number",
 ]

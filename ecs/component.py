@@ -11,12 +11,14 @@ Action     one/world   what the learner sets, float-free, shape (worlds, agents,
 Observation one/world  what the learner sees, shape (worlds, agents, ...)
 Signal     one/world   what the learner gets beside the observation: rewards, ends
 Statistic  one/world   what is counted over an episode and reported at its end
+Event      one/world   a list of what happened in a tick (see ecs.event)
 ========== =========== ==========================================================================
 
 An instance, `Health(points=20)`, is a prefab, not a live object: the values of a new row. Every table has rows for all
 entities, zero where an archetype lacks the component, so that a row number means one entity in all tables.
 """
 
+import re
 from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
@@ -36,7 +38,7 @@ Real: TypeAlias = Any
 class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
-    `key` is the name under which environments publish it (default: the attribute's name).
+    `key` is the name under which environments publish it (default: the attribute's name); `unit` is what it measures.
     """
 
     dtype: np.dtype[Any]
@@ -45,6 +47,7 @@ class Column:
     low: float
     high: float
     key: str = ""
+    unit: str = ""
 
     def shape(self, dims: dict[str, int]) -> tuple[int, ...]:
         """Trailing shape in numbers; a name that no module defines is a DeclarationError."""
@@ -61,6 +64,7 @@ def column(
     low: float = -np.inf,
     high: float = np.inf,
     key: str = "",
+    unit: str = "",
 ) -> Any:
     """Declare a column of a component.
 
@@ -71,11 +75,17 @@ def column(
         low: Inclusive lower bound, published in the spaces of environments.
         high: Inclusive upper bound, likewise.
         key: Name under which environments publish it (default: the attribute's name).
+        unit: What it measures, as "metres". "entity" (a row), "side" and "damage type" (a number) are -1 for none.
     """
-    return Column(np.dtype(dtype), dims, fill, low, high, key)
+    return Column(np.dtype(dtype), dims, fill, low, high, key, unit)
 
 
-def _table_type(cls: type["Component"]) -> Any:
+def snake_case(name: str) -> str:
+    """SafeZone as safe_zone, HTTPServer as http_server."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def table_type(cls: type["Component"]) -> Any:
     """Namedtuple of the columns, findable by module and name so that numba can cache functions that use it."""
     table = namedtuple("Table", list(cls.columns), module=cls.__module__)  # type: ignore[misc]
     table.__name__ = cls.__name__
@@ -103,7 +113,7 @@ class Component:
                 "leave out fill, and write the value in a system that runs at reset"
             )
         cls.columns, cls.order = columns, order
-        cls.Table = _table_type(cls)
+        cls.Table = table_type(cls)
 
     def __init__(self, **fills: Any) -> None:
         for name in fills:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .component import Action, Clock, Component, Entity, Observation, Signal, Singleton, Statistic
 from .errors import DeclarationError
+from .event import Event, memory_type
 from .random import stream_number
 from .simd import SIMD_WIDTH
 
@@ -52,6 +53,7 @@ class Layout:
         dims: Size by name of the dimension.
         damage_types: The damage types of the modules, in alphabetical order.
         places: Every column.
+        events: The events, in the order of `event_type`, the memory that they take in a world.
         initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
     """
 
@@ -77,6 +79,8 @@ class Layout:
         self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
+        self.events = self._events()
+        self.event_type = memory_type(self.events, self.dims)
         self.places, self.world_bytes = self._place()
         self.initial_image = self._initial_image()
 
@@ -123,6 +127,21 @@ class Layout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _events(self) -> tuple[type[Event], ...]:
+        """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""
+        found: dict[str, type[Event]] = {}
+        for event in self.components:
+            if not issubclass(event, Event):
+                continue
+            if (other := found.setdefault(event.name, event)) is not event:
+                one, two = (f"{each.__module__}.{each.__qualname__}" for each in (other, event))
+                raise DeclarationError(f"{one} and {two} are both the event '{event.name}'; rename one of the classes")
+            capacity = event.capacity
+            if isinstance(capacity, type):
+                capacity = len(self.rows(capacity))
+            self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
+        return tuple(found.values())
 
     @property
     def actions(self) -> list[tuple[type[Component], str]]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
-from .component import Singleton
+from .component import Singleton, snake_case
 from .errors import DeclarationError, NumberError
 from .jit import kernel
 from .layout import Archetype, Layout
@@ -63,7 +63,7 @@ class Module:
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
-            cls.name = _snake_case(cls.__name__)
+            cls.name = snake_case(cls.__name__)
         for attribute in ("name", "stream"):
             value = vars(cls).get(attribute, "default")
             if not isinstance(value, dataclasses.Field) and not re.fullmatch("[a-z][a-z0-9_]*", str(value)):
@@ -248,8 +248,3 @@ def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
 
 def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names
-
-
-def _snake_case(name: str) -> str:
-    """SafeZone as safe_zone, HTTPServer as http_server."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from .access import Parameter
-from .arguments import BLOCK, MODE, ArgumentLayout, array_view, number_view, table_view
+from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
 from .cache import load
 from .cache_key import CacheKey
 from .component import Clock, Component
@@ -38,8 +38,13 @@ EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's sta
 
 
 @kernel
-def advance_clock(world: Any, initial_image: Any, mode: int) -> None:
-    """Count a tick, or start an episode. world: its state as uint64, as is initial_image."""
+def advance_clock(world: Any, initial_image: Any, events: Any, mode: int) -> None:
+    """Count a tick, or start an episode, and forget the events of the tick before.
+
+    world: its state as uint64, as is initial_image. events: how many there are of each kind, int32.
+    """
+    for k in range(events.size):
+        events[k] = 0
     if mode == RESET:
         world[EPISODE] += np.uint64(1)
         world[TICK] = np.uint64(0)
@@ -83,7 +88,8 @@ class Generator:
         slot = self.arguments.add_constant(self.layout.initial_image.view(np.uint64))
         image = self._array("image", slot, np.dtype("u8"))
         world = f"{self._view(np.dtype('u8'), 1, True)}(arguments, {BLOCK}, w)"
-        return self._loop(When.ALWAYS, f"kernel_advance_clock({world}, {image}, mode[w])")
+        events = f"{self._view(np.dtype('i4'), 1, True)}(arguments, {EVENTS}, w)"
+        return self._loop(When.ALWAYS, f"kernel_advance_clock({world}, {image}, {events}, mode[w])")
 
     def _loop_of(self, system: System) -> list[str]:
         name = "kernel_" + system.label.replace(".", "_")  # the prefix keeps it apart from the names of numbers
