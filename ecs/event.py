@@ -30,7 +30,7 @@ class Event(Singleton, packed=False):
     """A list of at most `capacity` entries for each world and tick. Columns are declared with the shape of one entry.
 
     In a world, a column has shape (capacity, ...), and `count`, int32 (1,), says how many entries there are; what lies
-    behind them is left from earlier ticks. Unit "entity": a row, "side": a side, "damage type": its number; -1: none.
+    behind them is 0. Unit "entity": a row, "side": a side, "damage type": its number; -1: none.
 
     Attributes:
         name: The class's name in snake case, unique in a scenario.
@@ -88,8 +88,7 @@ def emit(events: Any) -> int:
     """Reserve the next entry of an event's list, and return its index.
 
     Args:
-        events: The table, a parameter annotated Write[...]. Write all of its columns at that index: they hold what an
-            earlier tick has left.
+        events: The table, a parameter annotated Write[...]. Its columns are 0 at that index.
 
     Raises:
         CapacityError: The list is full.
@@ -102,10 +101,7 @@ def emit(events: Any) -> int:
 
 
 def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype[Any]:
-    """The memory of one world's events: how many there are of each kind, side by side, and all columns.
-
-    Side by side, because the engine empties the lists of a world by zeroing these numbers.
-    """
+    """The memory of one world's events: how many there are of each kind, side by side, and all columns."""
     kinds = tuple(events)
     columns = [
         (f"{event.name}.{name}", event.columns[name].dtype, event.row_shape(name, dims))
@@ -113,7 +109,36 @@ def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype
         for name in event.columns
         if name != COUNT
     ]
-    return np.dtype([(COUNT, np.int32, (len(kinds),)), *columns], align=True)
+    return np.dtype([(COUNT, np.int32, (max(1, len(kinds)),)), *columns], align=True)
+
+
+def column_places(events: Iterable[type[Event]], memory: np.dtype[Any]) -> Array:
+    """For `clear`: int32 (kinds, columns, 2), in bytes: where each column begins, and the size of an entry of it."""
+    fields: Any = memory.fields
+    places = [[fields[f"{event.name}.{name}"] for name in event.columns if name != COUNT] for event in events]
+    found = np.zeros((len(places), max(map(len, places), default=0), 2), np.int32)
+    for k, columns in enumerate(places):
+        for c, (kind, start) in enumerate(columns):
+            found[k, c] = start, kind.itemsize // max(1, kind.shape[0])
+    return found
+
+
+@kernel
+def clear(memory: Any, places: Any) -> None:
+    """Empty the lists of one world. What no entry has taken is 0 anyway, so only the others are written.
+
+    Args:
+        memory: int32 words; they begin with the counts.
+        places: See `column_places`.
+    """
+    for k in range(places.shape[0]):
+        count = memory[k]
+        memory[k] = 0
+        if count > 0:
+            for c in range(places.shape[1]):
+                start, size = places[k, c, 0], places[k, c, 1]
+                for word in range(start // 4, min((start + count * size + 3) // 4, memory.size)):
+                    memory[word] = 0
 
 
 def table(event: type[Event], kinds: tuple[type[Event], ...], memory: Array) -> Any:

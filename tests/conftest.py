@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 
-from outlast.ecs import Event, Worlds
+from outlast.ecs import Worlds
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
@@ -38,12 +38,7 @@ def digest(worlds: Worlds, where: Any = slice(None)) -> str:
     """A digest of every byte of the worlds `where`: state, events, and buffers of actions, observations and signals."""
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
-        if issubclass(component, Event):  # what lies behind the entries is left from earlier ticks
-            rows = worlds.entries(component)
-            chosen = rows[np.isin(rows["world"], np.arange(worlds.count)[where])]
-            for name in chosen.dtype.names[1:]:
-                total.update(chosen[name].tobytes())
-        elif not component.packed:
+        if not component.packed:
             for column in worlds[component]:
                 total.update(column[where].tobytes())
     return total.hexdigest()

@@ -152,9 +152,9 @@ def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
 
 
 def _events(worlds: Worlds) -> dict[str, Array]:
-    """The bytes of the events, uint8 (worlds, bytes), under a name that says how they lie; nothing without events."""
+    """The bytes of the events, uint8 (worlds, bytes), under a name that says how they lie."""
     memory = worlds.event_memory
-    return {_events_name(worlds.layout): memory.view(np.uint8).reshape(len(memory), -1)} if memory.itemsize else {}
+    return {_events_name(worlds.layout): memory.view(np.uint8).reshape(len(memory), -1)}
 
 
 @functools.lru_cache(maxsize=16)

@@ -34,7 +34,9 @@ class Ring(Event, capacity="rings"):
     """A walker rings."""
 
     agent: Array = column("i4", unit="entity")
+    mark: Array = column("i1")
     where: Array = column("f4", "memory", 2)
+    marks: Array = column("u1", 3)
 
 
 class Birth(Event, capacity=Energy):
@@ -71,7 +73,8 @@ def ring(rings: Write[Ring], place: Read[Place], clock: Read[Clock], walkers: Ro
     for n in range(times * (int(clock.tick[0]) % 3)):
         for e in walkers:
             k = emit(rings)
-            rings.agent[k] = e
+            rings.agent[k], rings.mark[k] = e, -1
+            rings.marks[k, 2] = 255
             rings.where[k, 0, 0], rings.where[k, -1, 1] = place.x[e], n
 
 
@@ -122,7 +125,7 @@ def test_events_are_rows_of_arrays() -> None:
     found = worlds.events()
     assert found.keys() == {"ring", "birth"}
     ring_rows, births = found["ring"], found["birth"]
-    assert ring_rows.dtype.names == ("world", "episode", "tick", "agent", "where")
+    assert ring_rows.dtype.names == ("world", "episode", "tick", "agent", "mark", "where", "marks")
     assert [ring_rows.dtype[name].str for name in ring_rows.dtype.names[:4]] == ["<i8", "<i8", "<i8", "<i4"]
     assert ring_rows["where"].shape == (12, 3, 2)
     assert [(r["agent"], r["where"][0, 0], r["where"][-1, 1]) for r in ring_rows] == expected(worlds, 0, 2)
@@ -131,6 +134,20 @@ def test_events_are_rows_of_arrays() -> None:
     run(worlds, STEP)
     assert len(ring_rows) == 12  # copies
     assert len(make().entries(Ring)) == 0  # nobody there rings
+
+
+def test_what_no_event_has_taken_is_zero() -> None:
+    """Also where lists become shorter, so that an entry starts with zeros, and memory is a function of the events."""
+    worlds = walked(belfry(times=1), 4)
+    for _ in range(3):
+        for kind in (Ring, Birth):
+            for values in worlds[kind][:-1]:
+                for w in range(3):
+                    assert not values[w, worlds[kind].count[w, 0] :].any()
+        run(worlds, [STEP, RESET, STEP])
+    run(worlds, [STEP, STEP, RESET])
+    assert [worlds[Ring].count[w, 0] for w in range(3)] == [6, 3, 0]
+    assert worlds[Ring].marks[0].sum() == 6 * 255
 
 
 def test_threads_change_nothing() -> None:
