@@ -21,6 +21,7 @@ from .errors import CapacityError, DeclarationError
 from .jit import kernel
 
 COUNT = "count"
+WORD = 4  # bytes
 TIMES = ("world", "episode", "tick")  # the fields that `entries` adds
 
 Array = np.ndarray[Any, Any]
@@ -112,33 +113,30 @@ def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype
     return np.dtype([(COUNT, np.int32, (max(1, len(kinds)),)), *columns], align=True)
 
 
-def column_places(events: Iterable[type[Event]], memory: np.dtype[Any]) -> Array:
-    """For `clear`: int32 (kinds, columns, 2), in bytes: where each column begins, and the size of an entry of it."""
+def list_spans(events: Iterable[type[Event]], memory: np.dtype[Any]) -> Array:
+    """For `clear`: int32 (kinds, 2), the words from which and up to which the columns of each kind lie in the memory."""
     fields: Any = memory.fields
-    places = [[fields[f"{event.name}.{name}"] for name in event.columns if name != COUNT] for event in events]
-    found = np.zeros((len(places), max(map(len, places), default=0), 2), np.int32)
-    for k, columns in enumerate(places):
-        for c, (kind, start) in enumerate(columns):
-            found[k, c] = start, kind.itemsize // max(1, kind.shape[0])
-    return found
+    found = []
+    for event in events:
+        places = [fields[f"{event.name}.{name}"] for name in event.columns if name != COUNT]
+        stops = [start + kind.itemsize for kind, start in places]
+        found.append((places[0][1] // WORD, -(-max(stops) // WORD)))
+    return np.array(found, np.int32).reshape(-1, 2)
 
 
 @kernel
-def clear(memory: Any, places: Any) -> None:
-    """Empty the lists of one world. What no entry has taken is 0 anyway, so only the others are written.
+def clear(memory: Any, spans: Any) -> None:
+    """Empty the lists of one world. A list that has been empty is 0 anyway, so only the others are written.
 
     Args:
         memory: int32 words; they begin with the counts.
-        places: See `column_places`.
+        spans: See `list_spans`.
     """
-    for k in range(places.shape[0]):
-        count = memory[k]
-        memory[k] = 0
-        if count > 0:
-            for c in range(places.shape[1]):
-                start, size = places[k, c, 0], places[k, c, 1]
-                for word in range(start // 4, min((start + count * size + 3) // 4, memory.size)):
-                    memory[word] = 0
+    for k in range(spans.shape[0]):
+        if memory[k] > 0:
+            memory[k] = 0
+            for word in range(spans[k, 0], spans[k, 1]):
+                memory[word] = 0
 
 
 def table(event: type[Event], kinds: tuple[type[Event], ...], memory: Array) -> Any:

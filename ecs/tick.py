@@ -24,7 +24,7 @@ from .cache import load
 from .cache_key import CacheKey
 from .component import Clock, Component
 from .errors import DeclarationError
-from .event import clear, column_places
+from .event import clear, list_spans
 from .jit import compiled, kernel
 from .layout import Layout
 from .module import Module
@@ -39,12 +39,12 @@ EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's sta
 
 
 @kernel
-def advance_clock(world: Any, initial_image: Any, events: Any, event_columns: Any, mode: int) -> None:
+def advance_clock(world: Any, initial_image: Any, events: Any, event_spans: Any, mode: int) -> None:
     """Count a tick, or start an episode, and forget the events of the tick before.
 
-    world: its state as uint64, as is initial_image. events, event_columns: see ecs.event.clear.
+    world: its state as uint64, as is initial_image. events, event_spans: see ecs.event.clear.
     """
-    clear(events, event_columns)
+    clear(events, event_spans)
     if mode == RESET:
         world[EPISODE] += np.uint64(1)
         world[TICK] = np.uint64(0)
@@ -89,9 +89,9 @@ class Generator:
         image = self._array("image", slot, np.dtype("u8"))
         world = f"{self._view(np.dtype('u8'), 1, True)}(arguments, {BLOCK}, w)"
         events = f"{self._view(np.dtype('i4'), 1, True)}(arguments, {EVENTS}, w)"
-        slot = self.arguments.add_constant(column_places(self.layout.events, self.layout.event_type))
-        columns = self._array("event_columns", slot, np.dtype("i4"), 3)
-        return self._loop(When.ALWAYS, f"kernel_advance_clock({world}, {image}, {events}, {columns}, mode[w])")
+        slot = self.arguments.add_constant(list_spans(self.layout.events, self.layout.event_type))
+        spans = self._array("event_spans", slot, np.dtype("i4"), 2)
+        return self._loop(When.ALWAYS, f"kernel_advance_clock({world}, {image}, {events}, {spans}, mode[w])")
 
     def _loop_of(self, system: System) -> list[str]:
         name = "kernel_" + system.label.replace(".", "_")  # the prefix keeps it apart from the names of numbers

@@ -27,6 +27,8 @@ class StepEvents:
 
     def forget(self, where: Any = slice(None)) -> None:
         """The worlds `where` (mask, indices or slice) have gone on: what is kept of them is not their last step."""
+        if not len(self._memory):
+            return
         left = self._kept.copy()
         left[where] = False
         still = left[self._kept]
@@ -34,7 +36,7 @@ class StepEvents:
 
     def read(self) -> dict[str, Array]:
         """By name of the event: see ecs.Worlds.entries."""
-        if not self._kept.any():
+        if not len(self._memory):
             return self._worlds.events()
         clock, memory = self._worlds[Clock], self._worlds.event_memory.copy()
         episode, tick = clock.episode[:, 0].copy(), clock.tick[:, 0].copy()
