@@ -3,6 +3,10 @@
 from outlast.ecs import Action, Array, column
 
 
+class Control:
+    """What agents move by: Motors or Steering, of which a scenario has at most one (see ecs.Module.slot)."""
+
+
 class Drive(Action, order=0):
     """Direction of push in the agent's own frame: ahead, to the left, and counter-clockwise."""
 

@@ -1,9 +1,11 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
 Read in this order: component and event (the tables), access, system, numbers and module (functions on them, and their
-numbers), phase and schedule (their order), layout (the memory of a world), arguments (what kernels get), tick (the code
-generator), cache, cache_files and cache_key with references (the compile cache), worlds (a batch of worlds) and workers
-(its threads); then what kernels use: jit, simd, random. The errors are in errors.
+numbers), phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values (what systems do,
+against what they declare), layout (the memory of a world), arguments (what kernels get), tick (the code generator),
+machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile cache),
+compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity (what tells
+games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Random, Read, RowIndex, Rows, Scratch, Write
@@ -21,6 +23,7 @@ from .component import (
     Statistic,
     column,
 )
+from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
 from .event import Event, emit
 from .jit import kernel
@@ -49,6 +52,7 @@ __all__ = [
     "DeclarationError",
     "EngineError",
     "Entity",
+    "EntityView",
     "Event",
     "Layout",
     "Module",

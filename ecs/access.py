@@ -3,9 +3,10 @@
 =============== =====================================================================================
 annotation      the kernel receives, for one world
 =============== =====================================================================================
-Read[C]         the table of component C, read-only: a kernel that writes it does not compile
+Read[C]         the table of component C, read-only: a kernel that writes it is refused (ecs.kernel_check)
 Write[C]        the table of C, to read and write
-Add[C]          the table of C, only ever added to (additions of integers commute, so order is free)
+Add[C]          the table of C, only ever added to: column[...] += integer, or -=; anything else is refused. Sums of
+                integers do not depend on the order, so the order of systems that add is free
 Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; where there are none, the system
                 is inactive: it is not scheduled (so an item mechanic has Rows[Item] even if it needs no list)
 Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j of block b is row 16 b + j (ecs.simd)

@@ -1,111 +1,191 @@
-"""The compile cache: generated ticks as source and machine code on disk, and as loaded functions in memory.
+"""The compile cache: the machine code of units, in memory, on disk, or compiled now, on all cores where that is safe.
 
-The folder of a tick is named by its key (cache_key); cache_files verifies the machine code in it.
+A unit's key (ecs.cache_key) says what its machine code depends on. Units that another scenario, process or version of
+this game has compiled are loaded; an edit compiles the units of the systems that it touches.
 """
 
-import hashlib
+import gc
 import os
-import stat
+import signal
 import sys
-import tempfile
-from collections.abc import Sequence
-from pathlib import Path
-from types import ModuleType
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import platformdirs
-
-from .cache_files import DISK_FULL, ChecksummedCache, atomic_write, enable_disk_cache, warn_not_cached
+from . import cache_files
 from .cache_key import CacheKey
-from .jit import entry_point
-from .system import System
+from .compile_errors import explained
+from .jit import options_of
+from .machine_code import Code, as_python, compile_function, load_code
+from .tick import Unit, run_units
 
-LOADED: dict[Any, Any] = {}  # functions by file and kernels
-DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when a tick last used them
-
-
-def load(source: str, names: dict[str, Any], systems: Sequence[System], cache_key: CacheKey | None) -> Any:
-    """Write `source` into the cache folder, run it with `names` in scope, and mark its function for compilation.
-
-    Worlds of one structure share one function in a process, however many environments are made and closed.
-    cache_key: of `systems`; None for a tick that stays plain Python, which looks up everything when it runs.
-    """
-    name = "tick_" + hashlib.sha256(source.encode()).hexdigest()[:16]
-    path = cache_folder() / (cache_key.digest if cache_key else "python") / f"{name}.py"
-    loaded = (path, cache_key is not None, *(system.kernel for system in systems))
-    if loaded not in LOADED:
-        if cache_key:
-            _discard_outdated(cache_key)
-        written = _ensure_written(path, source)
-        tick = _execute(path, source, names)
-        LOADED[loaded] = entry_point(tick) if cache_key else tick
-        if cache_key and written:
-            enable_disk_cache(LOADED[loaded])
-    return LOADED[loaded]
+ADDRESSES: dict[str, int] = {}  # of loaded units by their keys
+DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when numba last compiled them
+LOCK = threading.RLock()
+RUNNER = "tick"
+UNITS_PER_PROCESS = 4  # fewer are compiled sooner than a process has begun
 
 
-def _discard_outdated(cache_key: CacheKey) -> None:
-    """Discard machine code of kernels that have changed, or refer to what has, since numba compiled them."""
-    for kernel, digest in cache_key.kernel_digests():
-        if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
-            kernel._make_finalizer()()
-            kernel._reset_overloads()
-        DIGESTS[kernel] = digest
+class CompiledUnits:
+    """The compiled units of a tick, and the function that runs them.
 
+    Args:
+        units: All of them.
 
-def _ensure_written(path: Path, source: str) -> bool:
-    """Write `source` unless the file has it already (numba's key has the file's age); False if the disk is full."""
-    try:
-        if not path.exists() or path.read_bytes() != source.encode():
-            atomic_write(path, source)
-    except OSError as error:
-        if error.errno not in DISK_FULL:
-            raise
-        warn_not_cached(error)
-        return False
-    return True
-
-
-def _execute(path: Path, source: str, names: dict[str, Any]) -> Any:
-    """Run `source` as a module, which debuggers find in the file `path`; returns its function `tick`."""
-    module = ModuleType(f"outlast_{path.stem}")
-    module.__dict__.update(names, __file__=str(path))
-    sys.modules[module.__name__] = module  # where numba looks for it
-    exec(compile(source, path, "exec"), module.__dict__)
-    return module.tick
-
-
-def is_cached(tick: Any) -> bool:
-    """Whether this function is compiled, has machine code in the cache folder, or needs none."""
-    if not hasattr(tick, "py_func") or tick.overloads:
-        return True
-    return isinstance(tick._cache, ChecksummedCache) and tick._cache.is_valid()
-
-
-def cache_folder() -> Path:
-    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (if that is not writable) a temporary folder.
+    Attributes:
+        compiled: Labels of the units that `load` compiled, and did not find.
 
     Raises:
-        PermissionError: Another user owns the temporary folder, or may write to it.
+        DeclarationError: A system refers to something that its machine code would keep as it is now.
     """
-    if "OUTLAST_CACHE_DIR" in os.environ:
-        return Path(os.environ["OUTLAST_CACHE_DIR"])
-    folder = Path(platformdirs.user_cache_dir("outlast"))
+
+    def __init__(self, units: Sequence[Unit]) -> None:
+        kernels = {unit.label: unit.kernel for unit in units} | {RUNNER: run_units}
+        self._cache_key = CacheKey(kernels)
+        self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
+        self._keys[RUNNER] = self._cache_key.key(RUNNER, "")
+        self._units = {unit.label: unit for unit in units}
+        self.compiled: list[str] = []
+
+    @property
+    def ready(self) -> bool:
+        """Whether all machine code is loaded or lies on disk."""
+        return all(
+            key in ADDRESSES or cache_files.read(cache_files.path_of(label, key)) is not None
+            for label, key in self._keys.items()
+        )
+
+    def load(self) -> None:
+        """Load what is not loaded yet, after compiling what lies nowhere. Raises what numba raises."""
+        with LOCK:
+            codes = {label: self._read(label) for label, key in self._keys.items() if key not in ADDRESSES}
+            if missing := [label for label, code in codes.items() if code is None]:
+                self.compiled += missing
+                self._discard_outdated()
+                with _few_collections():
+                    codes |= self._compile(sorted(missing, key=self._cost, reverse=True))
+                cache_files.prune()
+            found = {label: code for label, code in codes.items() if code}
+            for label, address in zip(found, load_code(found.values()), strict=True):
+                ADDRESSES[self._keys[label]] = address
+
+    def address(self, label: str) -> int:
+        """Of a unit's function."""
+        return ADDRESSES[self._keys[label]]
+
+    def runner(self) -> Any:
+        """The compiled form of ecs.tick.run_units; ahead of its arguments come two addresses (see as_python)."""
+        return as_python(self.address(RUNNER), run_units.__code__.co_argcount)
+
+    def _read(self, label: str) -> Code | None:
+        return cache_files.read(cache_files.path_of(label, self._keys[label]))
+
+    def _cost(self, label: str) -> int:
+        return self._cache_key.size(label)
+
+    def _discard_outdated(self) -> None:
+        """Discard what numba compiled of kernels that have changed since, or refer to what has."""
+        for kernel, digest in self._cache_key.kernel_digests():
+            if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
+                kernel._make_finalizer()()
+                kernel._reset_overloads()
+            DIGESTS[kernel] = digest
+
+    def _compile(self, labels: Sequence[str]) -> dict[str, Code]:
+        """Compile these units and keep them on disk."""
+        done: dict[str, Code] = {}
+
+        def work(label: str) -> None:
+            done[label] = self._compile_one(label)
+            cache_files.write(cache_files.path_of(label, self._keys[label]), done[label])
+
+        _spread(labels, work)
+        for label in labels:
+            if label not in done:  # another process compiled it, unless that failed
+                if code := self._read(label):
+                    done[label] = code
+                else:
+                    work(label)
+        return done
+
+    def _compile_one(self, label: str) -> Code:
+        unit = self._units.get(label)
+        function = unit.function() if unit else run_units
+        kernel = unit.kernel if unit else run_units
+        name, qualified = function.__name__, function.__qualname__
+        function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # its symbol is unique
+        options = options_of(getattr(kernel, "py_func", kernel))
+        try:
+            with explained(unit.system if unit else None):
+                return compile_function(function, function.__code__.co_argcount, options)
+        finally:
+            function.__name__, function.__qualname__ = name, qualified
+
+
+def _spread(labels: Sequence[str], work: Callable[[str], None]) -> None:
+    """Call `work` for each label, in this process and in forks of it, which take the next one from a pipe in turns.
+
+    What a fork does is seen on disk only; what one fails to do is not done. Without forks everything is done.
+    """
+    processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if _may_fork() else 1
+    if processes <= 1:
+        for label in labels:
+            work(label)
+        return
+    queue, source = os.pipe()
+    os.write(source, b"".join(k.to_bytes(2, "little") for k in range(len(labels))))
+    os.close(source)
+
+    def work_on() -> None:
+        while index := os.read(queue, 2):
+            work(labels[int.from_bytes(index, "little")])
+
+    children: list[int] = []
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return _temporary_folder()
-    return folder if os.access(folder, os.W_OK) else _temporary_folder()
+        for _ in range(processes - 1):
+            children.append(_fork(work_on))
+        work_on()
+        while children:
+            os.waitpid(children[-1], 0)
+            children.pop()
+    finally:
+        os.close(queue)
+        for child in children:  # an error, or Ctrl-C
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
 
 
-def _temporary_folder() -> Path:
-    """A temporary folder that only this user may write to, as the code in it is executed."""
-    if not hasattr(os, "getuid"):  # Windows: each user has a temporary folder of their own
-        return Path(tempfile.gettempdir()) / "outlast"
-    folder = Path(tempfile.gettempdir()) / f"outlast-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        raise PermissionError(f"{folder} belongs to others: name a folder for compiled code in OUTLAST_CACHE_DIR")
-    return folder
+def _fork(work: Callable[[], None]) -> int:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: see _may_fork
+        child = os.fork()
+    if child == 0:
+        try:
+            warnings.simplefilter("ignore")
+            work()
+        finally:
+            os._exit(0)
+    return child
+
+
+def _may_fork() -> bool:
+    """Whether a fork can compile: on Linux, where no other thread of Python could hold a lock for ever."""
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+
+
+@contextmanager
+def _few_collections() -> Iterator[None]:
+    """Collect garbage rarely: the compiler makes millions of objects that stay, and to search them takes time."""
+    before = gc.get_threshold()
+    gc.set_threshold(100_000, 50, 50)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

@@ -1,91 +1,133 @@
-"""The compile cache's files: numba's machine code on disk, verified by checksums before it is loaded.
+"""The compile cache's files: one for each unit of machine code, verified by a checksum before it is loaded.
 
-Numba loads whatever it finds: a damaged file raises an error of pickle's, or is executed. Here a file beside them has
-their checksums. Files that do not match (of an interrupted process, of two that wrote at once) are deleted, and the
-function is compiled again. This protects from accidents, not from attacks: who may write to the folder may run code.
+A file that does not match its checksum (of a full disk, of a process that was killed) counts as absent, and is written
+again. This protects from accidents, not from attacks: who may write to the folder may run code.
 """
 
+import contextlib
 import errno
 import hashlib
 import json
 import os
+import shutil
+import stat
 import tempfile
+import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from numba.core.caching import FunctionCache
+import platformdirs
+
+from .machine_code import Code
 
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # other errors of the disk are raised
+DAY = 86_400  # seconds
+UNUSED = 30 * DAY  # what nobody loaded for so long is deleted
+LARGEST = 256 * 2**20  # bytes of all files together; of more, the longest unused are deleted
+SUFFIX = ".unit"
 
 
-class ChecksummedCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one function of one signature, with checksums. Where the disk is full, nothing is cached."""
+def path_of(label: str, key: str) -> Path:
+    """The file of a unit."""
+    return cache_folder() / f"{label}-{key}{SUFFIX}"
 
-    def is_valid(self) -> bool:
-        """Whether there is machine code, and it matches its checksums."""
-        try:
-            return bool(json.loads(self._checksum_file.read_text()) == self._checksums() != {})
-        except (OSError, ValueError):
-            return False
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled function, or None if it must be compiled."""
-        if self.is_valid():
-            try:
-                return super().load_overload(sig, target_context)
-            except Exception as error:  # of any type, from pickle; also where another process writes at the same time
-                warnings.warn(f"machine code in {self.cache_path} is of no use: {error!r}", stacklevel=2)
-        self._delete()
+def read(path: Path) -> Code | None:
+    """The machine code in a file; None if there is none, or it is damaged."""
+    try:
+        content = path.read_bytes()
+        if time.time() - path.stat().st_mtime > DAY:
+            os.utime(path)  # in use: see prune
+    except OSError:
+        return None
+    head, _, image = content.partition(b"\n")
+    try:
+        header = json.loads(head)
+        code = Code(header["symbol"], image, header["constants"])
+        return code if header["checksum"] == _checksum(code) else None
+    except (ValueError, TypeError, KeyError):
         return None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the compiled function and its checksums."""
-        try:
-            super().save_overload(sig, data)
-            atomic_write(self._checksum_file, json.dumps(self._checksums()))
-        except OSError as error:
-            warn_not_cached(error)
 
-    @property
-    def _checksum_file(self) -> Path:
-        return Path(self.cache_path) / f"{self._impl.filename_base}.json"
-
-    def _code_files(self) -> list[Path]:
-        return sorted(Path(self.cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"))
-
-    def _checksums(self) -> dict[str, str]:
-        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in self._code_files()}
-
-    def _delete(self) -> None:
-        try:
-            for path in [self._checksum_file, *self._code_files()]:
-                path.unlink(missing_ok=True)
-        except OSError as error:
-            warn_not_cached(error)
-
-
-def enable_disk_cache(function: Any) -> None:
-    """Let `function`, which is compiled at its first call, load its machine code from disk and save it there."""
+def write(path: Path, code: Code) -> bool:
+    """Write a file, whole or not at all; False, with a warning, if the disk is full."""
     try:
-        function._cache = ChecksummedCache(function.py_func)
-    except RuntimeError as error:  # numba found no folder that it may write to
-        warn_not_cached(error)
+        head = json.dumps({"checksum": _checksum(code), "symbol": code.symbol, "constants": code.constants})
+    except TypeError:  # a constant that JSON does not have: it is compiled again in each process
+        return False
+    try:
+        _atomic_write(path, head.encode() + b"\n" + code.image)
+    except OSError as error:
+        if error.errno not in DISK_FULL:
+            raise
+        warnings.warn(f"compiled code is not kept for later processes: {error}", RuntimeWarning, stacklevel=3)
+        return False
+    return True
 
 
-def atomic_write(path: Path, text: str) -> None:
+def prune() -> None:
+    """Delete what was not used for long, then the longest unused, until the rest is small enough."""
+    now, size = time.time(), 0
+    with contextlib.suppress(OSError):
+        for used, bytes_, path in sorted(_found(cache_folder()), reverse=True):
+            size += bytes_
+            if now - used > UNUSED or size > LARGEST:
+                with contextlib.suppress(OSError):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
+    """Time of the last use, size and path of each unit, and of each folder that outlast 0.1 kept a tick in."""
+    for path in folder.iterdir():
+        found = path.lstat()
+        if path.suffix == SUFFIX and stat.S_ISREG(found.st_mode):
+            yield found.st_mtime, found.st_size, path
+        elif stat.S_ISDIR(found.st_mode) and any(path.glob("tick_*.py")):
+            yield found.st_mtime, 0, path
+
+
+def _checksum(code: Code) -> str:
+    told = json.dumps([code.symbol, code.constants]).encode()
+    return hashlib.sha256(told + code.image).hexdigest()
+
+
+def _atomic_write(path: Path, content: bytes) -> None:
     """Write a whole file or none, and make its folder. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     try:
-        with os.fdopen(handle, "w") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
         os.replace(temporary, path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
 
 
-def warn_not_cached(error: Exception) -> None:
-    """Warn that the next process will compile again, and why."""
-    warnings.warn(f"compiled code is not kept for later processes: {error}", RuntimeWarning, stacklevel=3)
+def cache_folder() -> Path:
+    """$OUTLAST_CACHE_DIR, else the user's cache folder, else (if that is not writable) a temporary folder.
+
+    Raises:
+        PermissionError: Another user owns the temporary folder, or may write to it.
+    """
+    if "OUTLAST_CACHE_DIR" in os.environ:
+        return Path(os.environ["OUTLAST_CACHE_DIR"])
+    folder = Path(platformdirs.user_cache_dir("outlast"))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return _temporary_folder()
+    return folder if os.access(folder, os.W_OK) else _temporary_folder()
+
+
+def _temporary_folder() -> Path:
+    """A temporary folder that only this user may write to, as the code in it is executed."""
+    if not hasattr(os, "getuid"):  # Windows: each user has a temporary folder of their own
+        return Path(tempfile.gettempdir()) / "outlast"
+    folder = Path(tempfile.gettempdir()) / f"outlast-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise PermissionError(f"{folder} belongs to others: name a folder for compiled code in OUTLAST_CACHE_DIR")
+    return folder

@@ -1,14 +1,15 @@
-"""The compile cache's key: a hash of everything that the machine code of a tick depends on.
+"""The compile cache's key: a hash of everything that the machine code of a system depends on.
 
-Numba's own key has the generated file of the tick only: not the files of the kernels it calls, the bodies of functions
-without a file (of notebooks, of closures), the globals that are frozen into machine code, or numba's flags. Here the
-references of every compiled system are followed, and a reference that cannot be followed is an error.
+Numba's own key has the file of the function only: not those of the kernels it calls, the bodies of functions without a
+file (of notebooks, of closures), the globals that are frozen into machine code, or numba's flags. Here the references
+of every compiled system are followed, and a reference that cannot be followed is an error. Docstrings and the numbers
+of lines are not in it.
 """
 
 import functools
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -17,54 +18,48 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 from numba.core.extending import _Intrinsic
 
 from .errors import DeclarationError
-from .jit import compiled
+from .jit import OPTIONS, compiled
 from .references import codes, references, refuse_random
-from .system import System
 
 # Packages and modules that their version identifies, which is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
 PLAIN = (bool, int, float, complex, str, bytes, range, slice, np.generic, np.dtype, numba.types.Type, type(None))
+GENERATORS = ("arguments", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
 IGNORED_FLAGS = ("NUM_THREADS", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "CACHE_DIR")  # change no machine code
 
 
 class CacheKey:
-    """The functions that some systems compile to machine code, and what they refer to, as hashes.
+    """The kernels that some systems compile to machine code, and all that they refer to, as hashes.
 
     Args:
-        systems: Systems of a schedule. Those that stay Python are left out.
+        kernels: Kernels by the labels of their systems.
 
     Raises:
         DeclarationError: A system refers to something whose changes could not be noticed, such as an instance of a
             user's class, or to a random generator.
     """
 
-    def __init__(self, systems: Iterable[System]) -> None:
+    def __init__(self, kernels: Mapping[str, Any]) -> None:
         self._texts: dict[FunctionType, list[str]] = {}  # its code and constants
         self._callees: dict[FunctionType, list[FunctionType]] = {}
         self._dispatchers: dict[FunctionType, Any] = {}  # numba's, of those that are kernels
-        self._roots: list[FunctionType] = []  # of the systems
-        for system in systems:
-            if system.compiled:
-                self._label = system.label
-                self._roots.append(self._add(system.kernel, system.label))
+        self._roots: dict[str, FunctionType] = {}
+        for self._label, kernel in kernels.items():
+            self._roots[self._label] = self._add(kernel, self._label)
 
-    @functools.cached_property
-    def digest(self) -> str:
-        """Hash of all systems, of the engine's and the game's sources, of versions and of numba's flags."""
-        package = Path(__file__).parent.parent
-        digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
-        for name, value in sorted(vars(numba.config).items()):
-            if name.isupper() and name not in IGNORED_FLAGS and isinstance(value, (bool, int, float, str)):
-                digest.update(f"{name}={value}".encode())
-        for path in sorted(
-            path for folder in ("ecs", "components", "systems") for path in (package / folder).rglob("*.py")
-        ):
-            digest.update(path.name.encode() + path.read_bytes())
-        digest.update(self._digest(self._roots).encode())
-        return digest.hexdigest()[:16]
+    def key(self, label: str, source: str) -> str:
+        """Hash of a system's kernel, its unit's source, the engine, the processor, versions and numba's flags."""
+        return hashlib.sha256(f"{_engine()} {self._digest([self._roots[label]])} {source}".encode()).hexdigest()[:24]
+
+    def size(self, label: str) -> int:
+        """Bytes of bytecode that its machine code is made of, which says how long that takes."""
+        return sum(
+            len(code.co_code) for function in self._closure([self._roots[label]]) for code in codes(function.__code__)
+        )
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:
         """Every kernel, and a hash of what its own machine code depends on."""
@@ -72,14 +67,20 @@ class CacheKey:
             yield kernel, self._digest([function])
 
     def _digest(self, roots: Iterable[FunctionType]) -> str:
-        digest, ahead, seen = hashlib.sha256(), list(roots), set()
+        digest = hashlib.sha256()
+        for function in self._closure(roots):
+            digest.update("\n".join(self._texts[function]).encode())
+        return digest.hexdigest()
+
+    def _closure(self, roots: Iterable[FunctionType]) -> Iterator[FunctionType]:
+        """The functions and all that they call, each once."""
+        ahead, seen = list(roots), set()
         while ahead:
             function = ahead.pop()
             if function not in seen:
                 seen.add(function)
                 ahead += self._callees[function]
-                digest.update("\n".join(self._texts[function]).encode())
-        return digest.hexdigest()
+                yield function
 
     def _add(self, target: Any, name: str) -> FunctionType:
         """Add a function, an intrinsic's definition or a kernel, and its references; returns the Python function."""
@@ -91,7 +92,8 @@ class CacheKey:
         text = self._texts[function] = [f"{name} {sorted(getattr(target, 'targetoptions', {}).items())}"]
         self._callees[function] = []
         for code in codes(function.__code__):
-            plain = [constant for constant in code.co_consts if not isinstance(constant, CodeType)]
+            described = code is function.__code__ and code.co_consts[:1] == (function.__doc__,)
+            plain = [each for each in code.co_consts[described:] if not isinstance(each, CodeType)]
             constants = [sorted(map(repr, each)) if isinstance(each, frozenset) else repr(each) for each in plain]
             text.append(f"{code.co_qualname}{code.co_names}{code.co_code.hex()}{constants}")
         for inner, value in references(function):
@@ -150,6 +152,25 @@ class CacheKey:
             f"{self._label} refers to {name}, {type(value).__name__} {value!r:.60}: machine code would keep it as it "
             f"is now, and a change of it would go unnoticed; {cure}"
         )
+
+
+@functools.cache
+def _engine() -> str:
+    """Hash of what all machine code depends on."""
+    names = (
+        numba.__version__,
+        llvmlite.__version__,
+        np.__version__,
+        get_host_cpu_name(),
+        get_host_cpu_features().flatten(),
+    )
+    digest = hashlib.sha256(repr((*names, sorted(OPTIONS.items()))).encode())
+    for name, value in sorted(vars(numba.config).items()):
+        if name.isupper() and name not in IGNORED_FLAGS and isinstance(value, (bool, int, float, str)):
+            digest.update(f"{name}={value}".encode())
+    for name in GENERATORS:
+        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
+    return digest.hexdigest()
 
 
 def _is_foreign(target: Any) -> bool:

@@ -114,7 +114,7 @@ def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype
 
 
 def list_spans(events: Iterable[type[Event]], memory: np.dtype[Any]) -> Array:
-    """For `clear`: int32 (kinds, 2), the words from which and up to which the columns of each kind lie in the memory."""
+    """For `clear`: int32 (kinds, 2), the words from which and up to which the columns of each kind lie in memory."""
     fields: Any = memory.fields
     found = []
     for event in events:

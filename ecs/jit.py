@@ -3,32 +3,69 @@
 Kernels are serial and release the GIL; Worlds runs them on threads. Division follows numpy (no exceptions inside a
 kernel) and fast-math is never used: the same input must give the same bits.
 
+Kernels from outside of outlast check every index: one that is out of range raises IndexError, and is a crash
+otherwise. OUTLAST_BOUNDSCHECK=0 in the environment switches that off, for the time it takes.
+
 The second half is for calling a C library from a kernel: its functions by symbol, and loads and stores at an
 address. Nothing checks an address; only a backend that has verified the library's layout may use them.
 """
 
+import ctypes
 import functools
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, TypeVar
 
 import llvmlite.binding
 import numba
+import numpy as np
 from numba import types
+from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
-from numba.extending import intrinsic
+from numba.extending import models, register_model
+
+from .errors import DeclarationError
+from .references import is_outside
 
 OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
+NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # arguments of np.errstate
+BOUNDS_CHECKS = os.environ.get("OUTLAST_BOUNDSCHECK", "1") != "0"  # of kernels from outside of outlast
 Function = TypeVar("Function", bound=Callable[..., object])
+_INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Within it, kernels that Python calls in this thread run as plain Python, and so do those that they call."""
+    token = _INTERPRETED.set(True)
+    try:
+        with np.errstate(**NUMPY_AS_COMPILED):
+            yield
+    finally:
+        _INTERPRETED.reset(token)
+
+
+def options_of(function: Any) -> dict[str, Any]:
+    """Numba's options for a kernel.
+
+    Outlast's own allocate no memory, and compile faster without reference counts. Others check their indices.
+    """
+    if is_outside(function):
+        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
+    return {**OPTIONS, "_nrt": False}
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
     """A function that compiled functions call, without the wrappers for Python (a sixth of the time to compile).
 
-    When Python calls it nevertheless, such as a test, it is compiled once more, with them.
+    When Python calls it nevertheless, such as a test, it is compiled once more, with them; or see `interpreted`.
     """
 
-    def __call__(self, *arguments: Any) -> Any:
-        return entry_point(self.py_func)(*arguments)
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        function = self.py_func if _INTERPRETED.get() else entry_point(self.py_func)
+        return function(*arguments, **named)
 
 
 def kernel(function: Function, *, inline: bool = True) -> Function:
@@ -42,7 +79,8 @@ def kernel(function: Function, *, inline: bool = True) -> Function:
     Returns:
         The function; under NUMBA_DISABLE_JIT as it is.
     """
-    compiled = numba.njit(**OPTIONS, forceinline=inline, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    options = {**options_of(function), "forceinline": inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled = numba.njit(**options)(function)
     if compiled is not function:  # it is under NUMBA_DISABLE_JIT
         compiled.__class__ = _Kernel
     return compiled  # type: ignore[no-any-return]
@@ -56,7 +94,7 @@ def noinline_kernel(function: Function) -> Function:
 @functools.cache
 def entry_point(function: Function) -> Function:
     """Compile `function` to be called from Python."""
-    return numba.njit(**OPTIONS, no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
+    return numba.njit(**options_of(function), no_cfunc_wrapper=True)(function)  # type: ignore[no-any-return]
 
 
 def compiled() -> bool:
@@ -77,20 +115,87 @@ def has_symbol(name: str) -> bool:
     return llvmlite.binding.address_of_symbol(name) is not None
 
 
-def external(name: str, returns: str, *arguments: str) -> Any:
-    """The C function `name` for use inside kernels; types are numba's names, pointers are "intp".
+class External(types.ExternalFunction):  # type: ignore[misc]
+    """A C function that kernels call. cure: what to do where Python would have to call it."""
+
+    cure = ""
+
+    @property
+    def refusal(self) -> str:
+        """Why Python cannot call it, and what to do."""
+        return f"only machine code can call the C function {self.symbol}; {self.cure}"
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Raise DeclarationError."""
+        raise DeclarationError(self.refusal)
+
+
+register_model(External)(models.OpaqueModel)
+
+
+def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
+    """The C function `name` for use inside kernels.
 
     Resolved by name when a kernel is linked, so kernels that call it can be cached on disk.
+
+    Args:
+        name: Its symbol.
+        returns: Type of its result: numba's name of it; a pointer is "intp".
+        *arguments: Types of its arguments, likewise.
+        cure: What the user can do where the kernel is to run as Python, for the error.
     """
     kinds = [getattr(types, argument) for argument in arguments]
-    return types.ExternalFunction(name, getattr(types, returns)(*kinds))
+    function = External(name, getattr(types, returns)(*kinds))
+    function.cure = cure
+    return function
+
+
+class Intrinsic(_Intrinsic):  # type: ignore[misc]
+    """A function whose machine code is written out for kernels, and which has a plain form, `python`, for Python."""
+
+    python: Callable[..., Any]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the plain form."""
+        return self.python(*arguments)
+
+    def _reduce_states(self) -> dict[str, Any]:
+        return {**super()._reduce_states(), "python": self.python}
+
+    @classmethod
+    def _rebuild(cls, uuid: str, name: str, defn: Any, python: Any) -> Any:  # type: ignore[override]
+        result = super()._rebuild(uuid, name, defn)
+        result.python = python
+        return result
+
+
+def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
+    """Declare a function that kernels and Python can call.
+
+    Args:
+        python: Its plain form.
+
+    Returns:
+        A decorator of what numba calls the definition of an intrinsic. It returns the function; under
+        NUMBA_DISABLE_JIT the plain form.
+    """
+
+    def define(definition: Callable[..., Any]) -> Any:
+        if not compiled():
+            return python
+        result = Intrinsic(definition.__name__, definition)
+        result.python = python
+        result._register()
+        return result
+
+    return define
 
 
 def loader(kind: str) -> Any:
     """A function `(address) -> value` for kernels that reads one `kind` (numba's name, as "float32")."""
     value = getattr(types, kind)
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic(lambda address: _memory(address, kind)[()])
     def load(typing: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
@@ -105,7 +210,10 @@ def storer(kind: str) -> Any:
     """A function `(address, value)` for kernels that writes one `kind`; the value is cast to it."""
     value = getattr(types, kind)
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    def python_store(address: int, number: Any) -> None:
+        _memory(address, kind)[()] = number
+
+    @intrinsic(python_store)
     def store(typing: Any, address: Any, number: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             pointer = builder.inttoptr(arguments[0], context.get_data_type(value).as_pointer())
@@ -115,3 +223,10 @@ def storer(kind: str) -> Any:
         return types.void(types.intp, value), generate
 
     return store
+
+
+def _memory(address: int, kind: str) -> Any:
+    """One `kind` at an address, as an array without dimensions."""
+    dtype = np.dtype(kind)
+    memory: Any = (ctypes.c_char * dtype.itemsize).from_address(address)
+    return np.ndarray((), dtype, memory)

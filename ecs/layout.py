@@ -4,6 +4,7 @@ All packed columns of one world are contiguous, so a tick reads one stretch of m
 world is to copy bytes. Columns that environments return (actions, observations, signals) have buffers of their own.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -25,12 +26,21 @@ class Archetype:
 
     Several modules may declare the same archetype: counts add up, components join. A count of 0 extends
     an archetype that another module declares.
+
+    Attributes:
+        name: Unique among kinds.
+        parts: Its components, with their prefab values.
+        count: How many entities this module adds.
+        alive: Whether they are in the world right after reset.
+        order: Where its rows lie: kinds of smaller numbers come first. Kinds without a number follow all that have one.
+            Ties go by name. One number for all modules that declare the kind.
     """
 
     name: str
     parts: tuple[Component, ...]
     count: int = 0
-    alive: bool = True  # in the world right after reset
+    alive: bool = True
+    order: int | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +69,8 @@ class Layout:
 
     def __init__(self, modules: Sequence[Any]) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
-        self.archetypes = _merge(a for module in self.modules for a in module.archetypes())
+        self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
+        self._check_counts()
         self.spans: dict[str, range] = {}
         start = 0
         for name, archetype in self.archetypes.items():
@@ -71,18 +82,30 @@ class Layout:
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
-        self.singletons = {type(s): s for module in self.modules for s in module.singletons()}
+        self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         for module in self.modules:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
+        self._check_dims()
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
         self.event_type = memory_type(self.events, self.dims)
         self.places, self.world_bytes = self._place()
         self.initial_image = self._initial_image()
+
+    def __repr__(self) -> str:
+        """A line for each archetype: its rows, whether they are alive after reset, and its components."""
+        lines = [
+            f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"
+        ]
+        for name, archetype in self.archetypes.items():
+            span, parts = self.spans[name], ", ".join(type(part).__name__ for part in archetype.parts)
+            here = f"row {span.start}" if len(span) == 1 else f"rows {span.start} to {span.stop - 1}"
+            lines.append(f"  {name}: {here}{'' if archetype.alive else ', not alive at first'}: {parts}")
+        return "\n".join(lines)
 
     def rows(self, *components: type[Component]) -> np.ndarray[Any, Any]:
         """int32 rows of all entities whose archetype has every one of `components`."""
@@ -149,6 +172,30 @@ class Layout:
         kinds = [component for component in self.components if issubclass(component, Action)]
         kinds.sort(key=lambda component: (component.order, component.__qualname__))
         return [(component, name) for component in kinds for name in component.columns]
+
+    def _check_counts(self) -> None:
+        """DeclarationError if an archetype is only extended."""
+        for name, archetype in self.archetypes.items():
+            if archetype.count == 0:
+                makers = self.modules[0].providers(
+                    lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
+                )
+                raise DeclarationError(
+                    f"modules extend the archetype '{name}', but none declares how many there are; add "
+                    f"{makers or 'a module that does'}"
+                )
+
+    def _check_dims(self) -> None:
+        """DeclarationError if a column has a dimension that no module defines."""
+        for component in self.components:
+            for name, column in component.columns.items():
+                for dim in column.dims:
+                    if isinstance(dim, str) and dim not in self.dims:
+                        makers = self.modules[0].providers(lambda module: dim in module.dims())  # noqa: B023
+                        raise DeclarationError(
+                            f"no module defines the dimension '{dim}'; known: {', '.join(sorted(self.dims))}. "
+                            f"{component.__name__}.{name} needs it: add {makers or 'a module whose dims() has it'}"
+                        )
 
     def _place(self) -> tuple[list[Place], int]:
         places, offset = [], 0
@@ -219,9 +266,9 @@ def _fill(table: Any, where: Any, part: Component) -> None:
 
 
 def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
-    """Join the declarations of each archetype by several modules; rows are in alphabetical order of names."""
+    """Join the declarations of each archetype by several modules, in the order of rows."""
     merged: dict[str, Archetype] = {}
-    for part in sorted(parts, key=lambda archetype: archetype.name):
+    for part in parts:
         before = merged.get(part.name, Archetype(part.name, ()))
         have = {type(component) for component in before.parts}
         for component in part.parts:
@@ -229,11 +276,34 @@ def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
                 raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
             if type(component) in have:
                 raise DeclarationError(f"two modules give '{part.name}' the component {type(component).__name__}")
-        parts_ = before.parts + part.parts
-        merged[part.name] = Archetype(part.name, parts_, before.count + part.count, before.alive and part.alive)
-    for archetype in merged.values():
-        if archetype.count == 0:
+        orders = {before.order, part.order} - {None}
+        if len(orders) > 1:
             raise DeclarationError(
-                f"modules extend the archetype '{archetype.name}', but none declares how many there are"
+                f"modules give '{part.name}' the orders {before.order} and {part.order}; let one of them leave it out"
             )
-    return merged
+        merged[part.name] = Archetype(
+            part.name,
+            before.parts + part.parts,
+            before.count + part.count,
+            before.alive and part.alive,
+            next(iter(orders), None),
+        )
+    places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
+    return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
+
+
+def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
+    """What a module's method returns, as a list. DeclarationError if it is no list of instances of `kind`."""
+    given = getattr(module, method)()
+    many = isinstance(given, Iterable)
+    items = list(given) if many else [given]
+    for item in items:
+        if not (many and isinstance(item, kind)):
+            found = item if isinstance(item, type) else type(item)
+            shown = f"the class {found.__name__}" if found is item else found.__name__
+            example = found if issubclass(found, kind) else kind
+            raise DeclarationError(
+                f"{module.name}.{method}() returned {'a list with ' if many else ''}{shown}: a list of instances of "
+                f"{kind.__name__} is needed, as in return [{example.__name__}(...)]"
+            )
+    return items

@@ -14,6 +14,7 @@ random numbers are those of the stream "poison.sicken": a subclass draws what it
 `stream` keeps the draws of a mechanic that gets another name.
 """
 
+import contextlib
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -21,14 +22,14 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
-from .component import Singleton, snake_case
+from .component import Component, Singleton, snake_case
 from .errors import DeclarationError, NumberError
 from .jit import kernel
 from .layout import Archetype, Layout
 from .numbers import checked, kind_of
 from .phase import Phase
 from .references import check_random
-from .system import System
+from .system import Neighbour, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -91,8 +92,11 @@ class Module:
             object.__setattr__(self, item.name, value)
 
     @classmethod
-    def slot(cls) -> type["Module"]:
-        """Modules of one slot exclude each other. By default: a class and its subclasses."""
+    def slot(cls) -> type:
+        """Modules of one slot exclude each other. By default: a class and its subclasses.
+
+        Mechanics that do not know each other return one class that both know, such as a component.
+        """
         base = cls._base()
         return base.slot() if base else cls
 
@@ -113,8 +117,8 @@ class Module:
         cls,
         phase: Phase,
         *,
-        after: str | tuple[str, ...] = (),
-        before: str | tuple[str, ...] = (),
+        after: Neighbour | tuple[Neighbour, ...] = (),
+        before: Neighbour | tuple[Neighbour, ...] = (),
         compiled: bool = True,
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
@@ -123,16 +127,19 @@ class Module:
 
         Args:
             phase: The phase of the tick that the system runs in.
-            after: What it runs after, within the phase: labels of systems ("zone.shrink"), or names of mechanics
-                ("zone"), which stand for all systems of that mechanic, or of the one in its slot.
-            before: What it runs before, likewise.
+            after: What it runs after, within the phase: labels of systems ("zone.shrink"), names of mechanics
+                ("zone"), which stand for all systems of that mechanic, or of the one in its slot, or components, which
+                stand for the other systems that write or add to them. Labels and names win over components.
+            before: What it runs before, likewise; a component stands for the other systems that read, write or add to
+                it.
             compiled: False for a system that stays Python, which splits the tick there.
 
         Returns:
             A decorator that returns the function as a kernel.
 
         Raises:
-            DeclarationError: `phase` is not a phase, or a parameter has an annotation that is not in ecs.access.
+            DeclarationError: `phase` is not a phase, `after` or `before` is something else than said above, or a
+                parameter has an annotation that is not in ecs.access.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
@@ -142,6 +149,7 @@ class Module:
 
         def register(function: Function) -> Function:
             label = f"{cls.name}.{function.__name__}"
+            earlier, later = _neighbours(label, "after", after), _neighbours(label, "before", before)
             declared = parameters(function)
             check_random(function, label)
             inner = kernel(function) if compiled else function
@@ -152,8 +160,8 @@ class Module:
                 function=function,
                 kernel=inner,
                 parameters=declared,
-                after=_names(after),
-                before=_names(before),
+                after=earlier,
+                before=later,
                 compiled=compiled,
                 stream=f"{cls._stream()}.{function.__name__}",
                 slot=cls,
@@ -185,7 +193,28 @@ class Module:
     @classmethod
     def imported_systems(cls) -> list[System]:
         """The systems of all mechanics that are imported, in a scenario or not."""
-        return sum((subclass.imported_systems() for subclass in cls.__subclasses__()), cls._all_systems())
+        return [system for kind in cls._imported() for system in kind._all_systems()]
+
+    @classmethod
+    def _imported(cls) -> list[type["Module"]]:
+        return [cls, *(kind for subclass in cls.__subclasses__() for kind in subclass._imported())]
+
+    @staticmethod
+    def providers(provides: Callable[["Module"], bool]) -> str:
+        """The imported mechanics that, with their default numbers, provide something; for errors that name the cure.
+
+        Args:
+            provides: Whether an instance does.
+
+        Returns:
+            Their classes' names, without subclasses of each other: "FreeForAll or Teams"; empty if there is none.
+        """
+        found = list[type[Module]]()
+        for kind in Module._imported():
+            with contextlib.suppress(Exception):  # a user's class that cannot be made, or not without numbers
+                if provides(kind()):
+                    found.append(kind)
+        return " or ".join(sorted({kind.__name__ for kind in found if not {*kind.__mro__[1:]} & {*found}}))
 
     def archetypes(self) -> Iterable[Archetype]:
         """The entities this module brings or extends."""
@@ -246,5 +275,13 @@ def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
     return same and "<locals>" not in new.__qualname__
 
 
-def _names(names: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else names
+def _neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
+    """What was given as `after` or `before`, as a tuple. DeclarationError if it is neither text nor component."""
+    neighbours = given if isinstance(given, tuple) else (given,)
+    for each in neighbours:
+        if not isinstance(each, str) and not (isinstance(each, type) and issubclass(each, Component)):
+            raise DeclarationError(
+                f"{label} has {keyword}={each!r:.60}: a system's label, a mechanic's name or the class of a component "
+                f'is needed, or a tuple of them, as in {keyword}="motors" or {keyword}=Health'
+            )
+    return neighbours

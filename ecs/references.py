@@ -35,6 +35,11 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     yield from ((f"default {k} of {function.__name__}", value) for k, value in enumerate(defaults))
 
 
+def is_outside(target: Any) -> bool:
+    """Whether a function or class is from outside of this package: part of a user's mechanic."""
+    return str(target.__module__).partition(".")[0] != __name__.partition(".")[0]
+
+
 def codes(code: CodeType) -> Iterator[CodeType]:
     """A code object and those of the functions, lambdas and comprehensions in it."""
     yield code

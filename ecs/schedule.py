@@ -35,13 +35,20 @@ class Schedule:
         return "\n".join(lines)
 
 
-def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Schedule:
+def order(
+    systems: Iterable[System], present: Iterable[type[Component]], chains: Sequence[Sequence[str]] = ()
+) -> Schedule:
     """Put systems in order. The order of `systems` does not matter.
+
+    Args:
+        systems: The systems of a scenario.
+        present: Its components.
+        chains: Labels of systems or names of mechanics, each of which runs before the next one of its chain.
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
-            `after`/`before` names what is unknown or in another phase, or runs in a circle; or two systems of a phase
-            touch a component in conflicting ways without saying who goes first.
+            `after`, `before` or a chain names what is unknown or in another phase, or runs in a circle; or two systems
+            of a phase touch a component in conflicting ways without saying who goes first.
     """
     systems = sorted(systems, key=lambda system: system.label)
     for one, two in pairwise(systems):
@@ -56,9 +63,12 @@ def order(systems: Iterable[System], present: Iterable[type[Component]]) -> Sche
     for system in systems:
         phases.setdefault(system.phase, []).append(system)
     known = [*systems, *Module.imported_systems()]
+    pairs = [pair for chain in chains for pair in pairwise(chain)]
+    for pair in pairs:
+        _check_pair(pair, known)
     ordered: list[System] = []
     for phase in sorted(phases, key=lambda phase: phase.position):
-        ordered += _order_phase(phases[phase], known)
+        ordered += _order_phase(phases[phase], known, pairs)
     return Schedule(tuple(ordered))
 
 
@@ -81,7 +91,12 @@ def _bringing(component: type[Component]) -> str:
     """What to do so that a scenario has the component."""
     if issubclass(component, Event):  # whoever emits or reads an event may bring it
         return f"bring it, as in def singletons(self): return [{component.__name__}()]"
-    return "add the module that does"
+
+    def brings(module: Module) -> bool:
+        parts = [part for archetype in module.archetypes() for part in archetype.parts]
+        return component in map(type, [*module.singletons(), *parts])
+
+    return f"add {Module.providers(brings) or 'the module that does'}"
 
 
 def _check_streams(systems: Sequence[System]) -> None:
@@ -96,19 +111,13 @@ def _check_streams(systems: Sequence[System]) -> None:
                 )
 
 
-def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[System]:
+def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]) -> list[System]:
     """Topological order by after/before, ties by label; then every conflicting pair must be connected.
 
     known: the systems of the scenario, and of all mechanics that are imported, to distinguish a typo in after/before
     from a mechanic that is left out.
     """
-    earlier: dict[str, set[str]] = {system.label: set() for system in systems}
-    for system in systems:
-        for name in system.after:
-            earlier[system.label] |= _named(name, system, systems, known)
-        for name in system.before:
-            for later in _named(name, system, systems, known):
-                earlier[later].add(system.label)
+    earlier = _predecessors(systems, known, pairs)
     ordered: list[System] = []
     predecessors: dict[str, set[str]] = {}
     waiting = list(systems)
@@ -124,30 +133,94 @@ def _order_phase(systems: Sequence[System], known: Sequence[System]) -> list[Sys
     return ordered
 
 
-def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
-    """Labels of those of the phase's `systems` that `name` stands for in the after/before of the system `asking`.
+def _predecessors(
+    systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]]
+) -> dict[str, set[str]]:
+    """By label, what is to run earlier: by labels and names, and by components where these say nothing else."""
+    earlier: dict[str, set[str]] = {system.label: set() for system in systems}
+    by_component: set[tuple[str, str]] = set()  # (first, second)
+    for system in systems:
+        others = [other for other in systems if other is not system]
+        for each in system.after:
+            if isinstance(each, str):
+                earlier[system.label] |= _named(each, system, systems, known)
+            else:
+                by_component |= {(o.label, system.label) for o in others if o.touches(each, "write", "add")}
+        for each in system.before:
+            if isinstance(each, str):
+                for later in _named(each, system, systems, known):
+                    earlier[later].add(system.label)
+            else:
+                by_component |= {(system.label, o.label) for o in others if o.touches(each, "read", "write", "add")}
+    for first, second in pairs:
+        for later in _stands_for(second, systems, known):
+            earlier[later] |= _stands_for(first, systems, known) - {later}
+    said = {label: _all_earlier(label, earlier) for label in earlier}
+    for first, second in by_component:
+        if second not in said[first] and (second, first) not in by_component:
+            earlier[second].add(first)
+    return earlier
 
-    A label stands for its system, also where another mechanic inherits it; a mechanic's name for all systems (but
-    `asking`) of the mechanic in its slot. What is `known`, but not in the scenario, stands for nothing.
-    """
-    meant = [system for system in known if name in (system.label, system.module)]
-    if not meant:
-        names = {name for system in known for name in (system.label, system.module)}
-        close = difflib.get_close_matches(name, sorted(names), cutoff=0.5)
-        raise ScheduleError(
-            f"{asking.label} is to run after or before '{name}', which no module registers"
-            + (f"; did you mean {' or '.join(map(repr, close))}?" if close else "")
-        )
+
+def _all_earlier(label: str, earlier: dict[str, set[str]]) -> set[str]:
+    found: set[str] = set()
+    ahead = [label]
+    while ahead:
+        new = earlier[ahead.pop()] - found
+        found |= new
+        ahead += new
+    return found
+
+
+def _named(name: str, asking: System, systems: Sequence[System], known: Sequence[System]) -> set[str]:
+    """Labels of those of the phase's `systems` that `name` stands for in the after/before of the system `asking`."""
+    meant = _meant(name, f"{asking.label} is to run after or before '{name}'", known, asking.phase)
     if not any(system.phase is asking.phase for system in meant):
         phases = " and ".join(sorted({system.phase.name for system in meant}))
         raise ScheduleError(
             f"{asking.label} in phase {asking.phase.name} is to run after or before '{name}', which is in {phases}: "
             "the order of phases is fixed, so leave that out, or name something of the same phase"
         )
+    return _stands_for(name, systems, known) - ({asking.label} if "." not in name else set())
+
+
+def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -> set[str]:
+    """Labels of those of `systems` that a label or a mechanic's name stands for.
+
+    A label stands for its system, also where another mechanic inherits it; a mechanic's name for all systems of the
+    mechanic in its slot. What is `known`, but not in the scenario, stands for nothing.
+    """
     if "." in name:
         return {system.label for system in systems if name in (system.label, *system.aliases)}
-    slots = {system.slot for system in meant}
-    return {system.label for system in systems if system.slot in slots} - {asking.label}
+    slots = {system.slot for system in known if system.module == name}
+    return {system.label for system in systems if system.slot in slots}
+
+
+def _meant(name: str, who: str, known: Sequence[System], phase: Phase | None = None) -> list[System]:
+    """The known systems of that label or mechanic. ScheduleError, which begins with `who`, if there is none."""
+    meant = [system for system in known if name in (system.label, system.module)]
+    if meant:
+        return meant
+    names = {each for system in known for each in (system.label, system.module)}
+    close = difflib.get_close_matches(name, sorted(names), cutoff=0.5)
+    here = sorted({system.label for system in known if system.phase is phase})
+    raise ScheduleError(
+        f"{who}, which no module registers"
+        + (f"; did you mean {' or '.join(map(repr, close))}?" if close else ";")
+        + (f" In phase {phase.name} there are {', '.join(here)}." if phase else "")
+        + " A mechanic that need not be there is better left to components (after=Body) or to scenario.ordered(...)"
+    )
+
+
+def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
+    """ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
+    first, second = ({s.phase for s in _meant(name, f"the scenario orders '{name}'", known)} for name in pair)
+    if not first & second:
+        phases = [" and ".join(sorted(phase.name for phase in each)) for each in (first, second)]
+        raise ScheduleError(
+            f"the scenario orders '{pair[0]}' and '{pair[1]}', which are in {phases[0]} and in {phases[1]}: the order "
+            "of phases is fixed, so leave that out"
+        )
 
 
 def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]]) -> None:
@@ -155,11 +228,21 @@ def _check_conflicts(systems: Sequence[System], predecessors: dict[str, set[str]
         for first in systems[:k]:
             shared = _conflict(first, second)
             if shared and first.label not in predecessors[second.label]:
-                raise ScheduleError(
-                    f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both "
-                    f'touch {shared.__name__} and one of them writes it. Say after="{first.label}" on {second.label} '
-                    "(or the other way round), put one into another phase, or declare Add where both only add"
-                )
+                raise _ambiguous(first, second, shared)
+
+
+def _ambiguous(first: System, second: System, shared: type[Component]) -> ScheduleError:
+    """The error for two systems without an order, with what to write on the one that is more likely the user's."""
+    asked, other = (first, second) if first.outside and not second.outside else (second, first)
+    keyword = "after" if other.touches(shared, "write", "add") else "before"
+    taken = shared in (*other.after, *other.before)  # two systems that both say so have no order
+    return ScheduleError(
+        f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous: both touch "
+        f'{shared.__name__} and one of them writes it. Say after="{other.label}" on {asked.label} ('
+        + ("" if taken else f"or {keyword}={shared.__name__}, ")
+        + "or the other way round), put one into another phase, or declare Add where both only add; "
+        f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
+    )
 
 
 def _conflict(first: System, second: System) -> type[Component] | None:

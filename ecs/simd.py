@@ -22,11 +22,12 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import NumbaTypeError
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-from numba.extending import intrinsic, models, register_model
+from numba.extending import models, register_model
 
-from .jit import compiled
+from .jit import intrinsic
 
 SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of block e >> SIMD_SHIFT
 FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
@@ -112,50 +113,6 @@ def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any)
     return builder.bitcast(builder.gep(data, [start]), vector.as_pointer())
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _load(typing: Any, column: Any, start: Any) -> Any:
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
-
-    return VECTOR(column, types.intp), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _store(typing: Any, column: Any, start: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS)
-        builder.store(arguments[2], pointer, align=4)
-        return context.get_dummy_value()
-
-    return types.void(column, types.intp, value), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _load_flags(typing: Any, column: Any, start: Any) -> Any:
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        vector = ir.VectorType(ir.IntType(8), SIMD_WIDTH)
-        values = builder.load(_pointer(context, builder, kinds.args[0], arguments, vector), align=1)
-        return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * SIMD_WIDTH))
-
-    return MASK(column, types.intp), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _to_bits(typing: Any, mask: Any) -> Any:
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return builder.zext(builder.bitcast(arguments[0], ir.IntType(SIMD_WIDTH)), ir.IntType(64))
-
-    return types.int64(mask), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _trailing_zeros(typing: Any, word: Any) -> Any:
-    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), generate
-
-
 def _padded(column: Any, start: int) -> Any:
     piece = column[start : start + SIMD_WIDTH]
     return np.concatenate([piece, np.zeros(SIMD_WIDTH - len(piece), column.dtype)])
@@ -177,8 +134,57 @@ def _python_to_bits(mask: Any) -> int:
     return int(np.packbits(mask, bitorder="little").view(np.uint16)[0])
 
 
-load: Any = _load if compiled() else _padded  # (float32 column, start) -> vector
-store: Any = _store if compiled() else _python_store  # (float32 array, start, vector): all 16 must be in the array
-load_flags: Any = _load_flags if compiled() else _python_load_flags  # (uint8 column, start) -> mask
-to_bits: Any = _to_bits if compiled() else _python_to_bits  # (mask) -> int: bit j is lane j
-trailing_zeros: Any = _trailing_zeros if compiled() else _python_trailing_zeros  # (int > 0) -> index of its lowest 1
+@intrinsic(_padded)
+def load(typing: Any, column: Any, start: Any) -> Any:
+    """(float32 column, start) -> vector."""
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.load(_pointer(context, builder, kinds.args[0], arguments, FLOATS), align=4)
+
+    return VECTOR(column, types.intp), generate
+
+
+@intrinsic(_python_store)
+def store(typing: Any, column: Any, start: Any, value: Any) -> Any:
+    """(float32 array, start, vector): all 16 must be in the array."""
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        pointer = _pointer(context, builder, kinds.args[0], arguments, FLOATS)
+        builder.store(arguments[2], pointer, align=4)
+        return context.get_dummy_value()
+
+    if not column.mutable:
+        raise NumbaTypeError(f"Cannot modify readonly array of type: {column}")  # numba's own words for item assignment
+    return types.void(column, types.intp, value), generate
+
+
+@intrinsic(_python_load_flags)
+def load_flags(typing: Any, column: Any, start: Any) -> Any:
+    """(uint8 column, start) -> mask."""
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        vector = ir.VectorType(ir.IntType(8), SIMD_WIDTH)
+        values = builder.load(_pointer(context, builder, kinds.args[0], arguments, vector), align=1)
+        return builder.icmp_unsigned("!=", values, ir.Constant(vector, [0] * SIMD_WIDTH))
+
+    return MASK(column, types.intp), generate
+
+
+@intrinsic(_python_to_bits)
+def to_bits(typing: Any, mask: Any) -> Any:
+    """(mask) -> int: bit j is lane j."""
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.zext(builder.bitcast(arguments[0], ir.IntType(SIMD_WIDTH)), ir.IntType(64))
+
+    return types.int64(mask), generate
+
+
+@intrinsic(_python_trailing_zeros)
+def trailing_zeros(typing: Any, word: Any) -> Any:
+    """(int > 0) -> index of its lowest 1."""
+
+    def generate(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.int64), generate

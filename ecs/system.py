@@ -3,10 +3,15 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from .access import Parameter
+from .component import Component
 from .phase import Phase
+from .references import is_outside
+
+Neighbour: TypeAlias = str | type[Component]
+"""What a system runs after or before: a system's label, a mechanic's name, or a component."""
 
 
 @dataclass(frozen=True)
@@ -19,8 +24,8 @@ class System:
     function: Callable[..., Any]
     kernel: Callable[..., Any]
     parameters: tuple[Parameter, ...]
-    after: tuple[str, ...]
-    before: tuple[str, ...]
+    after: tuple[Neighbour, ...]
+    before: tuple[Neighbour, ...]
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
     slot: type  # of its mechanic: see Module.slot
@@ -31,12 +36,25 @@ class System:
         """Its name in schedules, messages and after/before: "module.system"."""
         return f"{self.module}.{self.name}"
 
+    @property
+    def outside(self) -> bool:
+        """Whether its function is from outside of this package: part of a user's mechanic."""
+        return is_outside(self.function)
+
+    def touches(self, component: type[Component], *kinds: str) -> bool:
+        """Whether a parameter of one of these kinds ("read", "write", "add") is of the component."""
+        return any(component in p.components and p.kind in kinds for p in self.parameters)
+
     def inherited(self, subclass: str) -> "System":
         """The same system as one of a subclass of that name; the order among systems of one module stays."""
 
-        def renamed(labels: tuple[str, ...]) -> tuple[str, ...]:
-            own = f"{self.module}."
-            return tuple(f"{subclass}.{each.removeprefix(own)}" if each.startswith(own) else each for each in labels)
+        def renamed(neighbours: tuple[Neighbour, ...]) -> tuple[Neighbour, ...]:
+            return tuple(
+                f"{subclass}.{each.removeprefix(own)}" if isinstance(each, str) and each.startswith(own) else each
+                for each in neighbours
+            )
+
+        own = f"{self.module}."
 
         return dataclasses.replace(
             self,

@@ -1,17 +1,19 @@
-"""The code generator: a schedule becomes one function that takes a range of worlds through all systems.
+"""The code generator: every system of a schedule becomes a function of its own that takes a range of worlds through it.
 
-The source of that function is written into the cache folder, where it can be read and where numba keeps the machine
-code beside it. It takes a few worlds at a time through all systems, so that their state stays in the processor's cache.
-Every system has a loop over these worlds, which makes the tables and calls its kernel:
+    unit(arguments, first, last)
 
-    tick(arguments, start, stop)
+loops over these worlds, makes the tables of each from the argument block (see ecs.arguments), and calls the system's
+kernel. What the block holds is data: the mode of each world (SKIP, STEP or RESET), the addresses of columns, lists of
+rows and scratch memory, the mechanics' numbers. So a unit's source depends on its own system only, and the compile
+cache (ecs.cache) keeps machine code for a system, not for a scenario. Each has an argument layout of its own for the
+same reason.
 
-The argument block (see ecs.arguments) has the mode of each world (SKIP, STEP or RESET), the addresses of columns, lists
-of rows and scratch memory, and the modules' numbers. As these are data, a change of a scenario's numbers recompiles
-nothing. A system that stays Python splits the tick into several such functions, called in turn.
+`run_units` is the tick: it takes a few worlds at a time through all units, so that their state stays in the processor's
+cache. A system that runs as Python splits the tick into several such calls.
 """
 
-from collections.abc import Sequence
+import linecache
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -20,13 +22,12 @@ import numpy as np
 
 from .access import Parameter
 from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
-from .cache import load
-from .cache_key import CacheKey
 from .component import Clock, Component
 from .errors import DeclarationError
 from .event import clear, list_spans
-from .jit import compiled, kernel
+from .jit import compiled, kernel, loader, storer
 from .layout import Layout
+from .machine_code import call_address
 from .module import Module
 from .phase import When
 from .random import stream_number
@@ -34,8 +35,11 @@ from .system import System
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
-CHUNK = 16  # worlds that go through all systems together
+CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
+CLOCK = "clock"  # label of the unit that comes first
+NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
+read_word, write_word = loader("int64"), storer("int64")
 
 
 @kernel
@@ -60,57 +64,97 @@ def load_initial_state(world: Any, initial_image: Any) -> None:
         world[k] = initial_image[k]
 
 
-class Generator:
-    """Generates the source of one segment of the tick, and the layout of its arguments."""
+def run_units(table: int, count: int, start: int, stop: int, report: int) -> None:
+    """The tick of the worlds from `start` to `stop`, in machine code.
 
-    def __init__(self, layout: Layout, systems: Sequence[System], first: bool) -> None:
-        self.layout, self.systems, self.first = layout, systems, first
-        self.compiled = compiled() and all(system.compiled for system in systems)
-        self.modules = {system.label: module for module in layout.modules for system in module.systems()}
+    Args:
+        table: Address of the units: for each the address of its function and that of its arguments, int64.
+        count: How many units.
+        start: The first world.
+        stop: One after the last world.
+        report: Address of four int64: 1 if a unit raised an exception (0 before), which unit, the first of its worlds,
+            and the address of the exception.
+    """
+    for first in range(start, stop, CHUNK):
+        last = min(first + CHUNK, stop)
+        for k in range(count):
+            unit, arguments = read_word(table + 16 * k), read_word(table + 16 * k + 8)
+            status = call_address(unit, arguments, first, last, report + 24)
+            if status != DONE and status != NO_RESULT:
+                write_word(report, 1)
+                write_word(report + 8, k)
+                write_word(report + 16, first)
+                return
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A system as a function of a range of worlds, or the engine's clock, which has no system.
+
+    Attributes:
+        label: That of the system.
+        system: None for the clock.
+        kernel: What it calls.
+        source: Its source.
+        names: What its source refers to.
+        arguments: The layout of its arguments.
+        compiled: False if it runs as Python.
+    """
+
+    label: str
+    system: System | None
+    kernel: Any
+    source: str
+    names: dict[str, Any]
+    arguments: ArgumentLayout
+    compiled: bool
+
+    def function(self) -> Any:
+        """The Python function; debuggers and tracebacks find its source."""
+        file = f"<outlast unit {self.label}>"
+        linecache.cache[file] = len(self.source), None, self.source.splitlines(keepends=True), file
+        exec(compile(self.source, file, "exec"), self.names)
+        return self.names["unit"]
+
+
+class Generator:
+    """Generates a unit. python: whether it runs as Python."""
+
+    def __init__(self, layout: Layout, python: bool = False) -> None:
+        self.layout, self.compiled = layout, compiled() and not python
         self.names: dict[str, Any] = {"np": np}
         self.arguments = ArgumentLayout()
-        self.tables: dict[type[Component], int] = {}  # first slots
-        self.selections: dict[str, int] = {}  # first slots
-        self.outside: list[str] = []  # lines ahead of the loop that is generated
-        self.inside: list[str] = []  # lines at the start of its body
+        self.slots: dict[str, int] = {}
+        self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
+        self.inside: dict[str, None] = {}  # lines at the start of its body
 
-    def source(self) -> str:
-        """The whole function."""
-        loops = [self._clock_loop()] if self.first else []
-        loops += [self._loop_of(system) for system in self.systems]
-        lines = ["def tick(arguments, start, stop):", f"    for first in range(start, stop, {CHUNK}):"]
-        lines += [f"        last = min(first + {CHUNK}, stop)"]
-        lines += ["        " + line for loop in loops for line in loop]
-        return "\n".join(lines) + "\n"
+    def clock(self) -> Unit:
+        """The unit that begins the tick or the episode of every world."""
+        image = self._constant("image", self.layout.initial_image.view(np.uint64))
+        state, words = self._slot("state", BLOCK), self._view(np.dtype("u8"), 1, writable=True)
+        state = f"{words}(arguments, {state}, w)"
+        spans = list_spans(self.layout.events, self.layout.event_type)
+        spans = self._array("event_spans", self.arguments.add_constant(spans), spans.dtype, spans.ndim)
+        events, words = self._slot("events", EVENTS), self._view(np.dtype("i4"), 1, writable=True)
+        events = f"{words}(arguments, {events}, w)"
+        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], [state, image, events, spans, "mode[w]"])
 
-    def _clock_loop(self) -> list[str]:
-        self.names["kernel_advance_clock"] = advance_clock
-        slot = self.arguments.add_constant(self.layout.initial_image.view(np.uint64))
-        image = self._array("image", slot, np.dtype("u8"))
-        world = f"{self._view(np.dtype('u8'), 1, True)}(arguments, {BLOCK}, w)"
-        events = f"{self._view(np.dtype('i4'), 1, True)}(arguments, {EVENTS}, w)"
-        slot = self.arguments.add_constant(list_spans(self.layout.events, self.layout.event_type))
-        spans = self._array("event_spans", slot, np.dtype("i4"), 2)
-        return self._loop(When.ALWAYS, f"kernel_advance_clock({world}, {image}, {events}, {spans}, mode[w])")
+    def system(self, module: Module, system: System) -> Unit:
+        """The unit of a system."""
+        arguments = [self._argument(module, system, parameter) for parameter in system.parameters]
+        return self._unit(system.label, system, system.kernel, IDLE[system.phase.when], arguments)
 
-    def _loop_of(self, system: System) -> list[str]:
-        name = "kernel_" + system.label.replace(".", "_")  # the prefix keeps it apart from the names of numbers
-        self.names[name] = system.kernel
-        arguments = [self._argument(system, parameter) for parameter in system.parameters]
-        return self._loop(system.phase.when, f"{name}({', '.join(arguments)})")
-
-    def _loop(self, when: When, call: str) -> list[str]:
-        """Lines that make `call` for each world that is not idle; empties the lists outside and inside."""
+    def _unit(self, label: str, system: System | None, kernel: Any, idle: str, arguments: Sequence[str]) -> Unit:
         self._array("mode", MODE, np.dtype("i1"))
-        lines = [*dict.fromkeys(self.outside), "for w in range(first, last):"]
-        lines += [f"    if {IDLE[when]}:", "        continue"]
-        lines += ["    " + line for line in dict.fromkeys([*self.inside, call])]
-        self.outside, self.inside = [], []
-        return lines
+        self.names["kernel"] = kernel = kernel if self.compiled else getattr(kernel, "py_func", kernel)
+        lines = [f"def unit(arguments, first, last):  # {label}"]
+        lines += [f"    {name} = {slot}" for name, slot in self.slots.items()]
+        lines += ["    " + line for line in self.outside]
+        lines += ["    for w in range(first, last):", f"        if {idle}:", "            continue"]
+        lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
+        return Unit(label, system, kernel, "\n".join(lines) + "\n", self.names, self.arguments, self.compiled)
 
-    def _argument(self, system: System, parameter: Any) -> str:
-        module = self.modules[system.label]
-        name = f"{module.name}_{parameter.name}"
+    def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:
             case "read":
                 return self._table(parameter.components[0], "r")
@@ -123,24 +167,34 @@ class Generator:
                 key = [f"{clock}.{column}[0]" for column in Clock.columns]
                 return f"({', '.join(key)}, np.uint64({stream_number(system.stream)}))"
             case "scratch":
-                return self._scratch(module, parameter.name, name)
+                return self._scratch(module, parameter.name)
             case "damage_type":
                 if not module.damage_type:
                     raise DeclarationError(
                         f"{system.label} has the DamageType parameter '{parameter.name}', but {module.name} has no "
                         f'damage_type: set one in the class, as in damage_type = "{module.name}"'
                     )
-                return self._number(self.layout.damage_types.index(module.damage_type), name)
+                return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
             case "numbers":
-                values = np.array(_value(module, system, parameter), np.float32)
-                return self._array(name, self.arguments.add_constant(values), values.dtype)
-        return self._number(_value(module, system, parameter), name)
+                return self._constant(
+                    f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)
+                )
+        return self._number(_value(module, system, parameter), parameter.name)
 
-    def _number(self, value: Any, name: str) -> str:
-        kind = "float32" if isinstance(value, float) else "int64"
+    def _number(self, value: int | float, parameter: str) -> str:
+        name, kind = f"number_{parameter}", "float32" if isinstance(value, float) else "int64"
         self.names[kind] = number_view(kind, python=not self.compiled)
-        slot = self.arguments.add_number(value if isinstance(value, float) else int(value))
-        self.outside.append(f"{name} = {kind}(arguments, {slot})" + (" != 0" if isinstance(value, bool) else ""))
+        slot = self._slot(name, self.arguments.add_number(value if isinstance(value, float) else int(value)))
+        self.outside[f"{name} = {kind}(arguments, {slot})" + (" != 0" if isinstance(value, bool) else "")] = None
+        return name
+
+    def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
+        return self._array(name, self.arguments.add_constant(array), array.dtype)
+
+    def _array(self, name: str, slot: int, dtype: np.dtype[Any], ndim: int = 1, writable: bool = False) -> str:
+        """An array that is the same for all worlds."""
+        view = self._view(dtype, ndim, writable)
+        self.outside[f"{name} = {view}(arguments, {self._slot(name, slot)}, 0)"] = None
         return name
 
     def _view(self, dtype: np.dtype[Any], ndim: int, writable: bool) -> str:
@@ -148,23 +202,22 @@ class Generator:
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
-    def _array(self, name: str, slot: int, dtype: np.dtype[Any], ndim: int = 1, writable: bool = False) -> str:
-        """An array that is the same for all worlds."""
-        self.outside.append(f"{name} = {self._view(dtype, ndim, writable)}(arguments, {slot}, 0)")
-        return name
+    def _slot(self, name: str, slot: int) -> str:
+        self.slots[name.upper()] = slot
+        return name.upper()
 
     def _selection(self, kind: str, components: tuple[type[Component], ...]) -> str:
         name = "_".join([kind, *map(self._named, components)])
-        if name not in self.selections:
-            self.selections[name] = self.arguments.add_constant(getattr(self.layout, kind)(*components))
-        return self._array(name, self.selections[name], np.dtype("i4"))
+        if name.upper() in self.slots:
+            return name
+        return self._constant(name, getattr(self.layout, kind)(*components))
 
-    def _scratch(self, module: Module, parameter: str, name: str) -> str:
+    def _scratch(self, module: Module, parameter: str) -> str:
         slot = self.arguments.add_scratch(module, parameter)
         if not self.compiled:
             return f"arguments.scratch[{slot}]"
         memory = module.scratch(parameter, self.layout.dims)  # made for its type only
-        return self._array(name, slot, memory.dtype, memory.ndim, writable=True)
+        return self._array(f"scratch_{parameter}", slot, memory.dtype, memory.ndim, writable=True)
 
     def _named(self, component: type[Component]) -> str:
         """The class's name as in the source: with a number if another component has the same."""
@@ -172,15 +225,16 @@ class Generator:
         return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
     def _table(self, component: type[Component], access: str) -> str:
-        name = f"{self._named(component)}_{access}"
-        if component not in self.tables:
-            self.tables[component] = min([self.arguments.add_column(component, column) for column in component.columns])
+        name, slot = f"{self._named(component)}_{access}", f"TABLE_{self._named(component).upper()}"
+        if slot not in self.slots:
+            self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
         ndims = tuple(len(component.row_shape(column, self.layout.dims)) for column in component.columns)
         hashable: Any = component  # classes are, but mypy rejects type[Component]
         self.names[f"view_{name}"] = table_view(hashable, ndims, access == "w", python=not self.compiled)
         columns = zip(component.columns.items(), ndims, strict=True)
         types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
-        self.inside.append(f"{name} = view_{name}(arguments, {self.tables[component]}, w)  # {types}")
+        types += "" if component.packed else ", not packed"  # the cache's key has all that decides on the machine code
+        self.inside[f"{name} = view_{name}(arguments, {slot}, w)  # {types}"] = None
         return name
 
 
@@ -197,22 +251,29 @@ def _value(module: Module, system: System, parameter: Parameter) -> Any:
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of the tick between two systems that stay Python: a function and the layout of its arguments."""
+    """Units that a thread runs by one call: those between two that run as Python, or one of these."""
 
-    function: Any
-    arguments: ArgumentLayout
+    units: Sequence[Unit]
     compiled: bool
-    source: str
 
 
-def segments(layout: Layout, systems: Sequence[System], split: bool = False) -> list[Segment]:
-    """Generate the functions of a tick: one, or with systems that stay Python several; split: one for each system."""
-    result = []
-    parts = [[system] for system in systems] if split else [list(g) for _, g in groupby(systems, lambda s: s.compiled)]
-    cache_key = CacheKey(systems) if compiled() else None
-    for number, part in enumerate(parts or [[]]):  # without systems, a tick still advances the clock
-        generator = Generator(layout, part, first=number == 0)
-        source = generator.source()
-        function = load(source, generator.names, systems, cache_key if generator.compiled else None)
-        result.append(Segment(function, generator.arguments, generator.compiled, source))
-    return result
+def segments(
+    layout: Layout, systems: Sequence[System], split: bool = False, interpret: Collection[str] = ()
+) -> list[Segment]:
+    """Generate the units of a tick.
+
+    Args:
+        layout: Of the worlds.
+        systems: In the order of the schedule.
+        split: Whether each system gets a segment of its own, the first with the clock.
+        interpret: Labels of systems to run as Python.
+    """
+    modules = {system.label: module for module in layout.modules for system in module.systems()}
+    units = [Generator(layout).clock()]
+    for system in systems:
+        python = not system.compiled or system.label in interpret
+        units.append(Generator(layout, python).system(modules[system.label], system))
+    found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
+    if split:
+        found = [Segment((unit,), unit.compiled) for unit in units]
+    return found

@@ -1,26 +1,26 @@
 """A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
 
-import contextlib
-import gc
+import difflib
 import threading
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
-from numba.core.errors import TypingError
 
 from . import event, schedule
 from .access import SELECTIONS
-from .arguments import ArgumentBlock
-from .cache import is_cached
+from .cache import CompiledUnits
 from .component import Action, Clock, Component
+from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, ScheduleError
 from .event import Event
+from .execution import CompiledExecution, PythonExecution
+from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .module import Module
 from .phase import Phase
-from .tick import segments
+from .tick import Segment, segments
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -40,16 +40,18 @@ class Worlds:
         split: Compile every system by itself and take all worlds through one after the other, to time them (see
             `times`); the results are the same.
         without: Phases to leave out, such as that of observations.
+        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
+        interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
         event_memory: (count,) of `layout.event_type`: the events of each world's last tick; see `events`.
-        times: Seconds spent in each segment of the tick; with split, in each system of the schedule.
+        times: Seconds spent in each segment of the tick, by the label of its first unit: with split, of its system.
 
     Raises:
         DeclarationError: A module, or what several modules say together, is impossible.
-        ScheduleError: The order of the systems is ambiguous or contradictory.
+        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names none of them.
     """
 
     def __init__(
@@ -59,21 +61,31 @@ class Worlds:
         threads: int = 1,
         split: bool = False,
         without: Collection[Phase] = (),
+        ordered: Sequence[Sequence[str]] = (),
+        interpret: Collection[str] = (),
     ) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
-        self.schedule = schedule.order(systems, self.layout.components)
+        self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
         self.event_memory = np.zeros(count, self.layout.event_type)
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
-        self._segments = segments(self.layout, self.schedule.systems, split)
-        self.times = [0.0] * len(self._segments)
-        self._arguments: dict[tuple[int, int], ArgumentBlock] = {}  # by segment and thread
+        _check_labels(interpret, self.schedule)
+        for system in self.schedule.systems:
+            if system.outside:
+                check(system)
+            if system.label in interpret:
+                check_interpretable(system)
+        self._segments = segments(self.layout, self.schedule.systems, split, interpret)
+        self._units = CompiledUnits([unit for segment in self._segments for unit in segment.units if unit.compiled])
+        self._loaded = False
+        self.times = {segment.units[0].label: 0.0 for segment in self._segments}
+        self._executions: dict[tuple[int, int], CompiledExecution | PythonExecution] = {}  # by segment and thread
         self._lock = threading.Lock()
         self._workers = Workers(threads - 1)
 
@@ -103,7 +115,7 @@ class Worlds:
     @property
     def compiled(self) -> bool:
         """Whether machine code for this tick is ready or lies on disk."""
-        return all(is_cached(segment.function) for segment in self._segments)
+        return self._units.ready
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """What happened in the last tick of each world, by name of the event: see `entries`."""
@@ -125,6 +137,10 @@ class Worlds:
         rows = self.layout.spans.get(archetype, range(0))
         return slice(rows.start, rows.stop)
 
+    def entity(self, row: int, world: int = 0) -> EntityView:
+        """One entity with all its components, to print or to look into. DeclarationError if there is no such row."""
+        return EntityView(self, row, world)
+
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
         """Key the random numbers of the worlds `where` by (seeds, worlds); their episodes count from the start."""
         clock = self[Clock]
@@ -137,6 +153,9 @@ class Worlds:
 
         CapacityError if there are more events of a kind than its list has room for; the tick is cut short then.
         """
+        if not self._loaded:
+            self._units.load()
+            self._loaded = True
         self.mode[:] = mode
         try:
             for k, segment in enumerate(self._segments):
@@ -145,9 +164,22 @@ class Worlds:
                     self._call(k, 0, 0, self.count)
                 else:
                     self._spread(k)
-                self.times[k] += time.perf_counter() - start
+                self.times[segment.units[0].label] += time.perf_counter() - start
         except CapacityError as error:
             raise self._full() or error from None
+
+    def source(self) -> str:
+        """The generated code of the tick: a function for each system, in order, with the phases as comments."""
+        lines, phase = (
+            ["# Slots, in upper case, are positions in the argument block of a unit; see outlast.ecs.arguments."],
+            None,
+        )
+        for unit in (unit for segment in self._segments for unit in segment.units):
+            if unit.system and unit.system.phase is not phase:
+                phase = unit.system.phase
+                lines.append(f"# ---- {phase.name} ({phase.when.value}): {phase.postcondition}")
+            lines.append(unit.source)
+        return "\n\n".join(lines)
 
     def close(self) -> None:
         """End the threads. The tables stay readable."""
@@ -176,15 +208,13 @@ class Worlds:
             raise
 
     def _call(self, k: int, thread: int, start: int, stop: int) -> None:
-        segment, arguments = self._segments[k], self._argument_block(k, thread)
-        if segment.compiled and segment.function.overloads:
-            segment.function(arguments.address, start, stop)
-        elif segment.compiled:
-            with _plain_errors(), _few_collections():
-                segment.function(arguments.address, start, stop)
-        else:
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                segment.function(arguments, start, stop)
+        with self._lock:
+            if (k, thread) not in self._executions:
+                self._executions[k, thread] = self._execution(self._segments[k])
+        self._executions[k, thread](start, stop)
+
+    def _execution(self, segment: Segment) -> CompiledExecution | PythonExecution:
+        return CompiledExecution(segment, self, self._units) if segment.compiled else PythonExecution(segment, self)
 
     def _full(self) -> CapacityError | None:
         """The error for the list that is full; None if there is no such list."""
@@ -239,13 +269,15 @@ class Worlds:
         dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
         return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
 
-    def _argument_block(self, segment: int, thread: int) -> ArgumentBlock:
-        """The arguments of a thread, made when they are first needed."""
-        with self._lock:
-            if (segment, thread) not in self._arguments:
-                layout, compiled = self._segments[segment].arguments, self._segments[segment].compiled
-                self._arguments[segment, thread] = ArgumentBlock(layout, self, compiled)
-        return self._arguments[segment, thread]
+
+def _check_labels(interpret: Collection[str], systems: schedule.Schedule) -> None:
+    known = [system.label for system in systems.systems]
+    labels = (interpret,) if isinstance(interpret, str) else interpret
+    for label in labels:
+        if label not in known:
+            near = difflib.get_close_matches(label, known, 3)
+            hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}Known: {', '.join(known)}")
 
 
 def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
@@ -253,28 +285,3 @@ def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:
     memory = np.zeros(count * world_bytes + 2 * ALIGN, np.uint8)
     start = -memory.ctypes.data % ALIGN
     return memory[start : start + count * world_bytes].reshape(count, world_bytes)
-
-
-@contextlib.contextmanager
-def _few_collections() -> Iterator[None]:
-    """Collect garbage rarely: the compiler makes millions of objects that stay, and to search them takes time."""
-    before = gc.get_threshold()
-    gc.set_threshold(100_000, 50, 50)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
-
-
-@contextlib.contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Turn numba's error about a read-only array into a ScheduleError that names the cure."""
-    try:
-        yield
-    except TypingError as error:
-        if "readonly array" in str(error):
-            raise ScheduleError(
-                "a system writes a component that its parameter list declares as Read; declare it Write (or Add)\n"
-                + str(error)
-            ) from None
-        raise

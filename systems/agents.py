@@ -58,7 +58,7 @@ class Agents(Module):
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)
         parts = (Body(), Shape(radius=self.radius), solid, Push(), Spawned(), Side(), Guard(), Died())
-        return [Archetype("agent", (*parts, Health(points=self.health)), self.count)]
+        return [Archetype("agent", (*parts, Health(points=self.health)), self.count, order=10)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [SelfView(), OthersView(), Sight(), ObservationMasks()]

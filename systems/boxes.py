@@ -89,7 +89,10 @@ class Boxes(Module):
         solid = Solid(dynamic=self.dynamic, density=self.density)
         box = (Body(), Shape(), solid, Spawned(), Box(), Guard(), Health(points=self.toughness))
         item = (Body(), Shape(radius=self.item_radius), Item(), BoxItem(index=np.arange(self.count)))
-        return [Archetype("box", box, self.count), Archetype("box_item", item, self.count, alive=False)]
+        return [
+            Archetype("box", box, self.count, order=20),
+            Archetype("box_item", item, self.count, alive=False, order=30),
+        ]
 
     def singletons(self) -> Iterable[Singleton]:
         return [BoxView(), BoxItemView(), BoxesPlaced(), BoxPlaced(), BoxBroken(), Hit()]

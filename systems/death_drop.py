@@ -31,7 +31,7 @@ class DeathDrop(Module):
         return [ItemDropped()]
 
 
-@DeathDrop.system(Phase.DIE, after="mortality.die")
+@DeathDrop.system(Phase.DIE, after=Died)
 def scatter(
     bag: Write[Bag],
     item: Write[Item],

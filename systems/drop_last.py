@@ -21,7 +21,7 @@ class DropLast(Module):
         return [Drop(), ItemDropped()]
 
 
-@DropLast.system(Phase.GIVE, after="give_last.hand_over")
+@DropLast.system(Phase.GIVE, after=Bag)
 def drop_last(
     bag: Write[Bag],
     item: Write[Item],

@@ -13,6 +13,10 @@ from outlast.ecs import Module, Rows, Singleton, Write
 class FreeForAll(Module):
     """Every agent is a side of its own."""
 
+    @classmethod
+    def slot(cls) -> type:
+        return Sides
+
     def singletons(self) -> Iterable[Singleton]:
         return [Sides(teams=0)]
 

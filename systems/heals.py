@@ -53,7 +53,7 @@ class Heals(Module):
 
     def archetypes(self) -> Iterable[Archetype]:
         parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))
-        return [Archetype("heal", parts, self.count)]
+        return [Archetype("heal", parts, self.count, order=40)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [HealView(), HealsUsed()]

@@ -36,7 +36,7 @@ def clear_deaths(died: Write[Died], agents: Rows[Died]) -> None:
         died.now[e] = 0
 
 
-@Mortality.system(Phase.EFFECT, after="heals.heal")
+@Mortality.system(Phase.EFFECT, after=Health)
 def cap(health: Write[Health], agents: Rows[Died, Health], limit: int) -> None:
     """Health above the limit is lost."""
     if limit > 0:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from outlast.components import Body, Drive, Phase, Push, Side, Solid
 from outlast.components.body import inverse
+from outlast.components.motor import Control
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
 
 
@@ -20,6 +21,10 @@ class Motors(Module):
     left: float = number(0.25, low=0)
     turn: float = number(0.0125, low=0)  # newton-metre-seconds a tick
     give: str = number("evenly", choices=("evenly", "at once"))
+
+    @classmethod
+    def slot(cls) -> type:
+        return Control
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drive()]

@@ -39,7 +39,7 @@ from .box2d.batch import COLUMNS, LIMIT, LONGEST, MAX_TRAVEL, SOLVED, Incompatib
 from .box2d.transfer import gather, scatter
 from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
 from .geometry.blocks import BITS, BLOCK, alive_bits, first_row, make_blocks, nonempty_blocks, without_row
-from .geometry.broad_phase import gap, travel
+from .geometry.broad_phase import gap, outer_radius, travel
 
 MARGIN = np.float32(0.02)  # metres: what counts as touching; Box2D's skins and slops are below 0.02 together
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
@@ -100,7 +100,7 @@ class Physics(Module):
         return (native if self.native() else portable).make_workspace()
 
 
-@Physics.system(Phase.SPAWN, after="room.compute_bounds")
+@Physics.system(Phase.SPAWN, after=Shape)
 def compute_mass(solid: Write[Solid], shape: Read[Shape], solids: Rows[Solid]) -> None:
     """Mass and moment of inertia of a disc or a rectangle, in Box2D's own order of operations. All in float32."""
     for e in solids:
@@ -153,9 +153,10 @@ def broad_phase(
 @kernel
 def mark_pairs(solid: Array, aabbs: Array, body: Array, shape: Array, blocks: Array, count: int, e: int) -> None:
     """Mark body `e` and the bodies it may touch."""
+    far = solid.max_travel[e] + outer_radius(shape, e)
     for k in range(count):
         b = blocks[BLOCK, k]
-        distance = load(solid.max_travel, SIMD_WIDTH * b) + (solid.max_travel[e] + shape.bound[e])
+        distance = load(solid.max_travel, SIMD_WIDTH * b) + far
         pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance), b, e)
         while pending:
             o = first_row(b, pending)

@@ -45,7 +45,7 @@ def members(side: Any, agents: Any, s: int) -> int:
     return count
 
 
-@Rewards.system(Phase.REWARD, after="ending.count")
+@Rewards.system(Phase.REWARD, after=Score)
 def pay(
     reward: Write[Reward],
     score: Read[Score],

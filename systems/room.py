@@ -11,6 +11,7 @@ from outlast.ecs import Archetype, Bitset, Entity, Module, Read, Rows, Singleton
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .geometry.blocks import alive_bits, first_row
+from .geometry.broad_phase import outer_radius
 
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
@@ -32,7 +33,7 @@ class Room(Module):
         far, long, thin = self.size / 2, self.size / 2, self.size * self.thickness / 2
         body = Body(x=[far, -far, 0, 0], y=[0, 0, far, -far])
         shape = Shape(half_width=[thin, thin, long, long], half_height=[long, long, thin, thin])
-        return [Archetype("wall", (body, shape, Solid()), 4)]
+        return [Archetype("wall", (body, shape, Solid()), 4, order=50)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [Floor(size=self.size)]
@@ -40,13 +41,12 @@ class Room(Module):
 
 @Room.system(Phase.SPAWN)
 def compute_bounds(shape: Write[Shape], bodies: Rows[Shape]) -> None:
-    """The circle around each body, by which most contacts are ruled out."""
+    """The circle around each body, whose radius is the room that it is left beside a wall."""
     for e in bodies:
-        x, y = shape.half_width[e], shape.half_height[e]
-        shape.bound[e] = max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
+        shape.bound[e] = outer_radius(shape, e)
 
 
-@Room.system(Phase.MOVE, after="physics.fly")
+@Room.system(Phase.MOVE, after=Body)
 def keep_inside(
     body: Write[Body],
     solid: Read[Solid],

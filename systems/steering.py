@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import Body, Phase, Push, Side, Steer
+from outlast.components.motor import Control
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
-
-from .motors import Motors
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -26,8 +25,8 @@ class Steering(Module):
     spin: float = number(math.pi, low=0)  # radians a second
 
     @classmethod
-    def slot(cls) -> type[Module]:
-        return Motors
+    def slot(cls) -> type:
+        return Control
 
     def singletons(self) -> Iterable[Singleton]:
         return [Steer()]

@@ -8,8 +8,6 @@ import numpy as np
 from outlast.components import Guard, Phase, Side, Sides
 from outlast.ecs import Layout, Module, NumberError, Rows, Singleton, Write, number
 
-from .free_for_all import FreeForAll
-
 
 @dataclass(frozen=True)
 class Teams(Module):
@@ -21,8 +19,8 @@ class Teams(Module):
     count: int = number(2, low=1)
 
     @classmethod
-    def slot(cls) -> type[Module]:
-        return FreeForAll
+    def slot(cls) -> type:
+        return Sides
 
     def singletons(self) -> Iterable[Singleton]:
         return [Sides(teams=1)]

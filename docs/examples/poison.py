@@ -95,7 +95,7 @@ class Poison(Module):
 # --- systems, each in its phase of the tick
 
 
-@Poison.system(Phase.EFFECT, after="boxes.set_up")
+@Poison.system(Phase.EFFECT, after=Body)
 def spill(
     illness: Write[Illness],
     used: Add[VialsUsed],

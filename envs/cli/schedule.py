@@ -1,4 +1,4 @@
-"""outlast schedule: the tick of a variant, or its components and the systems that use them, as a table."""
+"""outlast schedule: the tick of a variant as a table or as generated code, or its components and who uses them."""
 
 import argparse
 from itertools import zip_longest
@@ -31,14 +31,19 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     table = commands.add_parser("schedule", help="print the tick of a variant as a table")
     table.add_argument("variant")
-    table.add_argument("--components", action="store_true", help="print which systems write and read each component")
+    kind = table.add_mutually_exclusive_group()
+    kind.add_argument("--components", action="store_true", help="print which systems write and read each component")
+    kind.add_argument("--source", action="store_true", help="print the generated code, one function a system")
     table.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print the table."""
     worlds = Worlds(variant(options.variant).modules, 1)
-    print(as_text(uses(worlds)) if options.components else worlds.schedule)
+    if options.source:
+        print(worlds.source())
+    else:
+        print(as_text(uses(worlds)) if options.components else worlds.schedule)
     return 0
 
 

@@ -1,5 +1,7 @@
 """Making environments from a variant's name or a scenario."""
 
+from collections.abc import Collection
+
 from gymnasium.vector import AutoresetMode
 
 from ..scenarios.scenario import Number, Scenario
@@ -19,6 +21,7 @@ def make_vec(
     check_actions: bool = True,
     first_world: int = 0,
     render_mode: str | None = None,
+    interpret: Collection[str] = (),
     **numbers: Number,
 ) -> SurvivalVectorEnv:
     """Make `num_worlds` worlds of a variant or scenario that are stepped together.
@@ -37,12 +40,13 @@ def make_vec(
             meaning, but do no harm.
         first_world: Number of the first world: world i of a batch is world i of any other batch of the same seed.
         render_mode: "rgb_array", "ansi" or None.
+        interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
 
     Raises:
         ScenarioError: No such variant, or a scenario without rewards or ends.
         NumberError: No such number, or one that is out of its range.
-        ScheduleError: The order of the scenario's systems is ambiguous.
+        ScheduleError: The order of the scenario's systems is ambiguous, or `interpret` names none of them.
         ValueError: An option that is out of its range.
     """
     autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
@@ -56,6 +60,7 @@ def make_vec(
         check_actions=check_actions,
         first_world=first_world,
         render_mode=render_mode,
+        interpret=interpret,
     )
 
 

@@ -1,7 +1,7 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -88,6 +88,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         check_actions: bool = True,
         first_world: int = 0,
         render_mode: str | None = None,
+        interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1)
         check_count("threads", threads, 1)
@@ -98,7 +99,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
-        self.worlds = Worlds(scenario.modules, int(num_worlds), int(threads))
+        self.worlds = Worlds(
+            scenario.modules, int(num_worlds), int(threads), ordered=scenario.order, interpret=interpret
+        )
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)

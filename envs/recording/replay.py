@@ -39,10 +39,10 @@ class Replay:
     """
 
     def __init__(self, recording: Recording, threads: int = 1) -> None:
-        self.recording, self.summary = recording, Summary()
+        self.recording, self.summary, scenario = recording, Summary(), recording.scenario
         try:
-            self.worlds = Worlds(recording.scenario.modules, recording.num_worlds, threads)
-            check_playable(self.worlds, recording.scenario.name)
+            self.worlds = Worlds(scenario.modules, recording.num_worlds, threads, ordered=scenario.order)
+            check_playable(self.worlds, scenario.name)
         except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
         self._joint_actions = JointActions(self.worlds)
@@ -54,7 +54,7 @@ class Replay:
             for name, mine in zip_longest(recording.components, names[: len(recording.components)])
         ]
         self._check("components", there, names)
-        with announce_compilation(self.worlds, recording.scenario.name):
+        with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; nothing moves
 
     def __repr__(self) -> str:

@@ -1,27 +1,49 @@
-"""What identifies a game: a scenario's name and numbers, as files keep them to be compared."""
+"""What identifies a game: a scenario's name, numbers and order, and the code of users' mechanics, as files keep it."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
-from .renamed import NUMBERS, current
-from .scenario import Scenario
+from outlast.ecs.identity import PYTHON, code_digest, full_name
+from outlast.ecs.references import is_outside
 
-LONGEST = 200  # characters of a name
+from .renamed import NUMBERS, current
+from .scenario import Scenario, sorted_
+
+LONGEST = 200  # characters of a name, and entries of an order
 
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
-    """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line."""
+    """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line.
+
+    Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not outlast's own:
+    by name, the full name of the class, the version of Python and the hash of its code (see ecs.identity).
+    """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name = "".join(letter if letter.isprintable() else "?" for letter in scenario.name[:LONGEST])
-    return {"name": name, "numbers": numbers}
+    users = [module for module in sorted_(scenario) if is_outside(type(module))]
+    more = {
+        "order": [list(chain) for chain in scenario.order],
+        "code": {each.name: [full_name(type(each))[:LONGEST], PYTHON, code_digest(each)] for each in users},
+    }
+    return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value}
 
 
 def is_fingerprint(given: Any) -> bool:
-    """Whether it could be one: a name, and by name numbers, booleans, choices and lists of numbers."""
+    """Whether it could be one: a name; by name numbers, booleans, choices and lists of numbers; lists of words."""
     if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
         return False
     values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
-    return is_word(values[0]) and all(map(_is_plain, values[1:]))
+    code, order = given.get("code", {}), given.get("order", [])
+    return (
+        is_word(values[0])
+        and all(map(_is_plain, values[1:]))
+        and isinstance(order, list)
+        and len(order) <= LONGEST
+        and all(_are_words(chain) and 1 < len(chain) <= LONGEST for chain in order)
+        and isinstance(code, dict)
+        and all(is_word(name) and _are_words(entry) and len(entry) == 3 for name, entry in code.items())
+    )
 
 
 def _is_plain(given: Any) -> bool:
@@ -30,18 +52,47 @@ def _is_plain(given: Any) -> bool:
     )
 
 
+def _are_words(given: Any) -> bool:
+    return isinstance(given, list) and all(map(is_word, given))
+
+
 def is_word(given: Any) -> bool:
     """Whether it is a text that can be shown in a line."""
     return isinstance(given, str) and len(given) <= LONGEST and given.isprintable()
 
 
 def difference(given: Any, own: dict[str, Any]) -> str:
-    """Name of the scenario of that fingerprint and the first number that differs from one's own; empty if none does."""
+    """Name of the scenario of that fingerprint and what first differs from one's own; empty if nothing does.
+
+    A fingerprint of before, which has no code, agrees with scenarios of outlast's own mechanics only.
+    """
     if not is_fingerprint(given):
         return "(it does not name one)"
+    found = next(_differences(given, own), "")
+    return found and f"({given['name']!r}): {found}"
+
+
+def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
     numbers = current(given["numbers"], NUMBERS, own["numbers"])
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:
-            return f"({given['name']!r}): {key} is {its} there and {mine} here"
-    return ""
+            yield f"{key} is {its} there and {mine} here"
+    code, other = own.get("code", {}), given.get("code", {})
+    for name in sorted(code.keys() | other.keys()):
+        yield from _code_differences(name, other.get(name), code.get(name))
+    if given.get("order", []) != own.get("order", []):
+        yield f"the order of systems is {given.get('order', [])} there and {own.get('order', [])} here"
+
+
+def _code_differences(name: str, its: list[str] | None, mine: list[str] | None) -> Iterator[str]:
+    """In words, what differs between a user's mechanic there and here."""
+    if its is None or mine is None:
+        where, other, (kind, *_) = ("here", "there", mine or [""]) if its is None else ("there", "here", its)
+        yield f"{where} the mechanic {name} is {kind}; {other}, nothing is known of its code"
+    elif its[0] != mine[0]:
+        yield f"the mechanic {name} is {its[0]} there and {mine[0]} here"
+    elif its[1] != mine[1]:
+        yield f"the code of {name} ({mine[0]}) was Python {its[1]}'s there, and not comparable to {mine[1]}'s here"
+    elif its[2] != mine[2]:
+        yield f"the code of the mechanic {name} ({mine[0]}) is another one there than here"

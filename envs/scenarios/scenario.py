@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from outlast.ecs import Module, NumberError
-from outlast.systems import FreeForAll
 
 from ..errors import ScenarioError
 from . import renamed
@@ -25,6 +24,7 @@ class Scenario:
         name: What errors and files call it.
         modules: The mechanics, in any order.
         about: One line for people.
+        order: What `ordered` added: chains of systems, each of which runs before the next one.
 
     Raises:
         ScenarioError: Two mechanics of one kind, or of one name.
@@ -33,16 +33,18 @@ class Scenario:
     name: str
     modules: tuple[Module, ...]
     about: str = ""
+    order: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        slots = [module.slot() for module in self.modules]
-        for slot in slots:
-            if slots.count(slot) > 1:
-                raise ScenarioError(
-                    f"{self.name}: more than one module for {slot.__name__}; use with_() to replace one"
-                )
-        if FreeForAll.slot() not in slots:  # without teams, every agent fights for itself
-            object.__setattr__(self, "modules", (*self.modules, FreeForAll()))
+        taken: dict[type, Module] = {}
+        for module in self.modules:
+            other = taken.setdefault(module.slot(), module)
+            if other is not module:
+                names = " and ".join(sorted(type(each).__name__ for each in (other, module)))
+                raise ScenarioError(f"{self.name}: {names} exclude each other; use with_() to replace one by the other")
+        for chain in self.order:
+            if len(chain) < 2 or not all(isinstance(name, str) for name in chain):
+                raise ScenarioError(f"{self.name}: {chain!r} is no order: labels or names are needed, at least two")
         self._check_names()
 
     def _check_names(self) -> None:
@@ -59,7 +61,8 @@ class Scenario:
                 owners[name] = module
 
     def __repr__(self) -> str:
-        return f"Scenario({self.name!r}, {len(self.modules)} mechanics)"
+        chains = "".join(f", {' before '.join(chain)}" for chain in self.order)
+        return f"Scenario({self.name!r}, {len(self.modules)} mechanics{chains})"
 
     def without(self, *kinds: type[Module] | str) -> "Scenario":
         """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
@@ -77,6 +80,18 @@ class Scenario:
                 raise ScenarioError(f"{module!r} is not a module: pass an instance, as in with_(Melee(damage=20))")
         slots = {module.slot() for module in modules}
         return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+
+    def ordered(self, *systems: str) -> "Scenario":
+        """The same with an order between systems that say none themselves, as those of two authors.
+
+        Args:
+            *systems: Labels of systems ("poison.sicken") or names of mechanics ("poison"), which stand for all their
+                systems. Each runs before the next one, in every phase that they share.
+
+        Raises:
+            ScenarioError: Fewer than two are given.
+        """
+        return dataclasses.replace(self, order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
         """The same with other numbers.

@@ -60,7 +60,7 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
         modules.append(kind(**{name: numbers.pop(full) for name, full in own.items()}))
     if numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
-    return Scenario(str(fingerprint["name"]), tuple(modules))
+    return Scenario(str(fingerprint["name"]), tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
 
 
 class _Plan(Layout):

@@ -87,7 +87,7 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 
 
 def _function(name: str) -> Any:
-    return external(name, *SIGNATURES[name])
+    return external(name, *SIGNATURES[name], cure='take physics_backend="portable"')
 
 
 solve_impacts = _function("_ZN7b2World8SolveTOIERK10b2TimeStep")

@@ -14,6 +14,13 @@ ZERO = np.float32(0)
 
 
 @kernel
+def outer_radius(shape: Array, e: int) -> Real:
+    """Radius of the circle around all of body `e`, metres."""
+    x, y = shape.half_width[e], shape.half_height[e]
+    return max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
+
+
+@kernel
 def travel(body: Array, push: Array, solid: Array, e: int, time: Real) -> Real:
     """Upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
     inverse_mass = inverse(solid.mass[e])
@@ -29,7 +36,7 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
         return gap_circle_box(
             body.x[e],
             body.y[e],
-            shape.bound[e],
+            outer_radius(shape, e),
             body.x[o],
             body.y[o],
             body.cosine[o],
@@ -38,7 +45,7 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
             shape.half_height[o],
         )
     x, y = body.x[e] - body.x[o], body.y[e] - body.y[o]
-    return np.float32(np.sqrt(x * x + y * y)) - shape.bound[e] - shape.radius[o]
+    return np.float32(np.sqrt(x * x + y * y)) - outer_radius(shape, e) - shape.radius[o]
 
 
 @kernel
@@ -46,11 +53,11 @@ def clearance(
     aabbs: AABBs, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
 ) -> Real:
     """How far body `e` may be pushed before it could touch a body that is not in the contact batch, at most `most`."""
-    free = most
+    free, radius = most, outer_radius(shape, e)
     for b in range(solids.size):
         pending = alive_bits(entities, solids, b) & ~to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b))
         if pending:
-            distance = load(solid.max_travel, SIMD_WIDTH * b) + (shape.bound[e] + most)
+            distance = load(solid.max_travel, SIMD_WIDTH * b) + (radius + most)
             pending &= aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance)
         while pending:
             o = first_row(b, pending)

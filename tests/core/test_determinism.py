@@ -117,18 +117,14 @@ def test_another_process_observes_the_same_for_two_thousand_ticks() -> None:
 
 
 PLAIN = """
-import ctypes, sys, types
+import sys
+from contextlib import nullcontext
 import numpy as np
-from outlast.systems import death_drop, physics
-
-def of_c(name):
-    function = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_float)((name, ctypes.CDLL(None)))
-    return lambda x: np.float32(function(x))
-
-if sys.argv[1] == "libm":  # numpy, but for the sines of single numbers, which compiled code has from the C library
-    death_drop.np = physics.np = types.SimpleNamespace(**vars(np) | {"cos": of_c("cosf"), "sin": of_c("sinf")})
 from tests.core.test_determinism import watched
-np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
+from tests.helpers.sines import sines_of_c
+
+with sines_of_c() if sys.argv[1] == "libm" else nullcontext():
+    np.savez(sys.argv[2], **watched(sys.argv[3], int(sys.argv[4])))
 """
 
 

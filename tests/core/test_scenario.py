@@ -155,7 +155,7 @@ def test_without_takes_mechanics_away() -> None:
     assert (Melee in less, "boxes" in less, Melee in scenario, Boxes in scenario) == (False, False, True, True)
     assert len(less.modules) == len(scenario.modules) - 2
     assert scenario.without() == scenario
-    assert FreeForAll in scenario.without(Teams)  # there is always a rule for sides
+    assert FreeForAll not in scenario.without(Teams)  # a scenario has what it names, and nothing else
 
 
 def test_with_adds_or_replaces() -> None:
@@ -203,7 +203,6 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
     ("physics",): (set(), ALL),
     ("pickup",): (set(), ALL),
     ("record",): (set(), ALL),
-    ("teams",): (set(), ALL),
     ("spawn_grid",): (set(), ALL),
     ("safe_zone",): ({"zone"}, ALL),
     ("heals", "boxes"): (BOX_KEYS | HEAL_KEYS, ALL),  # what deals with items has nothing to do
@@ -214,11 +213,12 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
     ),
 }  # fmt: skip
 NEEDED = {  # the error without each of them
-    ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many"),
-    ("ending",): (ScheduleError, "needs Score .*leave (record|rewards) out"),
-    ("rewards",): (ScheduleError, "record.note needs Reward .*leave record out"),
-    ("inventory",): (ScheduleError, "needs Bag .*leave (give_last|pickup|death_drop) out"),
-    ("room",): (ScheduleError, "needs Floor .*leave (spawn_grid|safe_zone) out"),
+    ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many .*add Agents"),
+    ("ending",): (ScheduleError, "needs Score .*add .*Ending, or leave (record|rewards) out"),
+    ("rewards",): (ScheduleError, "record.note needs Reward .*add .*Rewards, or leave record out"),
+    ("inventory",): (ScheduleError, "needs Bag .*add .*Inventory, or leave (give_last|pickup|death_drop) out"),
+    ("room",): (ScheduleError, "needs Floor .*add .*Room, or leave (spawn_grid|safe_zone) out"),
+    ("teams",): (DeclarationError, "the dimension 'sides'.* Episode.kills needs it: add FreeForAll or Teams"),
 }
 
 
@@ -237,7 +237,7 @@ def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -
     full, rest = (Worlds(scenario.modules, 1) for scenario in (variant("teams_3"), derived(names)))
     assert set(observation_space(full)) - set(observation_space(rest)) == keys
     assert action_space(rest).nvec.tolist() == [sizes] * 4
-    assert observation_space(rest)["own"].shape == (4, 8 if "teams" in names else 9)
+    assert observation_space(rest)["own"].shape == (4, 9)
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
@@ -412,12 +412,13 @@ def test_what_would_be_hidden_or_belong_to_nobody_is_refused(component: Any, wor
 
 @dataclasses.dataclass(frozen=True)
 class Apples(Module):
-    """Another item that heals, whose rows come ahead of the boxes'."""
+    """Another item that heals, whose rows lie between those of boxes and of box items."""
 
     count: int = number(2, low=1)
 
     def archetypes(self) -> Any:
-        return [Archetype("apple", (Body(), Shape(radius=0.25), Spawned(), Item(), Heal(amount=10)), self.count)]
+        parts = (Body(), Shape(radius=0.25), Spawned(), Item())
+        return [Archetype("apple", (*parts, Heal(amount=10)), self.count, order=25)]
 
     def dims(self) -> dict[str, int | str]:
         return {"heals": self.count}

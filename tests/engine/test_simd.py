@@ -4,9 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
 from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
-from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits, trailing_zeros
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
+from tests.conftest import COMPILED
 from tests.helpers import toy_game
 from tests.helpers.toy_game import Energy, Food, Place, Walkers, Weather
 
@@ -98,3 +100,17 @@ def test_a_system_can_iterate_a_bitset() -> None:
     gained = fed[Energy].left - plain[Energy].left
     assert (gained[:, fed.span("walker")] == 1000).all()
     assert (gained[:, fed.span("food")] == 0).all()
+
+
+@pytest.mark.skipif(not COMPILED, reason="plain Python raises a ValueError of numpy's")
+def test_a_vector_cannot_be_stored_into_a_read_only_array() -> None:
+    """As where a kernel gets a table that its system declares as Read in a way that the check cannot follow."""
+    column = np.zeros(SIMD_WIDTH, np.float32)
+    column.flags.writeable = False
+    with pytest.raises(TypingError, match="Cannot modify readonly array"):
+        copy(column)
+
+
+@kernel
+def copy(column: Any) -> None:
+    store(column, 0, load(column, 0))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast.ecs import Module, Random, ScheduleError, Worlds, Write
+from outlast.ecs import DeclarationError, Entity, Module, Random, ScheduleError, Worlds, Write
 from outlast.ecs.random import uniform
 from outlast.ecs.workers import Job, Workers
 from tests.conftest import COMPILED, digest, scaled
@@ -41,6 +41,49 @@ MANY = scaled(200, least=40)  # more than a thread takes at a time
 
 def walkers(worlds: Worlds) -> Any:
     return worlds[Place].x[:, worlds.span("walker")]
+
+
+# ---- one entity
+
+ENTITY = """entity 4 of world 1 (walker 2), alive
+  Entity       alive              1
+               identity           {identity}
+  Place        x                  1.5
+               trail              [ 7, -1, -1]
+  Energy       left               20"""
+
+
+def test_an_entity_can_be_looked_at() -> None:
+    """All that it has, as it is now."""
+    worlds = make(count=2)
+    entity = worlds.entity(4, world=1)
+    worlds[Place].x[1, 4], worlds[Place].trail[1, 4, 0] = 1.5, 7
+    assert repr(entity) == ENTITY.format(identity=worlds[Entity].identity[1, 4])
+    assert (entity.archetype, entity.index, entity.Energy.left, entity[Place].x) == ("walker", 2, 20, 1.5)
+    assert worlds.entity(0).Place.trail.tolist() == [-1, -1, -1]
+    assert "not in the world" not in repr(entity)
+    worlds[Entity].alive[1, 4] = 0
+    assert repr(entity).splitlines()[0] == "entity 4 of world 1 (walker 2), not in the world"
+    assert {"Place", "Energy"} <= set(dir(entity))
+
+
+@pytest.mark.parametrize("row", [-1, 5, 2.0, True, "walker", None])
+def test_an_unknown_row_is_refused(row: Any) -> None:
+    worlds = make(count=2)
+    with pytest.raises(DeclarationError, match=f"there is no row {row!r}: there are 5, from 0 to 4"):
+        worlds.entity(row)
+    with pytest.raises(DeclarationError, match="there is no world 2: there are 2, from 0 to 1"):
+        worlds.entity(0, 2)
+
+
+def test_what_an_entity_lacks_is_named() -> None:
+    food = make().entity(0)
+    with pytest.raises(AttributeError, match=r"\(food 0\) has no Energy; it has: Entity, Place"):
+        _ = food.Energy
+    with pytest.raises(AttributeError, match="did you mean Place"):
+        _ = food.Plaec
+    with pytest.raises(DeclarationError, match=r"\(food 0\) has no Energy; it has: Entity, Place"):
+        food[Energy]
 
 
 # ---- modes

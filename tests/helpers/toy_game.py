@@ -201,6 +201,16 @@ def freeze(energy: Add[Energy], wind: Read[Wind], walkers: Rows[Energy]) -> None
 GAME = (Walkers(), Food(), Weather())
 
 
+def system_of(function: Any, **options: Any) -> Module:
+    """A mechanic "local" that has this one system, in phase FEED."""
+
+    class Local(Toy):
+        pass
+
+    Local.system(Phase.FEED, **options)(function)
+    return Local()
+
+
 def make(*modules: Module, count: int = 4, threads: int = 1, seed: int = 0, first: int = 0) -> Worlds:
     """Worlds of `modules` (all of them by default), seeded and reset."""
     worlds = Worlds(modules or GAME, count, threads)

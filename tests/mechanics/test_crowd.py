@@ -1,15 +1,19 @@
-"""Worlds with so many bodies that cameras cull them first, against the naive form that tests every body."""
+"""Worlds with many bodies: cameras that cull them first, against the naive form; and rooms that are too small."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import outlast
-from outlast.components import Body, Sight
-from outlast.ecs import Entity
+from outlast.components import Body, Phase, Side, Sight
+from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.cameras import FEW
-from tests.conftest import scaled
+from tests.conftest import draw_actions, scaled, slow_compiled
 from tests.helpers import naive_observations
 from tests.helpers.ambiguity import collecting
 from tests.helpers.naive_world import World, read
@@ -58,3 +62,74 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
         assert differing <= len(ambiguities), (got, want)
     env.close()
     assert several >= WORLDS
+
+
+# ---- nobody leaves the room
+
+
+@slow_compiled
+@settings(max_examples=scaled(60, least=3), deadline=None, derandomize=True)
+@given(
+    size=st.floats(3, 12),
+    cells=st.integers(5, 7),
+    counts=st.tuples(st.integers(1, 12), st.integers(1, 13)),
+    radius=st.floats(0.1, 1),
+    sides=st.tuples(st.floats(0.1, 5), st.floats(0, 3)),
+    thrust=st.floats(0.25, 50),
+    dynamic=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
+def test_nobody_leaves_a_crowded_room(
+    size: float,
+    cells: int,
+    counts: tuple[int, int],
+    radius: float,
+    sides: tuple[float, float],
+    thrust: float,
+    dynamic: bool,
+    seed: int,
+) -> None:
+    """Whatever its size, and that of the bodies in it, which overlap each other and the walls from the start."""
+    scenario = outlast.variant("ffa_3").without("heals", "safe_zone").replace(
+        n_agents=counts[0], n_boxes=counts[1], agents_radius=radius, boxes_width=sides[0], boxes_height=sides[0],
+        boxes_width_deviation=sides[1], boxes_dynamic=dynamic, motors_ahead=thrust, room_size=size,
+        spawn_grid_cells=cells, ending_rule="all dead",
+    )  # fmt: skip
+    env, rng = outlast.make_vec(scenario, scaled(8, least=1), seed=seed), np.random.default_rng(seed)
+    env.reset()
+    agents, body = env.worlds.span("agent"), env.worlds[Body]
+    for _ in range(scaled(100, least=10)):
+        env.step(draw_actions(env, rng))
+        assert max(np.abs(body.x[:, agents]).max(), np.abs(body.y[:, agents]).max()) <= size / 2
+    env.close()
+
+
+@dataclass(frozen=True)
+class Wind(Module):
+    """Blows agents away, without any contacts."""
+
+    speed: float = number(3.0)  # metres a tick
+
+
+@Wind.system(Phase.MOVE, after="physics")
+def blow(body: Write[Body], agents: Rows[Side], speed: float) -> None:
+    for e in agents:
+        body.x[e] += speed
+        body.y[e] -= 2 * speed
+        body.vx[e] = speed
+
+
+@pytest.mark.parametrize("physics", [True, False])
+def test_nobody_is_moved_out_of_the_room_by_other_mechanics(physics: bool) -> None:
+    """Room.keep_inside comes after all that moves bodies, and needs no physics."""
+    scenario = outlast.variant("ffa_1").with_(Wind())
+    env = outlast.make_vec(scenario if physics else scenario.without("physics"), 2, seed=0)
+    labels = [system.label for system in env.worlds.schedule.systems]
+    assert labels.index("wind.blow") < labels.index("room.keep_inside")
+    env.reset()
+    agents, body = env.worlds.span("agent"), env.worlds[Body]
+    for _ in range(30):
+        env.step(np.full((2, 2, 6), env.noop))
+        assert max(np.abs(body.x[:, agents]).max(), np.abs(body.y[:, agents]).max()) <= 12.5
+    assert (body.x[:, agents] > 11).all()
+    assert (body.vx[:, agents] <= 3).all()

@@ -1,6 +1,7 @@
 """A few hostile files for each loader, and the fuzzer on files with known effects. More: `python -m tests.fuzz`."""
 
 import importlib.util
+import re
 from pathlib import Path
 from random import Random
 
@@ -8,6 +9,7 @@ import pytest
 
 from tests.conftest import COMPILED, scaled
 from tests.fuzz import __main__ as fuzz
+from tests.fuzz import scenarios
 from tests.fuzz.traps import BEHAVIOURS, Traps
 
 FILES = {"states": 150, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 120}
@@ -32,6 +34,23 @@ def test_a_few_hostile_files_are_refused_or_work(tmp_path: Path, loader: str) ->
     assert (
         not COMPILED or 0.2 < refused / task.files < 0.95
     )  # some must be accepted, or nothing after loading is tested
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="runs plain Python, too")
+def test_a_few_random_scenarios_run_equally_or_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of seed 1. More: `python -m tests.fuzz.scenarios`."""
+    assert scenarios.main(["--count", "12", "--seed", "1", "--ticks", "60", "--out", str(tmp_path)]) == 0
+    assert re.search(r"12 scenarios, \d+ ran, \d+ refused, 0 findings", capsys.readouterr().out)
+
+
+def test_what_differs_between_two_runs_of_a_scenario_is_a_finding() -> None:
+    same, refused = {"digests": ["a", "b"]}, {"digests": ["a"], "refused": "NumberError: 3"}
+    assert not scenarios.compared(same, same)
+    assert not scenarios.compared(refused, refused)
+    assert scenarios.compared(same, {"digests": ["a", "c"]}) == "the state differs after tick 1"
+    assert scenarios.compared(refused, same) == "compiled: NumberError: 3\nplain Python: runs"
+    assert scenarios.compared(same, {"digests": [], "error": "KeyError"}) == "plain Python: KeyError"
 
 
 @pytest.mark.nightly

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from outlast import variant
+from outlast.ecs import Module, Singleton, column
 from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -40,6 +41,15 @@ def config(steps: int, **changes: Any) -> TrainingConfig:
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """The points of a log, but for times."""
     return {tag: values for tag, values in read_log(folder / "log.csv").items() if not tag.startswith("time/")}
+
+
+class Mark(Singleton):
+    size: Any = column("f4")
+
+
+def marked(size: float) -> Module:
+    """A user's mechanic, whose code differs in a prefab value."""
+    return type("Marked", (Module,), {"singletons": lambda self: [Mark(size=size)]})()
 
 
 def names(folder: Path) -> list[str]:
@@ -139,6 +149,8 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path
         TrainingRun(config(2 * EACH, seed=4), tmp_path / "parts", resume=True)
     with pytest.raises(TrainingError, match=r"another scenario .*: agents_health is 10 there and 11 here"):
         TrainingRun(config(2 * EACH, scenario=SHORT.replace(agents_health=11)), tmp_path / "parts", resume=True)
+    with pytest.raises(TrainingError, match=r"another scenario .*: here the mechanic marked is .*Marked"):
+        TrainingRun(config(2 * EACH, scenario=SHORT.with_(marked(1))), tmp_path / "parts", resume=True)
     TrainingRun(config(2 * EACH), tmp_path / "parts", resume=True).train()
     assert points(tmp_path / "parts") == points(tmp_path / "whole")
     assert not list(tmp_path.glob("*/*.tmp"))
@@ -192,6 +204,13 @@ def test_what_cannot_be_resumed_is_refused_and_left_alone(tmp_path: Path) -> Non
     with pytest.raises(StateError, match=r"another scenario .*: agents_health is 10 there and 11 here"):
         TrainingRun(config(EACH, scenario=SHORT.replace(agents_health=11)), folder, resume=True)
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_checkpoint_of_a_game_with_another_mechanic_is_refused(tmp_path: Path) -> None:
+    TrainingRun(config(EACH, scenario=SHORT.with_(marked(1))), tmp_path).train()
+    TrainingRun(config(2 * EACH, scenario=SHORT.with_(marked(1))), tmp_path, resume=True).train()
+    with pytest.raises(StateError, match=r"another scenario .*: the code of the mechanic marked .*Marked\) is another"):
+        TrainingRun(config(3 * EACH, scenario=SHORT.with_(marked(2))), tmp_path, resume=True)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x05\x06" + bytes(18), b"no archive"])

@@ -1,0 +1,335 @@
+"""An abstract interpreter of kernels: numba's intermediate representation, run over abstract values.
+
+Every variable has the set of values that any of its assignments gives it, so an error is reported only where all of
+them agree. What cannot be followed (a table in a list, in an array or in a numpy function) is unknown, and left to the
+compiler. Only tables that are declared Add must be followed everywhere, as nothing later would notice that they are
+read or overwritten.
+"""
+
+import builtins
+import difflib
+import inspect
+import operator
+from collections.abc import Callable, Iterable
+from pathlib import PurePath
+from types import FunctionType, ModuleType
+from typing import Any, Protocol
+
+import numpy as np
+from numba.core import ir
+
+from .abstract_values import (
+    ANYTHING,
+    FLOATING,
+    UNKNOWN,
+    Column,
+    Constant,
+    Definitions,
+    Shared,
+    Sum,
+    Table,
+    Values,
+    added,
+    tracked,
+)
+from .cache_key import FOREIGN
+from .errors import DeclarationError, EngineError, ScheduleError
+from .references import is_outside
+
+WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
+SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes of arrays that are no values
+FLOATS = (float, np.float32, np.float64)
+ROUNDS = 9  # over the blocks of a function, until values flow no further; more than loops within loops need
+
+
+class Calls(Protocol):
+    """What calls the functions: the check of a system."""
+
+    label: str
+
+    def call(
+        self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
+    ) -> Values:
+        """What `function` returns."""
+
+
+class Activation:
+    """One call of a function.
+
+    Args:
+        calls: What calls the functions that this one calls.
+        function: A Python function.
+        code: Its intermediate representation, numba's FunctionIR.
+        arguments: Values by parameter; of others, nothing is known.
+        trail: The places of the calls that lead here.
+    """
+
+    def __init__(
+        self, calls: Calls, function: FunctionType, code: Any, arguments: dict[str, Values], trail: tuple[str, ...]
+    ) -> None:
+        self.calls, self.function, self.trail = calls, function, trail
+        self.arguments, self.statements = arguments, [each for _, b in sorted(code.blocks.items()) for each in b.body]
+        self.definitions = Definitions(self.statements)
+        self.values: dict[str, Values] = {}
+        self.returned: Values = frozenset()
+        self.report, self.certain, self.line = False, False, 0
+
+    def run(self, report: bool) -> Values:
+        """The values that it returns. report: whether errors are raised, which needs arguments that are final."""
+        for _ in range(ROUNDS):
+            before = dict(self.values)
+            self._pass()
+            if self.values == before:
+                break
+        else:
+            self.values = {name: values | ANYTHING for name, values in self.values.items()}
+        self.report = report
+        self._pass()
+        return self.returned or ANYTHING
+
+    def _pass(self) -> None:
+        for statement in self.statements:
+            self.line = statement.loc.line
+            match statement:
+                case ir.Assign():
+                    name = statement.target.name
+                    self.values[name] = self.values.get(name, frozenset()) | self._value(statement.value)
+                case ir.SetItem():
+                    self._set_item(statement)
+                case ir.SetAttr():
+                    self._set_attribute(statement)
+                case ir.Return():
+                    self.returned |= self._of(statement.value)
+                case _:
+                    self._refuse_added(statement.list_vars())
+
+    def _of(self, variable: Any) -> Values:
+        return self.values.get(variable.name, frozenset())
+
+    def _only(self, variable: Any) -> Any:
+        """The value of a variable if there is one only, else UNKNOWN."""
+        values = self._of(variable)
+        return next(iter(values)) if len(values) == 1 else UNKNOWN
+
+    # ---- expressions
+
+    def _value(self, value: Any) -> Values:
+        match value:
+            case ir.Arg():
+                return self.arguments.get(value.name, ANYTHING)
+            case ir.Var():
+                return self._of(value)
+            case ir.Global() | ir.FreeVar() | ir.Const():
+                if value.value is ir.UNDEFINED:
+                    known = [*self.arguments, *self.function.__globals__, *dir(builtins)]
+                    self._refuse(f"the name '{value.name}' is not defined{_hint(value.name, known)}")
+                return frozenset([FLOATING if isinstance(value.value, FLOATS) else Constant(value.value)])
+            case ir.Expr():
+                return self._expression(value)
+        self._refuse_added(value.list_vars())
+        return ANYTHING
+
+    def _expression(self, expression: Any) -> Values:
+        match expression.op:
+            case "cast" | "exhaust_iter" | "getiter" | "iternext":
+                return self._of(expression.value)
+            case "build_tuple":
+                return frozenset([tuple(map(self._of, expression.items))])
+            case "getattr":
+                return self._union(expression.value, lambda value: self._attribute(value, expression.attr))
+            case "static_getitem":
+                return self._union(expression.value, lambda value: self._item(value, expression.index))
+            case "getitem":
+                self._refuse_added([expression.index])
+                index = self._only(expression.index)
+                index = index.value if isinstance(index, Constant) else None
+                return self._union(expression.value, lambda value: self._item(value, index))
+            case "pair_first":
+                return self._union(expression.value, self._elements)
+            case "pair_second":
+                return ANYTHING
+            case "inplace_binop":
+                return self._inplace(expression)
+            case "call":
+                return self._call(expression)
+        self._refuse_added(expression.list_vars())
+        if expression.op in ("binop", "unary"):
+            return self._number(expression.list_vars(), expression.fn)
+        return ANYTHING
+
+    def _union(self, variable: Any, function: Callable[[Any], Values]) -> Values:
+        """Of every value that the variable may have; errors are raised only where there is one."""
+        values = self._of(variable)
+        self.certain = len(values) == 1
+        return frozenset().union(*map(function, values))
+
+    def _number(self, variables: Iterable[Any], function: Any) -> Values:
+        floating = function is operator.truediv or any(self._of(v) == {FLOATING} for v in variables)
+        comparison = function in (operator.lt, operator.le, operator.eq, operator.ne, operator.ge, operator.gt)
+        return frozenset([FLOATING]) if floating and not comparison else ANYTHING
+
+    def _attribute(self, value: Any, name: str) -> Values:
+        value = value.column if isinstance(value, Sum) else value
+        if isinstance(value, Table):
+            columns = value.component.columns
+            if name in columns:
+                return frozenset([Column(value.component, value.access, name)])
+            if self.certain:
+                known = f"it has: {', '.join(columns)}{_hint(name, columns)}"
+                self._refuse(f"{component_name(value)} has no column '{name}'; {known}")
+        elif isinstance(value, Column):
+            if value.access == "add" and name not in SIZES:
+                self._refuse_access(value, f"takes .{name} of {value}")
+            if name == "T":
+                return frozenset([value])
+            if name in WRITING:
+                return frozenset([Column(value.component, value.access, value.name, value.part, name)])
+        elif isinstance(value, Constant) and isinstance(value.value, ModuleType):
+            if hasattr(value.value, name):
+                found = getattr(value.value, name)
+                return frozenset([FLOATING if isinstance(found, FLOATS) else Constant(found)])
+            if self.certain:
+                self._refuse(f"{value.value.__name__} has no '{name}'{_hint(name, dir(value.value))}")
+        return ANYTHING
+
+    def _item(self, value: Any, index: Any) -> Values:
+        value = value.column if isinstance(value, Sum) else value
+        if isinstance(value, Table):
+            columns = [*value.component.columns]
+            if isinstance(index, int) and -len(columns) <= index < len(columns):
+                return frozenset([Column(value.component, value.access, columns[index])])
+            if value.access == "add":
+                self._refuse_access(value, f"takes a part of the table of {component_name(value)}")
+        elif isinstance(value, Column):
+            return frozenset([Column(value.component, value.access, value.name, part=True)])
+        elif isinstance(value, tuple):
+            if isinstance(index, int) and -len(value) <= index < len(value):
+                return value[index]  # type: ignore[no-any-return]
+            return ANYTHING.union(*value)
+        return ANYTHING
+
+    def _elements(self, value: Any) -> Values:
+        """What a loop over it gives."""
+        if isinstance(value, tuple):
+            return frozenset().union(*value)
+        return self._item(value, None)
+
+    # ---- calls
+
+    def _call(self, expression: Any) -> Values:
+        """A call of a Python function is followed with the values of its arguments."""
+        target = self._only(expression.func)
+        called: Any = target.value if isinstance(target, Constant) else None
+        if called is len:
+            return ANYTHING
+        if isinstance(target, Column) and target.method:
+            self._refuse_write(target)
+        called = getattr(called, "python", getattr(called, "py_func", called))
+        if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
+            self._refuse_added(expression.list_vars())
+            return frozenset([FLOATING]) if any(called is kind for kind in FLOATS) else ANYTHING
+        positional = [self._of(argument) for argument in expression.args]
+        named = {name: self._of(argument) for name, argument in expression.kws}
+        try:
+            bound = inspect.signature(called).bind(*positional, **named)
+        except TypeError as error:
+            self._refuse(f"{called.__name__}(): {error}")
+            return ANYTHING
+        if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
+            return ANYTHING  # a kernel of the engine's or the game's that gets no table
+        trail = (*self.trail, place(self.function, self.line))
+        return self.calls.call(called, dict(bound.arguments), trail, self.report)
+
+    # ---- writes
+
+    def _set_item(self, statement: Any) -> None:
+        self._refuse_added([statement.index])
+        target = self._only(statement.target)
+        if totals := [*added(self._of(statement.target))]:
+            if not self.definitions.is_addition(statement):
+                self._refuse_access(totals[0], f"writes {totals[0]}")
+            return
+        self._refuse_added([statement.value])
+        if isinstance(target, Table):
+            example = next(iter(target.component.columns))
+            self._refuse(f"{component_name(target)} is a table: write one of its columns, as in .{example}[...]")
+        self._refuse_write(target)
+
+    def _set_attribute(self, statement: Any) -> None:
+        target = self._only(statement.target)
+        if isinstance(target, Table):
+            self._refuse(
+                f"a column cannot be replaced; write into it: {component_name(target)}.{statement.attr}[...] = ..."
+            )
+        self._refuse_added([statement.target, statement.value])
+
+    def _inplace(self, expression: Any) -> Values:
+        """+= and the like. On an array, they write it."""
+        self._refuse_added([expression.rhs])
+        target = self._only(expression.lhs)
+        if isinstance(target, Column) and target.access == "add" and target.part:
+            if expression.fn not in (operator.iadd, operator.isub):
+                self._refuse_access(target, f"does more to {target} than add")
+            kind = target.component.columns[target.name].dtype
+            if kind.kind not in "iu" or self._of(expression.rhs) == {FLOATING}:
+                what = f"{target} is {kind}" if kind.kind not in "iu" else f"a float is added to {target}, {kind}"
+                self._refuse_access(target, f"adds, but {what}, and only sums of integers do not depend on the order")
+            return frozenset([Sum(target)])
+        self._refuse_added([expression.lhs])
+        if isinstance(target, Shared) or (isinstance(target, Column) and not target.part):
+            self._refuse_write(target)
+            return frozenset([target])
+        return self._number([expression.lhs, expression.rhs], expression.immutable_fn)
+
+    # ---- errors
+
+    def _refuse_write(self, target: Any) -> None:
+        if isinstance(target, Column) and target.access == "read":
+            cure = f"declare it Write[{component_name(target)}]"
+            self._raise(ScheduleError, f"writes {target}, which its parameter list declares as Read; {cure}")
+        if isinstance(target, Shared):
+            cure = "take a Scratch or a column of a component"
+            self._raise(
+                ScheduleError, f"writes '{target.name}', which is read-only and the same for all worlds; {cure}"
+            )
+
+    def _refuse_added(self, variables: Iterable[Any]) -> None:
+        """Refuse a use, other than the ones that are allowed, of what is declared Add."""
+        for value in added(*map(self._of, variables)):
+            self._refuse_access(value, f"uses {value if isinstance(value, Column) else component_name(value)}")
+
+    def _refuse_access(self, value: Any, does: str) -> None:
+        name = component_name(value)
+        allowed = f"declares Add[{name}], which allows column[...] += integer and -= only"
+        self._raise(ScheduleError, f"{does}, but {allowed}; declare Write[{name}]")
+
+    def _refuse(self, what: str) -> None:
+        self._raise(DeclarationError, what, colon=":")
+
+    def _raise(self, kind: type[EngineError], what: str, colon: str = "") -> None:
+        if self.report:
+            places = "; ".join((*self.trail, place(self.function, self.line)))
+            raise kind(f"{self.calls.label} ({places}){colon} {what}")
+
+
+def _can_follow(called: Any) -> bool:
+    """Whether it is a Python function with named parameters, of a package that numba has no code of its own for."""
+    if not isinstance(called, FunctionType) or called.__module__.partition(".")[0] in FOREIGN:
+        return False
+    kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
+    return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+
+
+def component_name(value: Any) -> str:
+    """Of a table or a column."""
+    return str(value.component.__name__)
+
+
+def place(function: FunctionType, line: int) -> str:
+    """A line of a function, as messages name it: "mine.py, line 12"."""
+    return f"{PurePath(function.__code__.co_filename).name}, line {line}"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=2)
+    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""

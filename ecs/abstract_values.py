@@ -1,0 +1,131 @@
+"""The values of the abstract interpreter: what a variable of a kernel may hold, and where numba's code defines it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from numba.core import ir
+
+from .component import Component
+
+
+@dataclass(frozen=True)
+class Table:
+    """The table of a component; access: "read", "write" or "add"."""
+
+    component: type[Component]
+    access: str
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table, or (part) an element or a slice of it; method: a method of the array that writes it."""
+
+    component: type[Component]
+    access: str
+    name: str
+    part: bool = False
+    method: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.component.__name__}.{self.name}"
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A read-only array that is the same for all worlds: rows, or numbers. name: of the parameter."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Sum:
+    """An element of a column that is declared Add, and something that is added to it."""
+
+    column: Column
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """A value of Python's, such as a module or a kernel; equal to itself only."""
+
+    value: Any
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Constant) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+UNKNOWN, FLOATING = "unknown", "floating"  # anything; a float that is no column's
+Values = frozenset[Any]  # of a variable; a tuple's value is a tuple of them
+ANYTHING: Values = frozenset([UNKNOWN])
+
+
+def tracked(values: Values) -> bool:
+    """Whether a table, a column or an array that is shared is among the values."""
+    return any(
+        isinstance(v, (Table, Column, Shared)) or (isinstance(v, tuple) and any(map(tracked, v))) for v in values
+    )
+
+
+def added(*several: Values) -> Iterator[Table | Column]:
+    """What is declared Add among the values."""
+    for value in (value for values in several for value in values):
+        value = value.column if isinstance(value, Sum) else value
+        if isinstance(value, tuple):
+            yield from added(*value)
+        elif isinstance(value, (Table, Column)) and value.access == "add":
+            yield value
+
+
+class Definitions:
+    """Where numba's code of a function defines its variables."""
+
+    def __init__(self, statements: list[Any]) -> None:
+        self._all: dict[str, list[Any]] = {}
+        for statement in statements:
+            if isinstance(statement, ir.Assign):
+                self._all.setdefault(statement.target.name, []).append(statement.value)
+
+    def is_addition(self, statement: Any) -> bool:
+        """Whether a store is the last step of `column[index] += ...` or -=, which are a load, a sum and a store."""
+        total = self._only(statement.value)
+        element = self._only(total.lhs) if isinstance(total, ir.Expr) and total.op == "inplace_binop" else None
+        return (
+            isinstance(element, ir.Expr)
+            and element.op == "getitem"
+            and self._same(element.value, statement.target)
+            and self._same(element.index, statement.index)
+        )
+
+    def _source(self, variable: Any) -> Any:
+        """Where a temporary variable comes from: numba calls them $..., and copies them from block to block."""
+        while variable.name.startswith("$") and len(self._all.get(variable.name, ())) == 1:
+            (definition,) = self._all[variable.name]
+            if not isinstance(definition, ir.Var):
+                break
+            variable = definition
+        return variable
+
+    def _only(self, variable: Any) -> Any:
+        """The one definition of a temporary variable; None for the code's own ones, which may have changed since."""
+        variable = self._source(variable)
+        found = self._all.get(variable.name, [])
+        return found[0] if variable.name.startswith("$") and len(found) == 1 else None
+
+    def _same(self, one: Any, other: Any) -> bool:
+        """Whether two variables are the same, equal constants, or slices with the same ends."""
+        if self._source(one).name == self._source(other).name:
+            return True
+        left, right = self._only(one), self._only(other)
+        if isinstance(left, (ir.Const, ir.Global)) and isinstance(right, (ir.Const, ir.Global)):
+            return left.value is right.value
+        if not all(isinstance(each, ir.Expr) and each.op == "call" for each in (left, right)):
+            return False
+        function = self._only(left.func)
+        ends = len(left.args) == len(right.args) and all(map(self._same, left.args, right.args))
+        return (
+            isinstance(function, ir.Global) and function.value is slice and self._same(left.func, right.func) and ends
+        )

@@ -1,0 +1,84 @@
+"""One entity of one world, to look at while debugging."""
+
+import difflib
+from typing import Any
+
+import numpy as np
+
+from .component import Component, Entity
+from .errors import DeclarationError
+
+
+class EntityView:
+    """One entity with all its components, as the tables have it now.
+
+    `view.Health.points` and `view[Health].points` are values; a column with more dimensions is an array that shares
+    the table's memory. `print(view)` shows everything.
+
+    Args:
+        worlds: A Worlds.
+        row: Its row, the same in every table.
+        world: Which of the worlds.
+
+    Attributes:
+        row: Its row.
+        world: Its world.
+        archetype: The name of its kind.
+        index: Its number in its kind, from 0.
+
+    Raises:
+        DeclarationError: There is no such row or world.
+    """
+
+    def __init__(self, worlds: Any, row: int, world: int = 0) -> None:
+        asked: list[tuple[str, Any, int]] = [("row", row, worlds.dims["rows"]), ("world", world, worlds.count)]
+        for name, value, count in asked:
+            if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not 0 <= value < count:
+                raise DeclarationError(f"there is no {name} {value!r}: there are {count}, from 0 to {count - 1}")
+        self.row, self.world = int(row), int(world)
+        spans = worlds.layout.spans
+        self.archetype = next(name for name, span in spans.items() if row in span)
+        self.index = self.row - int(spans[self.archetype].start)
+        parts = worlds.layout.archetypes[self.archetype].parts
+        components: list[type[Component]] = [Entity, *map(type, parts)]
+        self._tables = {component: worlds[component] for component in components}
+
+    def __getitem__(self, component: type[Component]) -> Any:
+        """Its values of a component, as a named tuple."""
+        if component not in self._tables:
+            raise DeclarationError(f"{self._name} has no {component.__name__}; it has: {', '.join(self._names)}")
+        return component.Table(*(column[self.world, self.row] for column in self._tables[component]))
+
+    def __getattr__(self, name: str) -> Any:
+        tables: dict[type[Component], Any] = vars(self).get("_tables", {})  # empty while it is copied
+        components = {component.__name__: component for component in tables}
+        if name not in components:
+            close = difflib.get_close_matches(name, components, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise AttributeError(f"{self._name} has no {name}; it has: {', '.join(components)}{hint}")
+        return self[components[name]]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._names]
+
+    def __repr__(self) -> str:
+        alive = "alive" if self[Entity].alive else "not in the world"
+        lines = [f"{self._name}, {alive}"]
+        for component in self._tables:
+            for k, (column, value) in enumerate(self[component]._asdict().items()):
+                lines.append(f"  {'' if k else component.__name__:<12} {column:<18} {_text(value)}")
+        return "\n".join(lines)
+
+    @property
+    def _name(self) -> str:
+        return f"entity {self.row} of world {self.world} ({self.archetype} {self.index})"
+
+    @property
+    def _names(self) -> list[str]:
+        return [component.__name__ for component in self._tables]
+
+
+def _text(value: Any) -> str:
+    if np.ndim(value):
+        return " ".join(np.array2string(value, precision=6, separator=", ").split())
+    return f"{value:.7g}" if isinstance(value, np.floating) else str(value)

@@ -1,0 +1,74 @@
+"""Execution: the units of a segment, bound to the memory of a batch of worlds and to one thread."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from .arguments import ArgumentBlock
+from .cache import CompiledUnits
+from .jit import interpreted
+from .machine_code import exception_at
+from .tick import CHUNK, Segment, Unit
+
+FAILED, UNIT, FIRST_WORLD, EXCEPTION, RESULT = 0, 1, 2, 3, 4  # words of a report: see ecs.tick.run_units
+
+
+class CompiledExecution:
+    """Runs units that are machine code.
+
+    Args:
+        segment: The units.
+        worlds: Their tables.
+        compiled_units: Loaded.
+    """
+
+    def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits) -> None:
+        self._units, self._runner = segment.units, compiled_units.runner()
+        self._blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
+        addresses = [compiled_units.address(unit.label) for unit in segment.units]
+        self._table = np.array([*zip(addresses, (block.address for block in self._blocks), strict=True)], np.int64)
+        self._report = np.zeros(RESULT + 2, np.int64)
+        report = int(self._report.ctypes.data)
+        self._ahead = report + 8 * RESULT, report + 8 * RESULT + 8, int(self._table.ctypes.data), len(self._table)
+        self._behind = report
+
+    def __call__(self, start: int, stop: int) -> None:
+        """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""
+        self._runner(*self._ahead, start, stop, self._behind)
+        if self._report[FAILED]:
+            self._report[FAILED] = 0
+            raise _exception(self._units[self._report[UNIT]], int(self._report[FIRST_WORLD]), self._report[EXCEPTION])
+
+
+class PythonExecution:
+    """Runs units as Python. Parameters as for CompiledExecution."""
+
+    def __init__(self, segment: Segment, worlds: Any) -> None:
+        self._calls = [
+            (unit.function(), ArgumentBlock(unit.arguments, worlds, compiled=False)) for unit in segment.units
+        ]
+
+    def __call__(self, start: int, stop: int) -> None:
+        """Take the worlds from `start` to `stop` through the units, one after the other."""
+        with interpreted():
+            for function, block in self._calls:
+                function(block, start, stop)
+
+
+def _exception(unit: Unit, first_world: int, address: Any) -> BaseException:
+    """The exception that a unit raised, with its name, and a note on how to find the line."""
+    kind, arguments, place = exception_at(int(address))
+    if place:
+        file, _, line = place.rpartition(", ")
+        place = f" ({os.path.basename(file)}, {line})"
+    text = " ".join(map(str, arguments)) if arguments else kind.__name__
+    try:
+        error = kind(f"{unit.label}{place}: {text}")
+    except Exception:  # a class that is not made from one text
+        error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
+    error.add_note(
+        f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}. "
+        f'To see the line or to set a breakpoint, run this system as Python: Worlds(..., interpret=("{unit.label}",))'
+    )
+    return error

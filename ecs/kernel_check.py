@@ -1,0 +1,98 @@
+"""A static check of a system against its parameter list: milliseconds, before anything is compiled.
+
+A misspelt column, a write to what is declared Read, or more than a sum on what is declared Add is reported with the
+line it is in, also where it is in a kernel that the system calls. How: see abstract_interpreter.
+"""
+
+from types import FunctionType
+from typing import Any
+
+from numba.core.compiler import run_frontend
+
+from .abstract_interpreter import Activation, component_name, place
+from .abstract_values import ANYTHING, FLOATING, UNKNOWN, Shared, Table, Values, added
+from .access import SELECTIONS, Parameter
+from .compile_errors import AS_PYTHON, first_sentence
+from .errors import DeclarationError, ScheduleError
+from .jit import External, compiled
+from .references import references
+from .system import System
+
+
+def check(system: System) -> None:
+    """Compare what a system does with what its parameter list declares.
+
+    Args:
+        system: Any system. Of one that stays Python, only what numba's front end understands is checked.
+
+    Raises:
+        DeclarationError: It uses a column or a name that does not exist, calls a kernel with the wrong arguments, or
+            cannot be compiled because of its syntax.
+        ScheduleError: It writes what it declares as Read, or does more than add integers to what it declares as Add.
+    """
+    function: Any = getattr(system.function, "py_func", system.function)
+    arguments = {parameter.name: frozenset([_value(parameter)]) for parameter in system.parameters}
+    _Check(system).call(function, arguments, ())
+
+
+def check_interpretable(system: System) -> None:
+    """Raise DeclarationError if a system cannot run as Python in a compiled process, as it calls a C library."""
+    ahead: list[Any] = [getattr(system.kernel, "py_func", system.kernel)]
+    seen = set(ahead)
+    while ahead:
+        for _, value in references(ahead.pop()):
+            if isinstance(value, External):
+                raise DeclarationError(f"{system.label} cannot run as Python: {value.refusal}")
+            inner = getattr(value, "py_func", value)
+            if isinstance(inner, FunctionType) and inner not in seen:
+                seen.add(inner)
+                ahead.append(inner)
+
+
+def _value(parameter: Parameter) -> Any:
+    if parameter.kind in ("read", "write", "add"):
+        return Table(parameter.components[0], parameter.kind)
+    if parameter.kind == "numbers" or parameter.kind in SELECTIONS.values():
+        return Shared(parameter.name)
+    return FLOATING if parameter.type is float else UNKNOWN
+
+
+class _Check:
+    """The check of one system: the functions it calls, each with the values of its arguments."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.label = system, system.label
+        self.code: dict[FunctionType, Any] = {}  # intermediate representations
+        self.results: dict[Any, Values] = {}
+
+    def call(
+        self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool = True
+    ) -> Values:
+        """What `function` returns. trail: where it is called. report: whether errors are raised."""
+        key = (function, tuple(arguments.items()), report)
+        if key not in self.results:
+            self.results[key] = ANYTHING  # of a call within itself
+            code = self._code(function, arguments, trail)
+            self.results[key] = Activation(self, function, code, arguments, trail).run(report) if code else ANYTHING
+        return self.results[key]
+
+    def _code(self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...]) -> Any:
+        """Its intermediate representation; None if there is none, and the function stays Python."""
+        if function not in self.code:
+            try:
+                self.code[function] = run_frontend(function)
+            except Exception as error:  # of any type, for code that it does not expect
+                if compiled() and self.system.compiled:
+                    line = getattr(getattr(error, "loc", None), "line", function.__code__.co_firstlineno)
+                    places = "; ".join((*trail, place(function, line)))
+                    raise DeclarationError(
+                        f"{self.label} ({places}) cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}"
+                    ) from error
+                self.code[function] = None
+        if self.code[function] is None and (totals := [*added(*arguments.values())]):
+            places = "; ".join((*trail, place(function, function.__code__.co_firstlineno)))
+            raise ScheduleError(
+                f"{self.label} ({places}) declares Add[{component_name(totals[0])}], but what is done with it "
+                f"here cannot be followed; declare Write[{component_name(totals[0])}]"
+            )
+        return self.code[function]

@@ -1,0 +1,94 @@
+"""Errors of a mechanic that is being written: short, with the place, and soon."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
+from tests.conftest import COMPILED
+from tests.helpers.toy_game import RESET, Place, Walkers, run, system_of
+
+HOME = Path(__file__).name
+
+
+def adds_text(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] = join(place, e)
+
+
+@kernel
+def join(place: Any, e: int) -> Any:
+    return place.x[e] + "s"
+
+
+def makes_a_class(place: Write[Place]) -> None:
+    class Empty:
+        pass
+
+    place.x[0] = Empty is None
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+def test_numba_s_error_in_a_line() -> None:
+    worlds = Worlds([Walkers(), system_of(adds_text)], 1)
+    with pytest.raises(EngineError) as caught:
+        run(worlds, RESET)
+    first, second = str(caught.value).splitlines()
+    lines = [function.__code__.co_firstlineno for function in (adds_text, join.py_func)]  # type: ignore[attr-defined]
+    assert first.startswith(f"local.adds_text ({HOME}, line {lines[0] + 2}; {HOME}, line {lines[1] + 2}) cannot be co")
+    assert "add(float32, Literal[str](s))" in first
+    assert "NUMBA_DISABLE_JIT=1" in second
+    assert type(caught.value.__cause__).__name__ == "TypingError"
+
+
+def test_syntax_that_numba_lacks_is_refused_at_once_where_it_would_be_compiled() -> None:
+    Worlds([Walkers(), system_of(makes_a_class, compiled=False)], 1)
+    if COMPILED:
+        with pytest.raises(DeclarationError, match=r"local\.makes_a_class .* cannot be compiled: Use of unsupp"):
+            Worlds([Walkers(), system_of(makes_a_class)], 1)
+
+
+# ---- the loop of an edit and a run
+
+
+MECHANIC = """
+    import time
+    from dataclasses import dataclass
+    import numpy as np
+    import outlast
+    from outlast.components import Body, Phase, Side
+    from outlast.ecs import Module, Rows, Write, number
+
+    @dataclass(frozen=True)
+    class Swamp(Module):
+        drag: float = number(0.9)
+
+    @Swamp.system(Phase.DRIVE, after="motors.drive")
+    def wade(body: Write[Body], agents: Rows[Side], drag: float) -> None:
+        for e in agents:
+            body.velocity[e] *= drag
+
+    scenario = outlast.variant("teams_3").with_(Swamp())
+    start = time.perf_counter()
+    try:
+        outlast.make_vec(scenario, 4, seed=0).reset()
+    except outlast.errors.DeclarationError as error:
+        print(time.perf_counter() - start)
+        print(error)
+"""
+
+
+def test_a_typo_is_reported_within_a_second(tmp_path: Path) -> None:
+    """From an empty cache, where compiling would take ten seconds and more. Imports are not counted."""
+    file = tmp_path / "mine.py"
+    file.write_text(textwrap.dedent(MECHANIC))
+    variables = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
+    output = subprocess.run([sys.executable, file], env=variables, capture_output=True, text=True, check=True).stdout
+    seconds, message = output.splitlines()
+    assert message.startswith("swamp.wade (mine.py, line 16): Body has no column 'velocity'; it has: x, y, ")
+    assert float(seconds) < 1

@@ -1,0 +1,187 @@
+"""How kernels run: as Python within a compiled process, with the same bits; and with checks of their indices."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import Scenario
+from outlast.ecs import DeclarationError, Module, Rows, Worlds, Write, jit, kernel
+from outlast.ecs.cache_key import CacheKey
+from outlast.ecs.jit import interpreted, loader, storer
+from outlast.ecs.kernel_check import check_interpretable
+from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
+from outlast.ecs.tick import RESET, STEP, segments
+from outlast.systems import Physics
+from outlast.systems.box2d import layout as box2d
+from tests.conftest import COMPILED, digest
+from tests.helpers import toy_game
+from tests.helpers.execution_modes import short
+from tests.helpers.sines import sines_of_c
+from tests.helpers.toy_game import Place, Toy, Walkers
+
+TICKS = 40
+compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine code")
+
+
+def interpret(worlds: Worlds) -> None:
+    """Let every system of these worlds run as Python."""
+    systems = [dataclasses.replace(system, compiled=False) for system in worlds.schedule.systems]
+    worlds._segments = segments(worlds.layout, systems)
+    worlds.times = [0.0] * len(worlds._segments)
+    assert not any(segment.compiled for segment in worlds._segments)
+
+
+def play(scenario: Scenario, python: bool) -> list[str]:
+    """Digests of two worlds after each tick."""
+    worlds = Worlds(scenario.modules, 2)
+    if python:
+        interpret(worlds)
+    worlds.seed(3, np.arange(2))
+    rng, digests = np.random.default_rng(5), []
+    with interpreted() if python else nullcontext(), sines_of_c() if python else nullcontext():
+        for tick in range(TICKS):
+            worlds.actions[:] = rng.integers(0, 2, worlds.actions.shape)
+            worlds.run(np.full(2, STEP if tick % 30 else RESET, np.int8))
+            digests.append(digest(worlds))
+    return digests
+
+
+@compiled_only
+@pytest.mark.slow
+def test_every_system_gives_the_same_bytes_as_python() -> None:
+    """On tables of teams_3, which has every mechanic of the paper."""
+    plain = play(short("teams_3").replace(physics_backend="portable"), python=True)
+    assert plain == play(short("teams_3"), python=False)
+
+
+@kernel
+def lanes(column: Any, flags: Any, out: Any) -> int:
+    store(out, 0, load(column, 0) + load(column, 0))
+    return int(trailing_zeros(to_bits(load_flags(flags, 0))))
+
+
+def test_simd_can_be_called_from_python() -> None:
+    column, flags = np.arange(SIMD_WIDTH, dtype=np.float32), np.zeros(SIMD_WIDTH, np.uint8)
+    flags[5:] = 1
+    results = []
+    for python in (False, True):
+        out = np.zeros(SIMD_WIDTH, np.float32)
+        if python:
+            with interpreted():
+                results.append((lanes(column, flags, out), out.tolist()))
+        else:
+            results.append((lanes(column, flags, out), out.tolist()))
+    assert results == [(5, (2 * column).tolist())] * 2
+    assert to_bits(load(column, 0) > 3) == 0xFFF0
+
+
+@kernel
+def seen() -> int:
+    return FROZEN
+
+
+FROZEN = 1
+
+
+@compiled_only
+def test_kernels_run_as_python_within_interpreted_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Machine code keeps the constant that it was compiled with."""
+    assert seen() == 1
+    monkeypatch.setitem(globals(), "FROZEN", 2)
+    with interpreted():
+        assert seen() == 2
+    assert seen() == 1
+
+
+def test_loads_and_stores_at_an_address() -> None:
+    for kind in ("float32", "int32", "intp", "uint16", "uint8"):
+        memory = np.zeros(3, kind)
+        storer(kind)(memory.ctypes.data + memory.itemsize, 7)
+        assert memory.tolist() == [0, 7, 0]
+        value = loader(kind)(memory.ctypes.data + memory.itemsize)
+        assert (value, value.dtype) == (7, memory.dtype)
+
+
+REFUSED = r'only machine code can call the C function .*; take physics_backend="portable"'
+
+
+def test_the_native_backend_is_not_for_python() -> None:
+    with pytest.raises(DeclarationError, match=REFUSED):
+        box2d.sincos(0.0, 0, 0)
+    for system in Module.imported_systems():
+        if system.label == "physics.collide" and system.compiled:
+            with pytest.raises(DeclarationError, match=rf"^physics\.collide cannot run as Python: {REFUSED}"):
+                check_interpretable(system)
+        else:
+            check_interpretable(system)
+
+
+# ---- bounds checks
+
+
+def reaches_out(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e + 100_000] = 0
+
+
+@kernel
+def far(place: Any, e: int) -> Any:
+    return place.x[e + 100_000]
+
+
+def reaches_out_in_a_kernel(place: Write[Place], rows: Rows[Place]) -> None:
+    for e in rows:
+        place.x[e] = far(place, e)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("function", [reaches_out, reaches_out_in_a_kernel])
+def test_an_index_out_of_range_raises(function: Any, threads: int) -> None:
+    """In systems and kernels from outside of outlast; without the check, the process would end."""
+
+    class Local(Toy):
+        pass
+
+    Local.system(toy_game.Phase.FEED)(function)
+    worlds = Worlds([Walkers(), Local()], 40, threads)
+    toy_game.run(worlds, RESET)
+    with pytest.raises(IndexError, match="out of bounds"):
+        toy_game.run(worlds, STEP)
+
+
+def test_a_kernel_that_python_calls_checks_its_indices() -> None:
+    with pytest.raises(IndexError):
+        far(Place.Table(np.zeros(3, np.float32), np.zeros((3, 2), np.int16)), 0)
+
+
+@compiled_only
+def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = []
+    for checks in (True, False):
+
+        class Local(Toy):
+            pass
+
+        monkeypatch.setattr(jit, "BOUNDS_CHECKS", checks)
+        Local.system(toy_game.Phase.FEED)(reaches_out)
+        (system,) = Local.registered
+        assert bool(system.kernel.targetoptions["boundscheck"]) is checks
+        keys.append(CacheKey({system.label: system.kernel}).key(system.label, ""))
+    assert keys[0] != keys[1]
+    assert not any(system.kernel.targetoptions["boundscheck"] for system in Physics.registered if system.compiled)
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+@pytest.mark.parametrize(("value", "checks"), [("0", "False"), ("1", "True"), (None, "True")])
+def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks: str) -> None:
+    variables = {key: text for key, text in os.environ.items() if key != "OUTLAST_BOUNDSCHECK"}
+    variables |= {"OUTLAST_BOUNDSCHECK": value} if value else {}
+    command = [sys.executable, "-c", "from outlast.ecs import jit; print(jit.BOUNDS_CHECKS)"]
+    output = subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout
+    assert output.strip() == checks

@@ -1,0 +1,150 @@
+"""The source of random mechanics, as a user would write them: most are right, some have a mistake."""
+
+from random import Random
+
+HEAD = '''"""Generated."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from outlast import systems
+from outlast.components import *
+from outlast.components.health import hurt
+from outlast.ecs import *
+from outlast.ecs.random import uniform
+from outlast.components import Phase
+
+HALF, ONE = np.float32(0.5), np.float32(1)
+
+
+@kernel
+def clamped(x: Any, most: Any) -> Any:
+    return min(max(x, -most), most)
+
+
+@kernel
+def slowed(body: Any, e: int, factor: Any) -> None:
+    body.vx[e], body.vy[e] = factor * body.vx[e], factor * body.vy[e]
+
+'''
+
+# Phases that a system of each kind is put into, its parameters and the body of its loop over agents.
+ENTITY = "entities: Read[Entity]"
+SYSTEMS: tuple[tuple[tuple[str, ...], str, str], ...] = (
+    (("DRIVE", "MELEE", "EFFECT"), "body: Write[Body]", "slowed(body, e, ONE - HALF * rate)"),
+    (
+        ("DRIVE", "USE"),
+        f"push: Write[Push], {ENTITY}, key: Random",
+        "push.x[e] += rate * (uniform(key, entities.identity[e]) - HALF)",
+    ),
+    (("EFFECT", "ZONE", "MELEE"), "health: Add[Health]", "health.points[e] += amount"),
+    (("EFFECT", "GIVE"), "health: Add[Health], body: Read[Body]", "health.points[e] -= int(body.x[e] > 0)"),
+    (
+        ("MELEE", "ZONE", "BREAK"),
+        "health: Write[Health], guard: Read[Guard], clock: Read[Clock], damage_type: DamageType",
+        "hurt(health, guard, e, amount, damage_type, -1, clock.tick[0])",
+    ),
+    (("RECORD", "END"), "tally: Add[{name}Tally], health: Read[Health]", "tally.{stat}[0] += health.points[e] < 50"),
+    (
+        ("ZONE", "DIE", "PICKUP"),
+        "mark: Write[{name}Mark], body: Read[Body]",
+        "mark.level[e] = int(clamped(body.x[e], np.float32(9)))",
+    ),
+    (("SPAWN", "DRAW"), "mark: Write[{name}Mark], key: Random", "mark.level[e] = int(np.float32(9) * uniform(key, e))"),
+    (("MOVE", "SEE"), "mark: Add[{name}Mark], side: Read[Side]", "mark.level[e] += 1 + side.side[e]"),
+)
+MISTAKES: tuple[tuple[tuple[str, ...], str, str], ...] = (
+    (("DRIVE",), "body: Write[Body]", "body.velocity[e] = rate"),
+    (("DRIVE",), "body: Read[Body]", "body.vx[e] = rate"),
+    (("DRIVE",), "body: Read[Body]", "slowed(body, e, rate)"),
+    (("EFFECT",), "health: Add[Health]", "health.points[e] = amount"),
+    (("EFFECT",), "health: Add[Health]", "health.points[e] *= amount"),
+    (("EFFECT",), "health: Add[Health]", "health.points[e] += amont"),
+    (("DRIVE",), "body: Write[Body]", "body.vx[e] = np.random.random()"),
+    (("ZONE",), "mark: Write[{name}Mark]", "mark.level[e + 100000] = amount"),
+    (("ZONE",), "mark: Write[{name}Mark]", "mark.level[e] = clamped(amount)"),
+)
+OWNERS = {  # what has systems in these phases
+    "DRIVE": "motors", "MELEE": "melee", "EFFECT": "heals", "ZONE": "safe_zone", "USE": "inventory",
+    "GIVE": "give_last", "MOVE": "physics", "SEE": "cameras", "DIE": "mortality", "PICKUP": "pickup",
+    "BREAK": "boxes", "RECORD": "record", "END": "ending", "SPAWN": "room", "DRAW": "safe_zone",
+}  # fmt: skip
+
+
+def source(rng: Random, name: str, mechanics: list[str]) -> str:
+    """A file with MECHANICS, a list of classes. mechanics: classes of outlast's that can be subclassed."""
+    text, classes = HEAD, []
+    for k in range(rng.choice((1, 1, 2, 3))):
+        classes.append(f"{name.title().replace('_', '')}{'ABC'[k]}")
+        if mechanics and rng.random() < 0.3:
+            text += _subclass(rng, classes[-1], mechanics.pop(rng.randrange(len(mechanics))))
+        else:
+            text += _mechanic(rng, classes[-1], [_snake(each) for each in mechanics])
+    return text + f"\n\nMECHANICS = [{', '.join(classes)}]\n"
+
+
+def _mechanic(rng: Random, name: str, others: list[str]) -> str:
+    stat = f"{name.lower()}_low"
+    text = f'''
+
+class {name}Mark(Component):
+    level: Array = column("i4", fill={rng.randrange(5)})
+
+
+class {name}Tally(Statistic):
+    {stat}: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class {name}(Module):
+    damage_type: ClassVar[str] = "{name.lower()}"
+
+    rate: float = number({rng.choice((0.25, 0.5, 1.0))}, low=0)
+    amount: int = number({rng.randrange(1, 6)}, low=0)
+
+    def archetypes(self) -> Any:
+        return [Archetype("agent", ({name}Mark(),))]
+
+    def singletons(self) -> Any:
+        return [{name}Tally()]
+'''
+    before = ""
+    for k in range(rng.choice((1, 1, 2, 3))):
+        phases, parameters, body = rng.choice(MISTAKES if rng.random() < 0.08 else SYSTEMS)
+        parameters, body = (part.format(name=name, stat=stat) for part in (parameters, body))
+        phase = rng.choice(phases)
+        other = rng.choice([*others, "nobody"]) if rng.random() < 0.03 else OWNERS[phase]
+        orders = [f', after="{other}"'] * 4 + [f', before="{other}"', ""]
+        after = f', after=("{other}", "{_snake(name)}.act{k - 1}")' if phase == before else rng.choice(orders)
+        before = phase
+        text += f"""
+
+@{name}.system(Phase.{phase}{after})
+def act{k}({parameters}, agents: Rows[Side], rate: float, amount: int) -> None:
+    for e in agents:
+        {body}
+"""
+    return text
+
+
+def _subclass(rng: Random, name: str, base: str) -> str:
+    """A subclass with a changed number, and perhaps a mark that each of its agents gets."""
+    text = f"\n\n\n@dataclass(frozen=True)\nclass {name}(systems.{base}):\n    # a {base} of its own\n    pass\n"
+    if base == "Melee":
+        text += f"\n    damage = {rng.randrange(1, 30)}\n"
+        if rng.random() < 0.5:
+            text += f'''
+
+@{name}.system(Phase.MELEE, after="{_snake(name)}.aim")
+def strike(weapon: Read[Weapon], health: Add[Health], agents: Rows[Weapon], damage: int) -> None:
+    for me in agents:
+        if weapon.target[me] >= 0:
+            health.points[weapon.target[me]] -= damage
+'''
+    return text
+
+
+def _snake(name: str) -> str:
+    return "".join(f"_{c.lower()}" if c.isupper() else c for c in name).lstrip("_")

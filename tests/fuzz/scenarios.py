@@ -1,0 +1,273 @@
+"""Random scenarios: run compiled and as plain Python with equal results, or be refused with a message.
+
+    python -m tests.fuzz.scenarios [--count N] [--seed N] [--first K] [--ticks N] [--out FOLDER]
+
+Each has mechanics taken out and put in, random numbers, subclasses, and mechanics of a user's whose code is generated.
+Scenario k of a seed is always the same. Two child processes run it with the same actions: one compiled, one with
+NUMBA_DISABLE_JIT=1. A finding is any of these, and the exit status is 1: digests of all state that differ after a tick,
+an exception that is not outlast's own, a refusal by one of the two only, a crash, or ten minutes without an answer. At
+the end, the messages of all refusals are printed, for a person to judge whether each names what to do.
+
+--child prints the results of one process, a line for each scenario.
+"""
+
+import argparse
+import dataclasses
+import importlib.util
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+
+import outlast
+from outlast import ABLATIONS, VARIANTS, Scenario, systems
+from outlast.ecs import Module
+from outlast.errors import OutlastError
+from tests.conftest import COMPILED, digest
+from tests.fuzz import generated
+from tests.helpers.sines import sines_of_c
+
+TIMEOUT = 600.0  # seconds for a scenario
+WORLDS = 2
+EXCLUSIVE = ("Steering", "Teams", "FreeForAll")  # added in the place of another mechanic
+CAPS = {"count": 9, "cells": 12, "substeps": 4, "slots": 6, "iterations": 12}  # by the end of a number's name
+SCALES = (0.1, 0.5, 1.5, 2.0, 10.0)
+GROUPS = (  # of mechanics that can be left out together
+    ("heals",),
+    ("boxes",),
+    ("safe_zone",),
+    ("melee",),
+    ("give_last",),
+    ("death_drop",),
+    ("inventory", "pickup", "give_last", "death_drop", "heals", "boxes"),
+)
+ROOT = Path(__file__).resolve().parents[2]
+
+
+# ---- a scenario
+
+
+def make_scenario(rng: Random, name: str, folder: Path) -> Scenario:
+    """A random scenario. folder: for the source of generated mechanics. Raises OutlastError if it is refused."""
+    scenario = outlast.variant(rng.choice([*VARIANTS]))
+    if rng.random() < 0.3:
+        fit = [ablation for ablation, what in ABLATIONS.items() if what.needs in scenario]
+        scenario = outlast.variant("+".join((scenario.name, *rng.sample(fit, rng.choice((1, 1, 2))))))
+    for group in rng.sample(GROUPS, rng.choice((0, 0, 1, 1, 2))):
+        scenario = scenario.without(*(name for name in group if name in scenario))
+    if rng.random() < 0.1:
+        scenario = scenario.without(type(rng.choice(scenario.modules)))
+    added = [getattr(systems, name)() for name in systems.__all__ if rng.random() < 0.05]
+    scenario = scenario.with_(*(module for module in added if type(module).__name__ not in EXCLUSIVE))
+    if rng.random() < 0.6:
+        scenario = scenario.with_(*_generated(rng, name, folder, scenario))
+    numbers = {key: value for key, value in _numbers(rng, scenario) if rng.random() < 0.08}
+    return scenario.replace(**numbers)
+
+
+def _generated(rng: Random, name: str, folder: Path, scenario: Scenario) -> Iterator[Module]:
+    """Mechanics of a generated file, whose name is that of the scenario."""
+    names = [type(module).__name__ for module in scenario.modules if type(module).__module__.startswith("outlast.")]
+    path = folder / f"{name}.py"
+    path.write_text(generated.source(rng, name, names))
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    yield from (made() for made in module.MECHANICS)
+
+
+def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:
+    """A random value for each number; most are possible."""
+    for module in scenario.modules:
+        for item in dataclasses.fields(module):
+            value, choices = getattr(module, item.name), item.metadata.get("choices")
+            cap = next((cap for end, cap in CAPS.items() if item.name.endswith(end)), None)
+            if item.name == "backend":
+                continue  # compiled and plain Python differ in it anyway
+            if choices:
+                value = rng.choice(choices)
+            elif isinstance(value, bool):
+                value = rng.random() < 0.5
+            elif isinstance(value, tuple):
+                value = tuple(sorted((rng.uniform(0.5, 12) for _ in range(rng.randrange(1, 6))), reverse=True))
+            elif isinstance(value, int):
+                value = rng.randrange(0, (cap or 2 * value + 3) + 1)
+            else:
+                value *= rng.choice(SCALES)
+            if isinstance(value, (int, float)) and not choices and rng.random() < 0.97:  # else perhaps out of range
+                value = min(max(value, item.metadata["low"]), item.metadata["high"])
+            yield f"{module.name}_{item.name}", value
+
+
+# ---- a child process
+
+
+def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
+    """Digests of each tick, or why there are none: {"digests": [...]}, {"refused": "..."} or {"error": "..."}."""
+    digests: list[str] = []
+    try:
+        env = outlast.make_vec(make_scenario(Random(f"{seed} {k}"), f"generated_{k}", folder), WORLDS, seed=k)
+        rng = np.random.default_rng([seed, k])
+        with nullcontext() if COMPILED else sines_of_c():
+            env.reset()
+            digests.append(digest(env.worlds))
+            for _ in range(ticks):
+                env.step(rng.integers(0, env.action_sizes, (WORLDS, env.num_agents, len(env.action_sizes))))
+                digests.append(digest(env.worlds))
+        env.close()
+    except OutlastError as error:
+        return {"digests": digests, "refused": f"{type(error).__name__}: {error}"}
+    except IndexError as error:  # of a generated system
+        return {"digests": digests, "refused": f"IndexError: {str(error).partition(' ')[0]}"}
+    except Exception:
+        return {"digests": digests, "error": traceback.format_exc()}
+    return {"digests": digests}
+
+
+def child(seed: int, first: int, count: int, ticks: int) -> None:
+    """Print a line of JSON for each scenario."""
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(first, count):
+            start = time.monotonic()
+            result = run_scenario(seed, k, ticks, Path(folder))
+            print(json.dumps({"k": k, **result, "seconds": time.monotonic() - start}), flush=True)
+
+
+# ---- the parent process
+
+
+class Child:
+    """A child process, which is started again after a crash."""
+
+    def __init__(self, options: argparse.Namespace, compiled: bool) -> None:
+        self.options, self.compiled = options, compiled
+        self.process: subprocess.Popen[str] | None = None
+
+    def result(self, k: int) -> dict[str, Any]:
+        """Of scenario k, which is the next one."""
+        if self.process is None:
+            self._start(k)
+        try:
+            line = self.lines.get(timeout=TIMEOUT)
+        except queue.Empty:
+            line = "hangs"
+        if line and line != "hangs":
+            return dict(json.loads(line))
+        assert self.process
+        self.process.kill()
+        status, self.process = self.process.wait(), None
+        return {"digests": [], "error": line or f"crashes with status {status}\n{self.errors.read_text()[-3000:]}"}
+
+    def close(self) -> None:
+        """End the process."""
+        if self.process:
+            self.process.kill()
+            self.process.wait()
+
+    def _start(self, first: int) -> None:
+        o = self.options
+        command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.scenarios", "--child", "--first", str(first)]
+        command += ["--count", str(o.count), "--seed", str(o.seed), "--ticks", str(o.ticks)]
+        variables = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
+        variables |= {} if self.compiled else {"NUMBA_DISABLE_JIT": "1"}
+        self.errors = Path(tempfile.mkstemp(suffix=".txt")[1])
+        self.process = subprocess.Popen(
+            command, env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=self.errors.open("w")
+        )
+        self.lines: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True).start()
+
+
+def _read(stream: Any, lines: "queue.Queue[str]") -> None:
+    for line in stream:
+        lines.put(line)
+    lines.put("")
+
+
+def compared(one: dict[str, Any], other: dict[str, Any]) -> str:
+    """What is wrong with the results of the compiled and of the plain process; "" if nothing is."""
+    for name, result in (("compiled", one), ("plain Python", other)):
+        if "error" in result:
+            return f"{name}: {result['error']}"
+    for tick, (mine, theirs) in enumerate(zip(one["digests"], other["digests"], strict=False)):
+        if mine != theirs:
+            return f"the state differs after tick {tick}"
+    refusals = [result.get("refused", "").partition("; did you mean")[0] for result in (one, other)]
+    if refusals[0] != refusals[1]:
+        return f"compiled: {refusals[0] or 'runs'}\nplain Python: {refusals[1] or 'runs'}"
+    return ""
+
+
+def fuzz(options: argparse.Namespace) -> int:
+    """Run all scenarios in two child processes, and report; returns the number of findings."""
+    children, refused, findings = [Child(options, True), Child(options, False)], Counter[str](), 0
+    seconds = [0.0, 0.0]
+    try:
+        for k in range(options.first, options.count):
+            results = [each.result(k) for each in children]
+            seconds = [total + result.get("seconds", 0) for total, result in zip(seconds, results, strict=True)]
+            if finding := compared(*results):
+                findings += 1
+                print(f"scenario {k}: {finding}")
+                _keep(options, k, finding)
+            elif "refused" in results[0]:
+                refused["".join("#" if c.isdigit() else c for c in results[0]["refused"])] += 1
+    finally:
+        for each in children:
+            each.close()
+    for message, times in sorted(refused.items()):
+        print(f"{times:5} x {message}")
+    count = options.count - options.first
+    ran = count - sum(refused.values()) - findings
+    print(f"seed {options.seed}: {count} scenarios, {ran} ran, {sum(refused.values())} refused, {findings} findings")
+    print(f"{seconds[0] / count:.2f} s compiled and {seconds[1] / count:.2f} s as plain Python for each")
+    return findings
+
+
+def _keep(options: argparse.Namespace, k: int, finding: str) -> None:
+    """Write the finding, the scenario and the source of its mechanics."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        scenario = make_scenario(Random(f"{options.seed} {k}"), f"generated_{k}", options.out)
+        numbers = "\n".join(f"{key} = {value!r}" for key, value in scenario.numbers().items())
+    except OutlastError as error:
+        numbers = str(error)
+    (options.out / f"scenario-{options.seed}-{k}.txt").write_text(f"{finding}\n\n{numbers}\n")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; returns 1 if there are findings."""
+    parser = argparse.ArgumentParser(
+        "python -m tests.fuzz.scenarios", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--count", type=int, default=1000, help="number after the last one (default %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first one (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--ticks", type=int, default=200)
+    parser.add_argument("--out", type=Path, default=Path("findings"), help="folder for findings (default %(default)s)")
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.child:
+        child(options.seed, options.first, options.count, options.ticks)
+        return 0
+    return 1 if fuzz(options) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

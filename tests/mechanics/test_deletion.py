@@ -1,0 +1,60 @@
+"""A mechanic goes with its file: what is left imports, and schedules as if that mechanic were not in the scenario."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from outlast import systems
+from outlast.ecs import Module, Worlds
+from tests.conftest import few_by_day
+
+FOLDER = Path(systems.__file__).parent
+KINDS: dict[str, type[Module]] = {kind: getattr(systems, kind) for kind in systems.__all__}
+# What these bring, others of the scenario read: without them, an error says so (tests/core/test_scenario.py, NEEDED).
+NEEDED = {"Agents", "Ending", "Inventory", "Rewards", "Room", "Teams"}
+EXCLUDED = {"FreeForAll", "Steering"}  # by Teams and by Motors
+OPTIONAL = sorted(KINDS.keys() - NEEDED)
+
+CHILD = """
+from outlast import systems
+from outlast.ecs import Worlds
+modules = [getattr(systems, kind)() for kind in systems.__all__ if kind not in ("FreeForAll", "Steering")]
+for system in Worlds(modules, 1).schedule.systems:
+    print(system.label)
+"""
+
+
+def scheduled(*left_out: str) -> list[str]:
+    """The systems of all mechanics but those, in order."""
+    modules = [kind() for name, kind in KINDS.items() if name not in EXCLUDED.union(left_out)]
+    return [system.label for system in Worlds(modules, 1).schedule.systems]
+
+
+@pytest.mark.parametrize("name", few_by_day(OPTIONAL, ("Boxes", "GiveLast", "Motors", "Physics")))
+def test_the_rest_imports_and_schedules_without_the_file(name: str, tmp_path: Path) -> None:
+    """In a package whose folder of mechanics lacks that file, and whose list of mechanics lacks its two lines."""
+    package = tmp_path / "outlast"
+    (package / "systems").mkdir(parents=True)
+    (package / "__init__.py").touch()
+    for part in ("ecs", "components"):
+        (package / part).symlink_to(FOLDER.parent / part)
+    gone = f"{KINDS[name].__module__.rpartition('.')[2]}.py"
+    for path in FOLDER.iterdir():
+        if path.name not in (gone, "__init__.py"):
+            (package / "systems" / path.name).symlink_to(path)
+    text = (FOLDER / "__init__.py").read_text()
+    text = re.sub(rf'^(from \.\w+ import {name}|    "{name}",)\n', "", text, flags=re.MULTILINE)
+    (package / "systems" / "__init__.py").write_text(text)
+    environment = {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1", "OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
+    done = subprocess.run([sys.executable, "-c", CHILD], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == scheduled(name)
+
+
+@pytest.mark.parametrize("name", OPTIONAL)
+def test_the_order_of_the_rest_stays(name: str) -> None:
+    own = {system.label for system in KINDS[name]._all_systems()}
+    assert scheduled(name) == [label for label in scheduled() if label not in own]
