@@ -81,7 +81,9 @@ class Layout:
         self.dims["damage_types"] = len(self.damage_types)
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
-            self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
+            names = size.split("+") if isinstance(size, str) else []
+            more = sum(self.dims.get(name.strip(), 0) for name in names) if names else size
+            self.dims[dim] = self.dims.get(dim, 0) + more
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         for module in self.modules:
             module.check(self)

@@ -225,7 +225,7 @@ class Module:
         return ()
 
     def dims(self) -> dict[str, int | str]:
-        """Sizes of named dimensions, which add up over modules. A name as value: the size of that dimension."""
+        """Sizes of named dimensions, which add up over modules. A name: the size of that one; "a + b": the sum."""
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:

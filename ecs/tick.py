@@ -133,8 +133,8 @@ class Generator:
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state, words = self._slot("state", BLOCK), self._view(np.dtype("u8"), 1, writable=True)
         state = f"{words}(arguments, {state}, w)"
-        spans = list_spans(self.layout.events, self.layout.event_type)
-        spans = self._array("event_spans", self.arguments.add_constant(spans), spans.dtype, spans.ndim)
+        lists = list_spans(self.layout.events, self.layout.event_type)
+        spans = self._array("event_spans", self.arguments.add_constant(lists), lists.dtype, lists.ndim)
         events, words = self._slot("events", EVENTS), self._view(np.dtype("i4"), 1, writable=True)
         events = f"{words}(arguments, {events}, w)"
         return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], [state, image, events, spans, "mode[w]"])

@@ -223,6 +223,19 @@ def test_a_capacity_is_a_size_a_dimension_or_a_component() -> None:
         assert words in str(error.value)
 
 
+def test_a_mechanic_that_emits_twice_says_so() -> None:
+    @dataclass(frozen=True)
+    class Twice(Toy):
+        def singletons(self) -> Iterable[Singleton]:
+            return [Ring()]
+
+        def dims(self) -> dict[str, int | str]:
+            return {"rings": "walkers + walkers+memory"}
+
+    worlds = make(*GAME, Twice())
+    assert worlds[Ring].agent.shape[1] == 2 * worlds.dims["walkers"] + worlds.dims["memory"]
+
+
 def test_a_capacity_that_nobody_defines_is_nothing() -> None:
     class Bell(Toy):
         name = "bare"
