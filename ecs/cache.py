@@ -77,8 +77,8 @@ class CompiledUnits:
         return ADDRESSES[self._keys[label]]
 
     def runner(self) -> Any:
-        """The compiled form of ecs.tick.run_units; ahead of its arguments come two addresses (see as_python)."""
-        return as_python(self.address(RUNNER), run_units.__code__.co_argcount)
+        """The compiled form of ecs.tick.run_units."""
+        return as_python(self.address(RUNNER))
 
     def _read(self, label: str) -> Code | None:
         return cache_files.read(cache_files.path_of(label, self._keys[label]))
@@ -120,7 +120,7 @@ class CompiledUnits:
         options = options_of(getattr(kernel, "py_func", kernel))
         try:
             with explained(unit.system if unit else None):
-                return compile_function(function, function.__code__.co_argcount, options)
+                return compile_function(function, options, python=unit is None)
         finally:
             function.__name__, function.__qualname__ = name, qualified
 

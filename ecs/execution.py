@@ -9,9 +9,7 @@ from .arguments import ArgumentBlock
 from .cache import CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
-from .tick import CHUNK, Segment, Unit
-
-FAILED, UNIT, FIRST_WORLD, EXCEPTION, RESULT = 0, 1, 2, 3, 4  # words of a report: see ecs.tick.run_units
+from .tick import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, TABLE, UNITS, Segment, Unit
 
 
 class CompiledExecution:
@@ -26,19 +24,19 @@ class CompiledExecution:
     def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits) -> None:
         self._units, self._runner = segment.units, compiled_units.runner()
         self._blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
-        addresses = [compiled_units.address(unit.label) for unit in segment.units]
-        self._table = np.array([*zip(addresses, (block.address for block in self._blocks), strict=True)], np.int64)
-        self._report = np.zeros(RESULT + 2, np.int64)
-        report = int(self._report.ctypes.data)
-        self._ahead = report + 8 * RESULT, report + 8 * RESULT + 8, int(self._table.ctypes.data), len(self._table)
-        self._behind = report
+        self._frame = np.zeros(TABLE + 2 * len(segment.units), np.int64)
+        self._frame[UNITS] = len(segment.units)
+        self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
+        self._frame[TABLE + 1 :: 2] = [block.address for block in self._blocks]
+        self._address = int(self._frame.ctypes.data)
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""
-        self._runner(*self._ahead, start, stop, self._behind)
-        if self._report[FAILED]:
-            self._report[FAILED] = 0
-            raise _exception(self._units[self._report[UNIT]], int(self._report[FIRST_WORLD]), self._report[EXCEPTION])
+        self._runner(self._address, start, stop)
+        if self._frame[FAILED]:
+            unit, first_world, exception = (int(self._frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
+            self._frame[FAILED] = 0
+            raise _exception(self._units[unit - 1], first_world, exception)
 
 
 class PythonExecution:
@@ -56,9 +54,9 @@ class PythonExecution:
                 function(block, start, stop)
 
 
-def _exception(unit: Unit, first_world: int, address: Any) -> BaseException:
+def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
     """The exception that a unit raised, with its name, and a note on how to find the line."""
-    kind, arguments, place = exception_at(int(address))
+    kind, arguments, place = exception_at(address)
     if place:
         file, _, line = place.rpartition(", ")
         place = f" ({os.path.basename(file)}, {line})"

@@ -10,6 +10,7 @@ This file is the only one that relies on the inner workings of numba (of the ver
 
 import ctypes
 import pickle
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -131,13 +132,20 @@ def _unfinished_callees() -> Iterator[None]:
         codegen._library_class = before
 
 
-def compile_function(function: Callable[..., None], arguments: int, options: dict[str, Any]) -> Code:
-    """Compile a function of so many int64 arguments. options: numba's. Raises what numba raises."""
+def compile_function(function: Callable[..., None], options: dict[str, Any], *, python: bool = False) -> Code:
+    """Compile a function of int64 arguments. Raises what numba raises.
+
+    Args:
+        function: The function.
+        options: Numba's.
+        python: Whether it is for Python (see `as_python`) or for other compiled code.
+    """
     with global_compiler_lock, _unfinished_callees():
-        dispatcher = numba.njit(**options, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-        dispatcher.compile((types.int64,) * arguments)
+        dispatcher = numba.njit(**options, no_cpython_wrapper=not python, no_cfunc_wrapper=True)(function)
+        dispatcher.compile((types.int64,) * function.__code__.co_argcount)
         (overload,) = dispatcher.overloads.values()
-        code: Code = overload.library.emit(overload.fndesc.llvm_func_name)
+        names = overload.fndesc
+        code: Code = overload.library.emit(names.llvm_cpython_wrapper_name if python else names.llvm_func_name)
         return code
 
 
@@ -159,12 +167,10 @@ def load_code(codes: Iterable[Code]) -> list[int]:
         return [engine.get_function_address(code.symbol) for code in codes]
 
 
-def as_python(address: int, arguments: int) -> Any:
-    """The compiled function at `address`, callable from Python; it runs without the GIL and returns its status.
-
-    Two addresses come ahead of its int64 arguments: of eight bytes for its result, and for its exception's address.
-    """
-    return ctypes.CFUNCTYPE(ctypes.c_int32, *[ctypes.c_int64] * (2 + arguments))(address)
+def as_python(address: int) -> Any:
+    """The function at `address`, compiled for Python; it runs without the GIL."""
+    environment = numba._dynfunc.Environment({})
+    return numba._dynfunc.make_function(sys.modules[__name__], "compiled", "", address, environment, ())
 
 
 @intrinsic  # type: ignore[untyped-decorator]

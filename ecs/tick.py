@@ -39,6 +39,9 @@ CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK = "clock"  # label of the unit that comes first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, RESULT, TABLE = range(
+    6
+)  # words of a frame: FAILED is 1 + index of the unit, or 0
 read_word, write_word = loader("int64"), storer("int64")
 
 
@@ -64,26 +67,24 @@ def load_initial_state(world: Any, initial_image: Any) -> None:
         world[k] = initial_image[k]
 
 
-def run_units(table: int, count: int, start: int, stop: int, report: int) -> None:
+def run_units(frame: int, start: int, stop: int) -> None:
     """The tick of the worlds from `start` to `stop`, in machine code.
 
     Args:
-        table: Address of the units: for each the address of its function and that of its arguments, int64.
-        count: How many units.
+        frame: Address of int64 words, see the names above: how many units; what is written if one raises an exception;
+            and for each unit the address of its function and that of its arguments.
         start: The first world.
         stop: One after the last world.
-        report: Address of four int64: 1 if a unit raised an exception (0 before), which unit, the first of its worlds,
-            and the address of the exception.
     """
+    units = read_word(frame + 8 * UNITS)
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
-        for k in range(count):
-            unit, arguments = read_word(table + 16 * k), read_word(table + 16 * k + 8)
-            status = call_address(unit, arguments, first, last, report + 24)
+        for k in range(units):
+            entry = frame + 8 * (TABLE + 2 * k)
+            status = call_address(read_word(entry), read_word(entry + 8), first, last, frame + 8 * EXCEPTION)
             if status != DONE and status != NO_RESULT:
-                write_word(report, 1)
-                write_word(report + 8, k)
-                write_word(report + 16, first)
+                write_word(frame + 8 * FAILED, k + 1)
+                write_word(frame + 8 * FIRST_WORLD, first)
                 return
 
 

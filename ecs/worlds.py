@@ -24,6 +24,7 @@ from .tick import Segment, segments
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
+Execution = CompiledExecution | PythonExecution
 RANGES_PER_THREAD = 16  # enough for all threads to end at about the same time
 
 
@@ -85,7 +86,7 @@ class Worlds:
         self._units = CompiledUnits([unit for segment in self._segments for unit in segment.units if unit.compiled])
         self._loaded = False
         self.times = {segment.units[0].label: 0.0 for segment in self._segments}
-        self._executions: dict[tuple[int, int], CompiledExecution | PythonExecution] = {}  # by segment and thread
+        self._executions: list[list[Execution | None]] = [[None] * threads for _ in self._segments]
         self._lock = threading.Lock()
         self._workers = Workers(threads - 1)
 
@@ -208,12 +209,13 @@ class Worlds:
             raise
 
     def _call(self, k: int, thread: int, start: int, stop: int) -> None:
-        with self._lock:
-            if (k, thread) not in self._executions:
-                self._executions[k, thread] = self._execution(self._segments[k])
-        self._executions[k, thread](start, stop)
+        execution = self._executions[k][thread]
+        if execution is None:
+            with self._lock:  # of no more than one thread at a time, as modules' scratch() is not made for several
+                execution = self._executions[k][thread] = self._execution(self._segments[k])
+        execution(start, stop)
 
-    def _execution(self, segment: Segment) -> CompiledExecution | PythonExecution:
+    def _execution(self, segment: Segment) -> Execution:
         return CompiledExecution(segment, self, self._units) if segment.compiled else PythonExecution(segment, self)
 
     def _full(self) -> CapacityError | None:

@@ -18,7 +18,7 @@ def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
         yield
         return
     LOGGER.info(
-        "compiling the tick of %s for this machine, once (about 20 s); machine code is kept in %s", name, cache_folder()
+        "compiling the tick of %s for this machine, once (about 10 s); machine code is kept in %s", name, cache_folder()
     )
     start = time.perf_counter()
     yield

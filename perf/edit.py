@@ -1,0 +1,121 @@
+"""The edit loop: seconds from the start of a process to the end of its first step, wall time.
+
+    python -m perf.edit [--repeats 5] [--save MACHINE]
+
+Each row starts new processes, with a cache of compiled code of their own: empty ("cold"), filled by the same game
+("warm"), by the game ahead of an edit, or by other combinations of its mechanics. The mechanics are a user's file, and
+a copy of outlast in which a mechanic of its own is edited. "typo" ends with the error.
+"""
+
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import outlast
+from perf.table import Table, options
+
+PACKAGE = Path(outlast.__file__).parent
+WORLDS = 64
+MECHANIC = """
+from dataclasses import dataclass
+
+from outlast.components import Body, Phase
+from outlast.ecs import Entity, Module, Read, Rows, Write, number
+
+
+@dataclass(frozen=True)
+class Swamp(Module):
+    drag: float = number(0.5, low=0, high=1)
+
+
+@Swamp.system(Phase.DRIVE, after="motors")
+def wade(body: Write[Body], entities: Read[Entity], agents: Rows[Body], drag: float) -> None:
+    for e in agents:
+        if entities.alive[e] and body.x[e] > 1:
+            body.vx[e] *= drag
+"""
+SCRIPT = """
+import outlast, swamp
+env = outlast.make_vec({scenario}, {worlds}, seed=0)
+env.reset()
+env.step(env.action_space.sample() * 0)
+"""
+GAME = 'outlast.variant("teams_3").with_(swamp.Swamp())'
+OTHER = 'outlast.variant("teams_3").without("heals").with_(swamp.Swamp(drag=0.25), outlast.systems.DropLast())'
+
+
+class Game:
+    """A folder with a user's mechanic, a copy of outlast and a cache."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.cache = folder, folder / "cache"
+        self.mechanic = folder / "swamp.py"
+        self.mechanic.write_text(MECHANIC)
+        hidden = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(PACKAGE, folder / "outlast", symlinks=False, ignore=hidden)
+
+    def start(self, scenario: str = GAME, fails: bool = False) -> float:
+        """Seconds of a process."""
+        environment = os.environ | {"PYTHONPATH": str(self.folder), "OUTLAST_CACHE_DIR": str(self.cache)}
+        command = [sys.executable, "-c", SCRIPT.format(scenario=scenario, worlds=WORLDS)]
+        start = time.perf_counter()
+        done = subprocess.run(command, env=environment, cwd=self.folder, capture_output=True, text=True)
+        seconds = time.perf_counter() - start
+        if (done.returncode != 0) is not fails:
+            raise RuntimeError(f"the process ended with {done.returncode}: {done.stderr[-2000:]}")
+        return seconds
+
+    def cold(self) -> float:
+        """With an empty cache."""
+        shutil.rmtree(self.cache, ignore_errors=True)
+        return self.start()
+
+    def after_edit(self, file: Path, old: str, new: str, fails: bool = False) -> float:
+        """After a change of a file that is not undone until it is timed."""
+        text = file.read_text()
+        if not re.search(old, text):
+            raise RuntimeError(f"{file.name} has no {old}")
+        file.write_text(re.sub(old, new, text, count=1))
+        try:
+            return self.start(fails=fails)
+        finally:
+            file.write_text(text)
+
+
+def main() -> None:
+    """Print the seconds of each row: minimum and median."""
+    parser = options(__doc__)
+    parser.add_argument("--repeats", type=int, default=5, help="processes a row")
+    given = parser.parse_args()
+    table = Table("edit", "what", "least", "median")
+    with tempfile.TemporaryDirectory() as name:
+        game = Game(Path(name))
+        zone = game.folder / "outlast" / "systems" / "safe_zone.py"
+        rows: dict[str, Callable[[int], float]] = {
+            "cold, empty cache": lambda k: game.cold(),
+            "warm": lambda k: game.start(),
+            "a mechanic of the user's edited": lambda k: game.after_edit(game.mechanic, "> 1:", f"> {k + 2}:"),
+            "a mechanic of outlast's edited": lambda k: game.after_edit(
+                zone, "> zone.radius", f"> {k + 2} * zone.radius"
+            ),
+            "a docstring edited": lambda k: game.after_edit(zone, '"""Move it', f'"""{k} Move it'),
+            "a typo, reported": lambda k: game.after_edit(game.mechanic, "body.x", f"body.z{k}", fails=True),
+        }
+        for what, timed in rows.items():
+            seconds = [timed(k) for k in range(given.repeats)]
+            table.add(what, min(seconds), statistics.median(seconds))
+        game.start(f"{GAME}.with_(outlast.systems.DropLast())")
+        seconds = [game.start(OTHER) for _ in range(given.repeats)]
+        table.add("another combination of known mechanics", min(seconds), statistics.median(seconds))
+    table.finish(given.save)
+
+
+if __name__ == "__main__":
+    main()
