@@ -2,11 +2,11 @@
 
 from .agent import OthersView, SelfView, Side, Sides
 from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
-from .box import Box, BoxesPlaced, BoxItem, BoxItemView, BoxView
+from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, BoxView
 from .heal import Heal, HealsUsed, HealView
-from .health import Death, Guard, Health
-from .inventory import Bag, Drop, Gift, Give, Item, Use
-from .melee import Attack, Weapon
+from .health import Death, Died, Guard, Health, Hit
+from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
+from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer
 from .phase import Phase
 from .score import End, Episode, Reward, Score
@@ -18,11 +18,14 @@ __all__ = [
     "Bag",
     "Body",
     "Box",
+    "BoxBroken",
     "BoxItem",
     "BoxItemView",
+    "BoxPlaced",
     "BoxView",
     "BoxesPlaced",
     "Death",
+    "Died",
     "Drive",
     "Drop",
     "End",
@@ -36,7 +39,12 @@ __all__ = [
     "HealView",
     "HealsUsed",
     "Health",
+    "Hit",
     "Item",
+    "ItemDropped",
+    "ItemGiven",
+    "ItemPicked",
+    "ItemUsed",
     "ObservationMasks",
     "OthersView",
     "Phase",
@@ -51,6 +59,7 @@ __all__ = [
     "Solid",
     "Spawned",
     "Steer",
+    "Strike",
     "Use",
     "Weapon",
     "Zone",

@@ -2,7 +2,7 @@
 
 import math
 
-from outlast.ecs import Array, Component, Field, Observation, Statistic, column
+from outlast.ecs import Array, Component, Event, Field, Observation, Statistic, column
 
 from .body import PLACE
 
@@ -43,3 +43,18 @@ class BoxesPlaced(Statistic):
     """Boxes placed from their item in this episode, by anybody."""
 
     boxes_placed: Array = column("i4")
+
+
+class BoxPlaced(Event, capacity=Box, whom="box"):
+    """A box that was set up from its item."""
+
+    agent: Array = column("i4", unit="entity")
+    box: Array = column("i4", unit="entity")
+
+
+class BoxBroken(Event, capacity=Box, who="by", whom="box"):
+    """A box that broke."""
+
+    box: Array = column("i4", unit="entity")
+    by: Array = column("i4", unit="entity")  # the agent whose hit of this tick it was, -1: nobody's
+    side: Array = column("i4", unit="side")  # the side that did it, -1: none

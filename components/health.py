@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Array, Component, Layout, column, kernel
+from outlast.ecs import Array, Component, Event, Layout, column, emit, kernel
 
 MOST = 1_000_000  # hit points: the largest value of a number of a mechanic
 LARGEST = 2**31 - 1  # hit points that a column holds
@@ -27,12 +27,31 @@ class Guard(Component):
     vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks do anything, -1: all do
 
 
-class Death(Component):
-    """The death of an agent: filled in the tick it dies, for rewards, statistics and logs."""
+class Died(Component):
+    """How an agent died, kept until the episode's end. What happens at a death goes by the event `Death`."""
 
     now: Array = column("u1")  # 1 in the tick of death
     damage_type: Array = column("i4", fill=-1)
     source: Array = column("i4", fill=-1)  # the side that killed, -1: none
+
+
+class Hit(Event, capacity="hits"):
+    """Damage that an entity took: of whatever calls `hurt`."""
+
+    agent: Array = column("i4", unit="entity")  # who did it, -1: nobody
+    target: Array = column("i4", unit="entity")
+    amount: Array = column("i4", unit="hit points")
+    damage_type: Array = column("i4", unit="damage type")
+    side: Array = column("i4", unit="side")  # the side that did it, -1: none
+
+
+class Death(Event, capacity=Died, who="by", whom="agent"):
+    """The death of an agent."""
+
+    agent: Array = column("i4", unit="entity")  # who died
+    by: Array = column("i4", unit="entity")  # whose hit of this tick it was, -1: nobody's
+    damage_type: Array = column("i4", unit="damage type")
+    side: Array = column("i4", unit="side")  # the side that killed, -1: none
 
 
 def full_health(layout: Layout) -> float:
@@ -50,11 +69,25 @@ def immune(guard: Any, e: int, source: int) -> bool:
 
 
 @kernel
-def hurt(health: Any, guard: Any, e: int, amount: int, damage_type: int, source: int, tick: int) -> bool:
-    """Take `amount` hit points from `e` unless it is immune; True if it was hurt.
+def hurt(
+    health: Any, guard: Any, hits: Any, e: int, amount: int, damage_type: int, source: int, tick: int, agent: int = -1
+) -> bool:
+    """Take `amount` hit points from `e` unless it is immune; True, and a `Hit` is emitted, if it was hurt.
 
     The recorded source is that of the last loss in the tick that brings the points to 0 or below: who hits an
     entity in a later tick gets no credit (reference rules, section 7, point 6).
+
+    Args:
+        health: The table of Health, to write.
+        guard: The table of Guard.
+        hits: The table of Hit, to write. A mechanic that calls this adds to the dimension "hits" how often it may do so
+            in a tick, and brings Hit().
+        e: Row of the entity.
+        amount: Hit points.
+        damage_type: Number of the damage type.
+        source: The side that does it, -1: none.
+        tick: Of the episode.
+        agent: Row of who does it, -1: nobody.
     """
     if immune(guard, e, source):
         return False
@@ -65,4 +98,17 @@ def hurt(health: Any, guard: Any, e: int, amount: int, damage_type: int, source:
         health.source[e] = source
     if before > 0 and health.points[e] <= 0:
         health.fatal_tick[e] = tick
+    k = emit(hits)
+    hits.agent[k], hits.target[k], hits.amount[k] = agent, e, amount
+    hits.damage_type[k], hits.side[k] = damage_type, source
     return True
+
+
+@kernel
+def fatal_agent(health: Any, hits: Any, e: int, tick: int) -> int:
+    """Row of the agent whose hit in this tick brought `e` to 0 or below, with the credit as in `hurt`; -1: nobody's."""
+    if health.fatal_tick[e] == tick:
+        for k in range(hits.count[0] - 1, -1, -1):
+            if hits.target[k] == e:
+                return int(hits.agent[k])
+    return -1

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from outlast.ecs import Action, Array, Component, column, kernel
+from outlast.ecs import Action, Array, Component, Event, column, kernel
 
 
 class Item(Component):
@@ -44,6 +44,35 @@ class Drop(Action, order=4):
     """Drop the last item of the bag on the ground."""
 
     drop: Array = column("i1", "agents", low=0, high=1)
+
+
+class ItemPicked(Event, capacity=Item, whom="item"):
+    """An item that came from the ground into a bag."""
+
+    agent: Array = column("i4", unit="entity")
+    item: Array = column("i4", unit="entity")
+
+
+class ItemUsed(Event, capacity=Item, whom="item"):
+    """An item that was used; it has left the bag."""
+
+    agent: Array = column("i4", unit="entity")
+    item: Array = column("i4", unit="entity")
+
+
+class ItemGiven(Event, capacity=Gift, who="giver", whom="taker"):
+    """An item that went from bag to bag."""
+
+    giver: Array = column("i4", unit="entity")
+    taker: Array = column("i4", unit="entity")
+    item: Array = column("i4", unit="entity")
+
+
+class ItemDropped(Event, capacity=Item, whom="item"):
+    """An item that came from a bag onto the ground, by choice or at a death."""
+
+    agent: Array = column("i4", unit="entity")
+    item: Array = column("i4", unit="entity")
 
 
 @kernel

@@ -1,6 +1,6 @@
 """The melee: a segment ahead of the agent."""
 
-from outlast.ecs import Action, Array, Component, column
+from outlast.ecs import Action, Array, Component, Event, column
 
 
 class Attack(Action, order=1):
@@ -14,3 +14,10 @@ class Weapon(Component):
 
     target: Array = column("i4", fill=-1)  # row that this tick's strike hits, -1: none
     cooldown: Array = column("i4")  # ticks until it can strike again
+
+
+class Strike(Event, capacity=Weapon):
+    """A strike, whether it hits something or not; what it does to entities with health is a `Hit`."""
+
+    agent: Array = column("i4", unit="entity")
+    target: Array = column("i4", unit="entity")  # what it hits, -1: nothing

@@ -1,11 +1,11 @@
 """The engine: components, systems, a schedule, and a runner of batches of worlds. It has no rule of any game.
 
-Read in this order: component (the tables), fields (of observations), access, system, numbers and module (functions on
-them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and abstract_values
-(what systems do, against what they declare), layout (the memory of a world), arguments (what kernels get), tick (the
-code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile
-cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity
-(what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
+Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module
+(functions on them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and
+abstract_values (what systems do, against what they declare), layout (the memory of a world), arguments (what kernels
+get), tick (the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references
+(the compile cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and
+identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
@@ -24,7 +24,8 @@ from .component import (
     column,
 )
 from .entity_view import EntityView
-from .errors import DeclarationError, EngineError, NumberError, ScheduleError
+from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
+from .event import Event, emit
 from .fields import Field, Fields, columns_of
 from .jit import kernel
 from .layout import Archetype, Layout
@@ -44,6 +45,7 @@ __all__ = [
     "Archetype",
     "Array",
     "Bitset",
+    "CapacityError",
     "Clock",
     "Column",
     "Component",
@@ -52,6 +54,7 @@ __all__ = [
     "EngineError",
     "Entity",
     "EntityView",
+    "Event",
     "Field",
     "Fields",
     "Layout",
@@ -76,6 +79,7 @@ __all__ = [
     "Write",
     "column",
     "columns_of",
+    "emit",
     "kernel",
     "number",
 ]

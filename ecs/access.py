@@ -29,6 +29,7 @@ from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, get_args, get
 
 from .component import Component
 from .errors import DeclarationError
+from .event import Event
 
 C = TypeVar("C")
 Parts = TypeVarTuple("Parts")
@@ -84,6 +85,11 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
 def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     if get_origin(hint) is Annotated:
         inner, kind = get_args(hint)[:2]
+        if kind == "add" and issubclass(inner, Event):
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "
+                f"order of events is that of the systems that emit them: annotate it Write[{inner.__name__}]"
+            )
         return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
     if get_origin(hint) in SELECTIONS:
         return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))

@@ -27,7 +27,8 @@ from .module import Module
 
 MAX_DIMENSIONS = 4  # of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
-STRIDE, BLOCK, MODE = 0, 1, 1 + ARRAY_SLOTS  # bytes of a world's state; the states as uint64; each world's mode
+STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
+MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; its events as int32
 SLOT = ir.IntType(64)
 
 
@@ -35,7 +36,7 @@ SLOT = ir.IntType(64)
 class ArgumentLayout:
     """Which slot has which argument: each method assigns its argument the next free slots and returns the first."""
 
-    size: int = MODE + ARRAY_SLOTS
+    size: int = EVENTS + ARRAY_SLOTS
     columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
     constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
@@ -75,6 +76,7 @@ class ArgumentBlock:
         self.slots[STRIDE] = worlds.layout.world_bytes
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)
         self._describe(MODE, worlds.mode, 0)
+        self._describe(EVENTS, worlds.event_memory.view(np.int32).reshape(worlds.count, -1), 1)
         for slot, (component, name) in layout.columns.items():
             self._describe(slot, getattr(worlds[component], name), 1)
         self.constants = layout.constants  # referred to by address only

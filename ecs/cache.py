@@ -43,10 +43,10 @@ class CompiledUnits:
     """
 
     def __init__(self, units: Sequence[Unit]) -> None:
-        kernels = {unit.label: unit.kernel for unit in units} | {RUNNER: run_units}
-        self._cache_key = CacheKey(kernels)
+        runner = {RUNNER: run_units} if units else {}  # nothing runs as machine code under NUMBA_DISABLE_JIT
+        self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | runner)
         self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
-        self._keys[RUNNER] = self._cache_key.key(RUNNER, "")
+        self._keys |= {label: self._cache_key.key(label, "") for label in runner}
         self._units = {unit.label: unit for unit in units}
         self.compiled: list[str] = []
 

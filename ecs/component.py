@@ -11,12 +11,14 @@ Action     one/world   what the learner sets, float-free, shape (worlds, agents,
 Observation one/world  what the learner sees, shape (worlds, agents, ...)
 Signal     one/world   what the learner gets beside the observation: rewards, ends
 Statistic  one/world   what is counted over an episode and reported at its end
+Event      one/world   a list of what happened in a tick (see ecs.event)
 ========== =========== ==========================================================================
 
 An instance, `Health(points=20)`, is a prefab, not a live object: the values of a new row. Every table has rows for all
 entities, zero where an archetype lacks the component, so that a row number means one entity in all tables.
 """
 
+import re
 from collections import namedtuple
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
@@ -38,7 +40,7 @@ class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
     `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers of
-    its last dimension, which they add to `dims`: "own fields", for the key "own".
+    its last dimension, which they add to `dims`: "own fields", for the key "own". `unit` is what it measures.
     """
 
     dtype: np.dtype[Any]
@@ -76,12 +78,17 @@ def column(
         key: Name under which environments publish it (default: the attribute's name).
         fields: Of an Observation: what its last dimension holds, which is as long as they are, those that other
             mechanics add included. The key of another observation for rows that are copies of that one's.
-        unit: Of its values, as in "m", "rad", "hit points".
+        unit: What it measures, as "m". "entity" (a row), "side" and "damage type" (a number) are -1 for none.
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit)
 
 
-def _table_type(cls: type["Component"]) -> Any:
+def snake_case(name: str) -> str:
+    """SafeZone as safe_zone, HTTPServer as http_server."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def table_type(cls: type["Component"]) -> Any:
     """Namedtuple of the columns, findable by module and name so that numba can cache functions that use it."""
     table = namedtuple("Table", list(cls.columns), module=cls.__module__)  # type: ignore[misc]
     table.__name__ = cls.__name__
@@ -113,7 +120,7 @@ class Component:
                 f"{cls.__name__}.{named[0]} has fields, which only columns of an Observation have; make each a column"
             )
         cls.columns, cls.order = columns, order
-        cls.Table = _table_type(cls)
+        cls.Table = table_type(cls)
 
     def __init__(self, **fills: Any) -> None:
         for name in fills:

@@ -13,6 +13,10 @@ class DeclarationError(EngineError):
     """A component, module or system is declared in a way that cannot work."""
 
 
+class CapacityError(EngineError):
+    """More happened in a tick than the list of an event has room for."""
+
+
 class ScheduleError(EngineError):
     """The order of systems is ambiguous, contradictory, or names something unknown."""
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .errors import DeclarationError
+from .event import Event, memory_type
 from .fields import Field, placed, width
 from .random import stream_number
 from .simd import SIMD_WIDTH
@@ -64,6 +65,7 @@ class Layout:
         damage_types: The damage types of the modules, in alphabetical order.
         fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
         places: Every column.
+        events: The events, in the order of `event_type`, the memory that they take in a world.
         initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
     """
 
@@ -81,7 +83,9 @@ class Layout:
         self.dims["damage_types"] = len(self.damage_types)
         named = [item for module in self.modules for item in module.dims().items()]
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
-            self.dims[dim] = self.dims.get(dim, 0) + (self.dims.get(size, 0) if isinstance(size, str) else size)
+            names = size.split("+") if isinstance(size, str) else []
+            more = sum(self.dims.get(name.strip(), 0) for name in names) if names else size
+            self.dims[dim] = self.dims.get(dim, 0) + more
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
@@ -93,6 +97,8 @@ class Layout:
         self._check_dims()
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
+        self.events = self._events()
+        self.event_type = memory_type(self.events, self.dims)
         self.places, self.world_bytes = self._place()
         self.initial_image = self._initial_image()
 
@@ -150,6 +156,21 @@ class Layout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _events(self) -> tuple[type[Event], ...]:
+        """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""
+        found: dict[str, type[Event]] = {}
+        for event in self.components:
+            if not issubclass(event, Event):
+                continue
+            if (other := found.setdefault(event.name, event)) is not event:
+                one, two = (f"{each.__module__}.{each.__qualname__}" for each in (other, event))
+                raise DeclarationError(f"{one} and {two} are both the event '{event.name}'; rename one of the classes")
+            capacity = event.capacity
+            if isinstance(capacity, type):
+                capacity = len(self.rows(capacity))
+            self.dims[event.capacity_dim()] = self.dims.get(capacity, 0) if isinstance(capacity, str) else capacity
+        return tuple(found.values())
 
     @property
     def actions(self) -> list[tuple[type[Component], str]]:

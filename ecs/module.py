@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
-from .component import Component, Singleton
+from .component import Component, Singleton, snake_case
 from .errors import DeclarationError, NumberError
 from .fields import Field
 from .jit import kernel
@@ -66,7 +66,7 @@ class Module:
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
-            cls.name = _snake_case(cls.__name__)
+            cls.name = snake_case(cls.__name__)
         for attribute in ("name", "stream"):
             value = vars(cls).get(attribute, "default")
             if not isinstance(value, dataclasses.Field) and not re.fullmatch("[a-z][a-z0-9_]*", str(value)):
@@ -227,7 +227,7 @@ class Module:
         return ()
 
     def dims(self) -> dict[str, int | str]:
-        """Sizes of named dimensions, which add up over modules. A name as value: the size of that dimension."""
+        """Sizes of named dimensions, which add up over modules. A name: the size of that one; "a + b": the sum."""
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
@@ -297,8 +297,3 @@ def _neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
                 f'is needed, or a tuple of them, as in {keyword}="motors" or {keyword}=Health'
             )
     return neighbours
-
-
-def _snake_case(name: str) -> str:
-    """SafeZone as safe_zone, HTTPServer as http_server."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()

@@ -8,6 +8,7 @@ from itertools import pairwise
 from .access import SELECTIONS
 from .component import Component
 from .errors import ScheduleError
+from .event import Event
 from .module import Module
 from .phase import Phase
 from .system import System
@@ -82,16 +83,20 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
                 if parameter.kind not in SELECTIONS.values() and component not in present:
                     raise ScheduleError(
                         f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
-                        f"this scenario brings it; add {_providers(component)}, or leave {system.module} out"
+                        f"this scenario brings it; {_bringing(component)}, or leave {system.module} out"
                     )
 
 
-def _providers(component: type[Component]) -> str:
+def _bringing(component: type[Component]) -> str:
+    """What to do so that a scenario has the component."""
+    if issubclass(component, Event):  # whoever emits or reads an event may bring it
+        return f"bring it, as in def singletons(self): return [{component.__name__}()]"
+
     def brings(module: Module) -> bool:
         parts = [part for archetype in module.archetypes() for part in archetype.parts]
         return component in map(type, [*module.singletons(), *parts])
 
-    return Module.providers(brings) or "the module that does"
+    return f"add {Module.providers(brings) or 'the module that does'}"
 
 
 def _check_streams(systems: Sequence[System]) -> None:

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 
 from .access import Parameter
-from .arguments import BLOCK, MODE, ArgumentLayout, array_view, number_view, table_view
+from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
 from .component import Clock, Component
 from .errors import DeclarationError
+from .event import clear, list_spans
 from .fields import offset
 from .jit import compiled, kernel, loader, storer
 from .layout import Layout
@@ -46,8 +47,12 @@ read_word, write_word = loader("int64"), storer("int64")
 
 
 @kernel
-def advance_clock(world: Any, initial_image: Any, mode: int) -> None:
-    """Count a tick, or start an episode. world: its state as uint64, as is initial_image."""
+def advance_clock(world: Any, initial_image: Any, events: Any, event_spans: Any, mode: int) -> None:
+    """Count a tick, or start an episode, and forget the events of the tick before.
+
+    world: its state as uint64, as is initial_image. events, event_spans: see ecs.event.clear.
+    """
+    clear(events, event_spans)
     if mode == RESET:
         world[EPISODE] += np.uint64(1)
         world[TICK] = np.uint64(0)
@@ -130,7 +135,11 @@ class Generator:
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state, words = self._slot("state", BLOCK), self._view(np.dtype("u8"), 1, writable=True)
         state = f"{words}(arguments, {state}, w)"
-        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], [state, image, "mode[w]"])
+        lists = list_spans(self.layout.events, self.layout.event_type)
+        spans = self._array("event_spans", self.arguments.add_constant(lists), lists.dtype, lists.ndim)
+        events, words = self._slot("events", EVENTS), self._view(np.dtype("i4"), 1, writable=True)
+        events = f"{words}(arguments, {events}, w)"
+        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], [state, image, events, spans, "mode[w]"])
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from . import schedule
+from . import event, schedule
 from .access import SELECTIONS
 from .cache import CompiledUnits
 from .component import Action, Clock, Component
 from .entity_view import EntityView
-from .errors import DeclarationError, ScheduleError
+from .errors import CapacityError, DeclarationError, ScheduleError
+from .event import Event
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
@@ -46,6 +47,7 @@ class Worlds:
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
+        event_memory: (count,) of `layout.event_type`: the events of each world's last tick; see `events`.
         times: Seconds spent in each segment of the tick, by the label of its first unit: with split, of its system.
 
     Raises:
@@ -71,6 +73,7 @@ class Worlds:
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
+        self.event_memory = np.zeros(count, self.layout.event_type)
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         _check_labels(interpret, self.schedule)
@@ -115,6 +118,21 @@ class Worlds:
         """Whether machine code for this tick is ready or lies on disk."""
         return self._units.ready
 
+    def events(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What happened in the last tick of each world, by name of the event: see `entries`."""
+        return {kind.name: self.entries(kind) for kind in self.layout.events}
+
+    def entries(self, kind: type[Event]) -> np.ndarray[Any, Any]:
+        """The events of a kind in the last tick of each world, copied.
+
+        Returns:
+            A structured array with a row for each event, in order of worlds: `world`, `episode` and `tick`, int64, and
+            the event's columns. Nothing if this scenario does not have the event.
+        """
+        clock = self[Clock]
+        times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
+        return event.entries(kind, self.layout.events, self.event_memory, times)
+
     def span(self, archetype: str) -> slice:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
         rows = self.layout.spans.get(archetype, range(0))
@@ -132,18 +150,24 @@ class Worlds:
         clock.episode[where] = 0
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
-        """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world."""
+        """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world.
+
+        CapacityError if there are more events of a kind than its list has room for; the tick is cut short then.
+        """
         if not self._loaded:
             self._units.load()
             self._loaded = True
         self.mode[:] = mode
-        for k, segment in enumerate(self._segments):
-            start = time.perf_counter()
-            if self.threads == 1 or not segment.compiled or self.count <= MIN_RANGE:
-                self._call(k, 0, 0, self.count)
-            else:
-                self._spread(k)
-            self.times[segment.units[0].label] += time.perf_counter() - start
+        try:
+            for k, segment in enumerate(self._segments):
+                start = time.perf_counter()
+                if self.threads == 1 or not segment.compiled or self.count <= MIN_RANGE:
+                    self._call(k, 0, 0, self.count)
+                else:
+                    self._spread(k)
+                self.times[segment.units[0].label] += time.perf_counter() - start
+        except CapacityError as error:
+            raise self._full() or error from None
 
     def source(self) -> str:
         """The generated code of the tick: a function for each system, in order, with the phases as comments."""
@@ -194,6 +218,30 @@ class Worlds:
     def _execution(self, segment: Segment) -> Execution:
         return CompiledExecution(segment, self, self._units) if segment.compiled else PythonExecution(segment, self)
 
+    def _full(self) -> CapacityError | None:
+        """The error for the list that is full; None if there is no such list."""
+        if (found := event.overflow(self.layout.events, self.event_memory)) is None:
+            return None
+        w, kind, most = found
+        writers = [
+            s for s in self.schedule.systems if ("write", (kind,)) in ((p.kind, p.components) for p in s.parameters)
+        ]
+        if isinstance(kind.capacity, str):
+            cure = (
+                f"its capacity is the dimension '{kind.capacity}', to which every mechanic adds as many as it emits, "
+                f"as in def dims(self): return {{'{kind.capacity}': 'agents'}}"
+            )
+        elif isinstance(kind.capacity, int):
+            cure = f"give it a larger one, as in class {kind.__name__}(Event, capacity={2 * most + 1})"
+        else:
+            cure = (
+                f"its capacity is one for each entity with {kind.capacity.__name__}; declare another one if it is more"
+            )
+        return CapacityError(
+            f"world {w}, tick {int(self[Clock].tick[w, 0])}: more than {most} of the event {kind.__name__}, which "
+            f"{' and '.join(system.label for system in writers)} emit: {cure}"
+        )
+
     def _applies(self, system: Any) -> bool:
         """Whether none of its lists of rows is empty; else the system is inactive, that is, not scheduled."""
         return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
@@ -202,6 +250,8 @@ class Worlds:
         if component.packed:
             return self.layout.columns(self.block, component)
         columns = component.columns.items()
+        if issubclass(component, Event):
+            return event.table(component, self.layout.events, self.event_memory)
         if issubclass(component, Action):
             first = self.layout.actions.index((component, next(iter(component.columns))))
             return component.Table(*self.actions[first : first + len(columns)])

@@ -22,7 +22,7 @@ from outlast.components import (
     Solid,
     Spawned,
 )
-from outlast.components.health import MOST, Death
+from outlast.components.health import MOST, Died
 from outlast.components.sight import MASKED, OMNISCIENT
 from outlast.ecs import (
     Archetype,
@@ -58,7 +58,7 @@ class Agents(Module):
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)
-        parts = (Body(), Shape(radius=self.radius), solid, Push(), Spawned(), Side(), Guard(), Death())
+        parts = (Body(), Shape(radius=self.radius), solid, Push(), Spawned(), Side(), Guard(), Died())
         return [Archetype("agent", (*parts, Health(points=self.health)), self.count, order=10)]
 
     def singletons(self) -> Iterable[Singleton]:

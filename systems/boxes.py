@@ -10,12 +10,15 @@ from outlast.components import (
     Bag,
     Body,
     Box,
+    BoxBroken,
     BoxesPlaced,
     BoxItem,
     BoxItemView,
+    BoxPlaced,
     BoxView,
     Guard,
     Health,
+    Hit,
     Item,
     ObservationMasks,
     Phase,
@@ -23,13 +26,14 @@ from outlast.components import (
     Solid,
     Spawned,
 )
-from outlast.components.health import MOST
+from outlast.components.health import MOST, fatal_agent
 from outlast.components.inventory import last, place
 from outlast.ecs import (
     Add,
     Archetype,
     Array,
     Bitset,
+    Clock,
     Entity,
     Layout,
     Module,
@@ -40,6 +44,7 @@ from outlast.ecs import (
     Rows,
     Singleton,
     Write,
+    emit,
     kernel,
     number,
 )
@@ -90,7 +95,7 @@ class Boxes(Module):
         ]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [BoxView(), BoxItemView(), BoxesPlaced()]
+        return [BoxView(), BoxItemView(), BoxesPlaced(), BoxPlaced(), BoxBroken(), Hit()]
 
     def dims(self) -> dict[str, int | str]:
         return {"boxes": self.count}
@@ -146,6 +151,7 @@ def set_up(
     entities: Write[Entity],
     box: Write[Box],
     placed: Add[BoxesPlaced],
+    events: Write[BoxPlaced],
     item: Read[Item],
     boxes: Rows[Box],
     items: Rows[BoxItem],
@@ -162,6 +168,8 @@ def set_up(
         body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
         box.placed[e], box.fresh[e] = 1, 1
         placed.boxes_placed[0] += 1
+        n = emit(events)
+        events.agent[n], events.box[n] = user, e
 
 
 @Boxes.system(Phase.BREAK)
@@ -170,6 +178,9 @@ def break_boxes(
     entities: Write[Entity],
     health: Write[Health],
     guard: Write[Guard],
+    events: Write[BoxBroken],
+    hits: Read[Hit],
+    clock: Read[Clock],
     boxes: Rows[Box],
     toughness: int,
     owned: bool,
@@ -183,6 +194,9 @@ def break_boxes(
         if entities.alive[e] and health.points[e] <= 0:
             entities.alive[e] = 0
             box.broken[e] = 1
+            k = emit(events)
+            events.box[k], events.by[k] = e, fatal_agent(health, hits, e, clock.tick[0])
+            events.side[k] = health.source[e]
             health.points[e] = np.int32(toughness)
             if owned and guard.vulnerable_only_to[e] < 0:
                 guard.vulnerable_only_to[e] = health.source[e]

@@ -1,13 +1,14 @@
 """Dropping: the bag of an agent that dies is scattered around it."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import Bag, Body, Death, Item, Phase
+from outlast.components import Bag, Body, Died, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
-from outlast.ecs import Entity, Module, Random, Read, Rows, Write, number
+from outlast.ecs import Entity, Module, Random, Read, Rows, Singleton, Write, emit, number
 from outlast.ecs.random import uniform2
 
 TURN = np.float32(2 * math.pi)
@@ -26,14 +27,18 @@ class DeathDrop(Module):
     radius: float = number(0.5, low=0)  # metres
     scatter: str = number("disc", choices=("disc", "rim"))
 
+    def singletons(self) -> Iterable[Singleton]:
+        return [ItemDropped()]
 
-@DeathDrop.system(Phase.DIE, after=Death)
+
+@DeathDrop.system(Phase.DIE, after=Died)
 def scatter(
     bag: Write[Bag],
     item: Write[Item],
     body: Write[Body],
     entities: Write[Entity],
-    death: Read[Death],
+    drops: Write[ItemDropped],
+    died: Read[Died],
     agents: Rows[Bag],
     items: Rows[Item],
     radius: float,
@@ -42,10 +47,12 @@ def scatter(
 ) -> None:
     """Each item gets a random direction of its own."""
     for e in agents:
-        while death.now[e] and bag.count[e] > 0:
+        while died.now[e] and bag.count[e] > 0:
             row = pop(bag, item, e)
             direction, far = uniform2(key, entities.identity[row])
             distance = radius * np.float32(np.sqrt(far)) if scatter == 0 else radius
             x = body.x[e] + distance * np.float32(np.cos(TURN * direction))
             y = body.y[e] + distance * np.float32(np.sin(TURN * direction))
             place(body, entities, row, x, y)
+            k = emit(drops)
+            drops.agent[k], drops.item[k] = e, row

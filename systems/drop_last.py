@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Bag, Body, Drop, Item, Phase
+from outlast.components import Bag, Body, Drop, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, emit, number
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class DropLast(Module):
     offset: float = number(1.0, low=0)  # metres from the agent's centre
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Drop()]
+        return [Drop(), ItemDropped()]
 
 
 @DropLast.system(Phase.GIVE, after=Bag)
@@ -27,6 +27,7 @@ def drop_last(
     item: Write[Item],
     body: Write[Body],
     entities: Write[Entity],
+    drops: Write[ItemDropped],
     drop: Read[Drop],
     agents: Rows[Bag],
     items: Rows[Item],
@@ -38,3 +39,5 @@ def drop_last(
         if entities.alive[e] and drop.drop[i] and bag.count[e] > 0:
             row = pop(bag, item, e)
             place(body, entities, row, body.x[e] + offset * body.cosine[e], body.y[e] + offset * body.sine[e])
+            k = emit(drops)
+            drops.agent[k], drops.item[k] = e, row

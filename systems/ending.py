@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast.components import Death, End, Phase, Score, Side
-from outlast.ecs import Clock, Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Clock, Entity, Module, Read, RowIndex, Rows, Singleton, Write, number
 
 LAST_ALIVE = 1  # index into the choices of Ending.rule
 
@@ -21,12 +21,17 @@ class Ending(Module):
     limit: int = number(0, low=0)
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Score(), End()]
+        return [Score(), End(), Death()]
 
 
 @Ending.system(Phase.REWARD)
 def count(
-    score: Write[Score], death: Read[Death], side: Read[Side], entities: Read[Entity], agents: Rows[Side]
+    score: Write[Score],
+    deaths: Read[Death],
+    side: Read[Side],
+    entities: Read[Entity],
+    agents: Rows[Side],
+    index: RowIndex[Side],
 ) -> None:
     """Members alive, and deaths and kills of this tick, by side. Killing one's own is no kill."""
     score.alive[:] = 0
@@ -35,10 +40,13 @@ def count(
     for e in agents:
         s = side.side[e]
         score.alive[s] += entities.alive[e]
-        if death.now[e]:
-            score.deaths[s] += 1
-            if death.source[e] >= 0 and death.source[e] != s:
-                score.kills[death.source[e]] += 1
+    for k in range(deaths.count[0]):
+        e, killer = deaths.agent[k], deaths.side[k]
+        if index[e] < 0:
+            continue
+        score.deaths[side.side[e]] += 1
+        if killer >= 0 and killer != side.side[e]:
+            score.kills[killer] += 1
 
 
 @Ending.system(Phase.END)

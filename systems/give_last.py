@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, Body, Gift, Give, Item, Phase, Shape, Side, Sides
+from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
 from outlast.components.inventory import pop, push
 from outlast.ecs import (
     Archetype,
@@ -20,6 +20,7 @@ from outlast.ecs import (
     Scratch,
     Singleton,
     Write,
+    emit,
     kernel,
     number,
 )
@@ -48,7 +49,7 @@ class GiveLast(Module):
         return [Archetype("agent", (Gift(),))]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Give()]
+        return [Give(), ItemGiven()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
@@ -111,9 +112,19 @@ def choose(
 
 
 @GiveLast.system(Phase.GIVE, after="give_last.choose")
-def hand_over(bag: Write[Bag], item: Write[Item], gift: Read[Gift], agents: Rows[Gift], items: Rows[Item]) -> None:
+def hand_over(
+    bag: Write[Bag],
+    item: Write[Item],
+    gifts: Write[ItemGiven],
+    gift: Read[Gift],
+    agents: Rows[Gift],
+    items: Rows[Item],
+) -> None:
     """In order of agents."""
     for me in agents:
         taker = gift.taker[me]
         if taker >= 0 and bag.count[me] > 0 and bag.count[taker] < bag.items.shape[1]:
-            push(bag, item, taker, pop(bag, item, me))
+            row = pop(bag, item, me)
+            push(bag, item, taker, row)
+            k = emit(gifts)
+            gifts.giver[k], gifts.taker[k], gifts.item[k] = me, taker, row

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from outlast.components import Bag, Item, Phase, Use
+from outlast.components import Bag, Item, ItemUsed, Phase, Use
 from outlast.components.inventory import pop
-from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, emit, number
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Inventory(Module):
         return [Archetype("agent", (Bag(),))]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Use()]
+        return [Use(), ItemUsed()]
 
     def dims(self) -> dict[str, int | str]:
         return {"slots": self.slots}
@@ -26,7 +26,13 @@ class Inventory(Module):
 
 @Inventory.system(Phase.USE)
 def use_last(
-    bag: Write[Bag], item: Write[Item], use: Read[Use], entities: Read[Entity], agents: Rows[Bag], items: Rows[Item]
+    bag: Write[Bag],
+    item: Write[Item],
+    uses: Write[ItemUsed],
+    use: Read[Use],
+    entities: Read[Entity],
+    agents: Rows[Bag],
+    items: Rows[Item],
 ) -> None:
     """The last item leaves the bag, and its user is recorded; the item's mechanic acts on that in phase EFFECT."""
     for row in items:
@@ -37,3 +43,5 @@ def use_last(
             row = pop(bag, item, e)
             if row >= 0:
                 item.user[row] = e
+                k = emit(uses)
+                uses.agent[k], uses.item[k] = e, row

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from outlast.components import Attack, Body, Guard, Health, Phase, Shape, Side, Weapon
+from outlast.components import Attack, Body, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
 from outlast.components.health import MOST, hurt, immune
 from outlast.ecs import (
     Archetype,
@@ -20,6 +20,7 @@ from outlast.ecs import (
     Scratch,
     Singleton,
     Write,
+    emit,
     number,
 )
 
@@ -47,7 +48,10 @@ class Melee(Module):
         return [Archetype("agent", (Weapon(),))]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Attack()]
+        return [Attack(), Strike(), Hit()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"hits": "agents"}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
@@ -56,6 +60,7 @@ class Melee(Module):
 @Melee.system(Phase.MELEE)
 def aim(
     weapon: Write[Weapon],
+    strikes: Write[Strike],
     attack: Read[Attack],
     body: Read[Body],
     shape: Read[Shape],
@@ -99,12 +104,15 @@ def aim(
                     weapon.target[me] = e
         if weapon.target[me] >= 0:
             weapon.cooldown[me] = np.int32(cooldown)
+        k = emit(strikes)
+        strikes.agent[k], strikes.target[k] = me, weapon.target[me]
 
 
 @Melee.system(Phase.MELEE, after="melee.aim")
 def strike(
     weapon: Read[Weapon],
     health: Write[Health],
+    hits: Write[Hit],
     guard: Read[Guard],
     side: Read[Side],
     clock: Read[Clock],
@@ -116,4 +124,4 @@ def strike(
     for me in agents:
         e = weapon.target[me]
         if e >= 0 and health.has_health[e]:
-            hurt(health, guard, e, damage, damage_type, side.side[me], clock.tick[0])
+            hurt(health, guard, hits, e, damage, damage_type, side.side[me], clock.tick[0], me)

@@ -1,12 +1,13 @@
 """Mortality: the limit of health, and the death of agents without any."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import Death, Health, Phase
-from outlast.components.health import MOST
-from outlast.ecs import Entity, Layout, Module, NumberError, Read, Rows, Write, number
+from outlast.components import Death, Died, Health, Hit, Phase
+from outlast.components.health import MOST, fatal_agent
+from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, Rows, Singleton, Write, emit, number
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,9 @@ class Mortality(Module):
 
     limit: int = number(0, low=0, high=MOST)  # hit points
 
+    def singletons(self) -> Iterable[Singleton]:
+        return [Death(), Hit()]
+
     def check(self, layout: Layout) -> None:
         prefab = layout.prefab_values(Health, "points").get("agent", 0)
         if self.limit and prefab > self.limit:
@@ -26,14 +30,14 @@ class Mortality(Module):
 
 
 @Mortality.system(Phase.RESPAWN)
-def clear_deaths(death: Write[Death], agents: Rows[Death]) -> None:
-    """Clear `Death.now` of the previous tick."""
+def clear_deaths(died: Write[Died], agents: Rows[Died]) -> None:
+    """Clear `Died.now` of the previous tick."""
     for e in agents:
-        death.now[e] = 0
+        died.now[e] = 0
 
 
 @Mortality.system(Phase.EFFECT, after=Health)
-def cap(health: Write[Health], agents: Rows[Death, Health], limit: int) -> None:
+def cap(health: Write[Health], agents: Rows[Died, Health], limit: int) -> None:
     """Health above the limit is lost."""
     if limit > 0:
         for e in agents:
@@ -41,11 +45,22 @@ def cap(health: Write[Health], agents: Rows[Death, Health], limit: int) -> None:
 
 
 @Mortality.system(Phase.DIE)
-def die(health: Read[Health], death: Write[Death], entities: Write[Entity], agents: Rows[Death, Health]) -> None:
+def die(
+    died: Write[Died],
+    deaths: Write[Death],
+    entities: Write[Entity],
+    health: Read[Health],
+    hits: Read[Hit],
+    clock: Read[Clock],
+    agents: Rows[Died, Health],
+) -> None:
     """Despawn, and record the source and the type of the damage."""
     for e in agents:
         if entities.alive[e] and health.points[e] <= 0:
             entities.alive[e] = 0
-            death.now[e] = 1
-            death.damage_type[e] = health.damage_type[e]
-            death.source[e] = health.source[e]
+            died.now[e] = 1
+            died.damage_type[e] = health.damage_type[e]
+            died.source[e] = health.source[e]
+            k = emit(deaths)
+            deaths.agent[k], deaths.by[k] = e, fatal_agent(health, hits, e, clock.tick[0])
+            deaths.damage_type[k], deaths.side[k] = health.damage_type[e], health.source[e]

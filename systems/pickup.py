@@ -1,13 +1,14 @@
 """Pickup: agents take the items within their reach."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, Body, Item, Phase, Shape
+from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
-from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Write, number
+from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, number
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
 from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
@@ -24,6 +25,9 @@ class Pickup(Module):
     reach: float = number(0.5, above=0)  # metres from the agent's centre
     touch: bool = number(True)
 
+    def singletons(self) -> Iterable[Singleton]:
+        return [ItemPicked()]
+
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_blocks(dims)
 
@@ -33,6 +37,7 @@ def pick_up(
     bag: Write[Bag],
     item: Write[Item],
     entities: Write[Entity],
+    picks: Write[ItemPicked],
     body: Read[Body],
     shape: Read[Shape],
     agents: Rows[Bag],
@@ -56,4 +61,6 @@ def pick_up(
                 pending &= pending - 1
                 if push(bag, item, e, row):
                     entities.alive[row] = 0
+                    n = emit(picks)
+                    picks.agent[n], picks.item[n] = e, row
                     blocks[BITS, k] = without_row(blocks[BITS, k], b, row)

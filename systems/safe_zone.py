@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from outlast.components import Body, Floor, Guard, Health, Phase, Side, Zone, ZoneView
+from outlast.components import Body, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
 from outlast.components.health import MOST, hurt
 from outlast.ecs import (
     Array,
@@ -51,10 +51,10 @@ class SafeZone(Module):
     centres: str = number("random", choices=("random", "middle"))
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Zone(), ZoneView()]
+        return [Zone(), ZoneView(), Hit()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"zones": len(self.radii) + 1}
+        return {"zones": len(self.radii) + 1, "hits": "agents"}
 
     def check(self, layout: Layout) -> None:
         if not self.radii:
@@ -116,6 +116,7 @@ def begin(zone: Write[Zone], radii: tuple[float, ...], stand: int, shrink: int) 
 @SafeZone.system(Phase.ZONE)
 def apply_damage(
     health: Write[Health],
+    hits: Write[Hit],
     guard: Read[Guard],
     body: Read[Body],
     zone: Read[Zone],
@@ -130,7 +131,7 @@ def apply_damage(
         x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
         outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
         if entities.alive[e] and outside:
-            hurt(health, guard, e, damage, damage_type, -1, clock.tick[0])
+            hurt(health, guard, hits, e, damage, damage_type, -1, clock.tick[0])
 
 
 @SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")

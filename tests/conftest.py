@@ -35,7 +35,7 @@ def scaled(count: int, least: int = 1) -> int:
 
 
 def digest(worlds: Worlds, where: Any = slice(None)) -> str:
-    """A digest of every byte of the worlds `where`: state, and buffers of actions, observations and signals."""
+    """A digest of every byte of the worlds `where`: state, events, and buffers of actions, observations and signals."""
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
         if not component.packed:

@@ -45,7 +45,6 @@ class Collector:
         actions, values, logs = policy(self._packed(rollout, t), generator)
         rollout.actions[t], rollout.values[t], rollout.log_probs[t] = actions.cpu(), values.cpu(), logs.cpu()
         joint = rollout.actions[t].reshape(self.base_env.num_worlds, self.base_env.num_agents, -1)
-        self.behaviour.before_step()
         _, rewards, terminated, truncated, info = self.base_env.step(joint)
         rollout.rewards[t] = rewards.ravel()
         done = terminated | truncated

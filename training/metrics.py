@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Death, Item, Score
+from outlast.components import Death, Item, ItemGiven, Score
 from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -64,12 +64,6 @@ class BehaviourMetrics:
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
         self.held = self.given = 0
-        self.holder: Array = np.empty(0)
-
-    def before_step(self) -> None:
-        """Call before every step."""
-        if self.heals is not None:
-            self.holder = self.base_env.worlds[Item].holder[:, self.heals].copy()
 
     def after_step(self) -> None:
         """Count heals in bags, and those that were given. Call after every step."""
@@ -80,10 +74,10 @@ class BehaviourMetrics:
     def gifts(self) -> Array:
         """Heals that each agent gave to another in this step, int (worlds, agents); of agents that still live."""
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
-        now = worlds[Item].holder[:, self.heals]
-        moved = np.nonzero((self.holder >= 0) & (now >= 0) & (now != self.holder))
-        givers = self.holder[moved]
-        np.add.at(given, (moved[0], givers - self.agents.start), worlds[Entity].alive[moved[0], givers])
+        gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
+        gifts = gifts[(gifts["item"] >= heals.start) & (gifts["item"] < heals.stop)]
+        where, givers = gifts["world"], gifts["giver"]
+        np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
 
     def report(self, rollout: AgentRolloutBuffer) -> dict[str, float]:
@@ -147,7 +141,6 @@ class AgentMetrics:
         """Count what agents are about to do. Call before every step."""
         living = alive(self.base_env.worlds)
         found = self.behaviour.quantities(self.base_env.observe(), actions, living)
-        self.behaviour.before_step()
         if self.behaviour.heals is not None:
             holder, rows = self.base_env.worlds[Item].holder[:, self.behaviour.heals], np.r_[self.agents]
             found["heals_held"] = (holder[:, :, None] == rows).sum(1), living
@@ -158,12 +151,11 @@ class AgentMetrics:
 
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
-        death = self.base_env.worlds[Death]
-        now, cause = death.now[:, self.agents] != 0, death.damage_type[:, self.agents]
+        deaths = self.base_env.worlds.entries(Death)
         self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
-        if now.any():
-            for k, name in enumerate(self.base_env.worlds.layout.damage_types):
-                self.totals[f"deaths_{name}"] += now & (cause == k)
+        for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
+            of_it = deaths[deaths["damage_type"] == k]
+            self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1
         if self.behaviour.heals is not None:
             self.totals["heals_given"] += self.behaviour.gifts()
 

@@ -8,7 +8,7 @@ Each one is also an error that callers of Gymnasium or of Python catch already:
 ...     env.reset()
 """
 
-from .ecs.errors import DeclarationError, EngineError, NumberError, OutlastError, ScheduleError
+from .ecs.errors import CapacityError, DeclarationError, EngineError, NumberError, OutlastError, ScheduleError
 from .envs.errors import (
     ActionError,
     ClosedError,
@@ -32,6 +32,7 @@ from .training.errors import TrainingError
 
 __all__ = [
     "ActionError",
+    "CapacityError",
     "ClosedError",
     "ClusterError",
     "DeclarationError",

@@ -10,7 +10,7 @@ from sources import code, comments, grid, summary
 import outlast
 from outlast import components, systems
 from outlast.components import Phase
-from outlast.ecs import Action, Component, Module, Observation, Statistic, Worlds
+from outlast.ecs import Action, Component, Event, Module, Observation, Statistic, Worlds
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
@@ -185,6 +185,22 @@ def component_uses(name: str) -> str:
         [code(use.component), use.kind, *(", ".join(map(code, each)) for each in use[2:])] for use in uses(worlds(name))
     ]
     return grid(["component", "kind", "archetypes", "written by", "read by"], rows)
+
+
+def events() -> str:
+    """The events: their columns, and the mechanics that emit them."""
+    kinds = [kind for name in components.__all__ if issubclass(kind := getattr(components, name), Event)]
+    mechanics = [getattr(systems, name) for name in systems.__all__]
+    rows = []
+    for kind in sorted(kinds, key=lambda kind: kind.name):
+        emits = [
+            mechanic.__name__
+            for mechanic in mechanics
+            if any(p.kind == "write" and kind in p.components for s in mechanic().systems() for p in s.parameters)
+        ]
+        columns = ", ".join(f"{code(name)} ({column.unit})" for name, column in kind.columns.items() if column.unit)
+        rows.append([code(kind.name), columns, summary(kind), ", ".join(map(code, emits))])
+    return grid(["event", "columns", "meaning", "emitted by"], rows)
 
 
 def phases() -> str:

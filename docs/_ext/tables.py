@@ -34,6 +34,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.statistics,
         catalogue.all_components,
         catalogue.component_uses,
+        catalogue.events,
         catalogue.phases,
         catalogue.schedule,
         catalogue.views,

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from outlast.components import Bag, Body, Guard, Health, Item, ObservationMasks, Phase, Shape, Side, Spawned
+from outlast.components import Bag, Body, Guard, Health, Hit, Item, ObservationMasks, Phase, Shape, Side, Spawned
 from outlast.components.body import PLACE
 from outlast.components.health import hurt, immune
 from outlast.components.inventory import last
@@ -42,7 +42,7 @@ class Illness(Component):
     """How ill an agent is. Written by poison."""
 
     left: Array = column("i4")  # ticks until it is well again
-    source: Array = column("i4", fill=-1)  # the side that did it
+    source: Array = column("i4", fill=-1)  # the row of the agent that did it
 
 
 class VialView(Observation):
@@ -82,12 +82,12 @@ class Poison(Module):
         return [Archetype("vial", vial, self.count), Archetype("agent", (Illness(),))]
 
     def singletons(self) -> Iterable[Singleton]:
-        """What agents observe, and what is counted."""
-        return [VialView(), VialsUsed()]
+        """What agents observe, what is counted, and what happens."""
+        return [VialView(), VialsUsed(), Hit()]
 
     def dims(self) -> dict[str, int | str]:
-        """The dimension "vials" of the columns above."""
-        return {"vials": self.count}
+        """The dimension "vials" of the columns above, and how many more hits there can be in a tick."""
+        return {"vials": self.count, "hits": "agents"}
 
     def bounds(self, layout):
         """No agent is ill for longer than a vial makes it. Positions of vials have no bounds here."""
@@ -122,25 +122,28 @@ def spill(
             spared = o == user or immune(guard, o, side.side[user])
             if entities.alive[o] and not spared and x * x + y * y <= reach * reach:
                 illness.left[o] = vial.strength[e]
-                illness.source[o] = side.side[user]
+                illness.source[o] = user
 
 
 @Poison.system(Phase.MELEE, after="melee.strike")
 def sicken(
     health: Write[Health],
+    hits: Write[Hit],
     illness: Write[Illness],
     guard: Read[Guard],
+    side: Read[Side],
     entities: Read[Entity],
     clock: Read[Clock],
     agents: Rows[Illness],
     damage: int,
     damage_type: DamageType,
 ) -> None:
-    """The ill lose hit points; the side that poisoned them is the source."""
+    """The ill lose hit points; the agent that poisoned them did it, and its side is the source."""
     for e in agents:
         if entities.alive[e] and illness.left[e] > 0:
             illness.left[e] -= 1
-            hurt(health, guard, e, damage, damage_type, illness.source[e], clock.tick[0])
+            by = illness.source[e]
+            hurt(health, guard, hits, e, damage, damage_type, side.side[by], clock.tick[0], by)
 
 
 @Poison.system(Phase.OBSERVE)

@@ -8,10 +8,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
+
+from outlast.ecs import SKIP
 
 from ..errors import RecordingError, ReplayError
 from ..recording import Recording, Replay
+from ..rollout.event_file import event_file
 from . import video_options
 from .options import add_common, add_number, nonnegative, printable
 
@@ -27,7 +31,9 @@ def add(commands: Any) -> None:
     command.add_argument("--html", metavar="PATH", help="write a web page that plays the recording")
     text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
     command.add_argument("--data", metavar="PATH", help=text)
-    text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, all for --data)"
+    text = "write what happened into a new table, NAME.csv or NAME.parquet"
+    command.add_argument("--events", metavar="FILE", help=text)
+    text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, else all)"
     command.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
     add_number(command, "--from", 0, "first tick to write", least=0, dest="first")
     add_number(command, "--to", "the last there is", "last tick to write", least=0, dest="last")
@@ -59,7 +65,9 @@ def _check(options: argparse.Namespace, products: bool) -> None:
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
     if not products and (options.first or options.last is not None or options.worlds is not None):
-        raise RecordingError("--from, --to and --worlds select what is written; give --out, --html or --data, too")
+        raise RecordingError(
+            "--from, --to and --worlds select what is written; give --out, --html, --data or --events, too"
+        )
 
 
 def _open(options: argparse.Namespace) -> Recording:
@@ -123,7 +131,18 @@ def _data(options: argparse.Namespace, replay: Replay) -> int:
     return 0
 
 
-PRODUCTS = {"out": _film, "html": _page, "data": _data}
+def _events(options: argparse.Namespace, replay: Replay) -> int:
+    shown, ticks = _selected(options, replay, replay.worlds.count)
+    worlds = replay.worlds
+    chosen = np.isin(np.arange(worlds.count), shown)
+    with event_file(options.events, worlds.layout, replay.recording.first_world) as file:
+        for _ in tqdm(ticks, total=options.last - options.first + 1, unit="tick", disable=options.quiet):
+            file.add(worlds.events(), chosen & (worlds.mode != SKIP))
+    print(printable(options.events))
+    return 0
+
+
+PRODUCTS = {"out": _film, "html": _page, "data": _data, "events": _events}
 
 
 def _selected(options: argparse.Namespace, replay: Replay, most: int) -> tuple[Sequence[int], Iterator[int]]:

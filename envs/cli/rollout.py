@@ -12,6 +12,7 @@ from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ClusterError
 from ..recording import record
+from ..rollout.event_file import event_file
 from ..rollout.local import Task, rollout
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.summary import Summary
@@ -31,6 +32,8 @@ def add(commands: Any) -> None:
     add_number(length, "--episodes", 1, "whole episodes of each world")
     add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
     add_policy(command, "random")
+    text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
+    command.add_argument("--events", metavar="FILE", help=text)
     command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
@@ -56,14 +59,20 @@ def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePoli
     with contextlib.closing(env):
         if options.record is not None:
             record(env, options.record)
-        yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes)
+        with event_file(options.events, env.worlds.layout) if options.events else contextlib.nullcontext() as file:
+            watch = (lambda where: file.add(env.events(), where)) if file else None
+            yield (
+                env.num_agents,
+                lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes, watch=watch),
+            )
 
 
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    if options.threads > 1 or options.log_deaths or options.record is not None:
-        raise ClusterError("--threads, --log-deaths and --record are for one machine: leave them out with --ray")
+    if options.threads > 1 or options.log_deaths or options.record is not None or options.events is not None:
+        given = "--threads, --log-deaths, --record and --events"
+        raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.policy not in POLICIES:
         raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")
     try:

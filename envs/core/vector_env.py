@@ -23,6 +23,7 @@ from .deaths import log_deaths
 from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
+from .step_events import StepEvents
 from .validation import autoreset_mode as checked_autoreset_mode
 from .validation import check_choice, check_count, checked_actions, keys, reset_mask
 from .wrappers import refuse_dicts, refuse_reward_sums
@@ -120,6 +121,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         }
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode is AutoresetMode.SAME_STEP)
+        self._step_events = StepEvents(self.worlds)
         self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
         self._stops: Stops | None = None
         self._wrappers_checked = False
@@ -162,6 +164,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
+        self._step_events.forget(mask)
         return self._observe(), {"alive": alive(self.worlds)}
 
     @exclusive
@@ -194,6 +197,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         self._tracker.check(resets=self.autoreset_mode is not AutoresetMode.DISABLED)
         self._take(actions)
+        self._step_events.forget()
         self._run()
         end = self.worlds[End]
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
@@ -247,6 +251,18 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             write(self._observations, out)
         return self._observe()
 
+    @exclusive
+    def events(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What happened in the last step, or reset, of each world: who hit, killed, used, gave, broke what.
+
+        Returns:
+            By name of the event ("hit", "death", "item_used" ...), a structured array with a row for each event, in
+            order of worlds: `world`, its index, `episode` and `tick`, int64, and the columns of the event (see
+            docs/events.md), in which entities are rows of the world. Copies. Worlds that SAME_STEP has reset at once
+            have those of the step that ended their episode.
+        """
+        return self._step_events.read()
+
     @property
     def fields(self) -> Fields:
         """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
@@ -284,6 +300,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._check_unrecorded("set_state")
         with self._tracker.overwritten(where):
             restore(state, self.scenario, self.worlds, self._masks, where)
+            self._step_events.forget(where)
         self._stop(where)
         return self._observe()
 
@@ -329,6 +346,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             info |= {"final_obs": final_observations(self._observations, done), "_final_obs": done.copy()}
             final = {"statistics": info["statistics"], "alive": alive(self.worlds)}
             info |= {"final_info": final, "_final_info": done.copy()}
+            self._step_events.keep(done)
             self._run(done)
         return info
 

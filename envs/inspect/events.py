@@ -1,23 +1,42 @@
-"""Events of the last tick of a world, read from its state."""
+"""Events of the last tick of a world, as pages show them."""
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
-from outlast import systems
-from outlast.components import Box, BoxItem, Death, End, Heal, Health, Item, Score, Side, Weapon
+from outlast.components import (
+    BoxBroken,
+    BoxItem,
+    BoxPlaced,
+    Death,
+    End,
+    Heal,
+    Hit,
+    ItemDropped,
+    ItemGiven,
+    ItemPicked,
+    ItemUsed,
+    Score,
+    Side,
+    Strike,
+)
 from outlast.ecs import Clock, Worlds
 
 from ..rendering.scene import Scene
+from .event_table import event_table
 from .trace import Bodies, Json, bodies_of
+
+KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)  # shown in some way
 
 
 @dataclass(frozen=True)
-class Event:
+class PageEvent:
     """An event.
 
     kind: start (of an episode), kill (a death caused by another side), death (any other one), heal, place (a box), use
-    (another item), break (a box), end. agent: who died, used or broke something; by: the agent that killed; side: the
-    one that killed or broke, and at the end the only one that is left; object: the item or box. All are numbers, -1:
-    nobody, none, or not known. cause: the damage type of a death; of an end "terminated" or "truncated".
+    (another item), break (a box), other (an event of a user's mechanic), end. agent: who died, used, broke or did
+    something; by: the agent that killed; side: the one that killed or broke, and at the end the only one that is left;
+    object: the item or box. All are numbers, -1: nobody, none, or not known. cause: the damage type of a death; of an
+    end "terminated" or "truncated"; of another event what it says.
     """
 
     kind: str
@@ -29,69 +48,54 @@ class Event:
 
 
 def events(worlds: Worlds, w: int) -> list[Json]:
-    """What happened in the last tick of world `w`, as dicts, in the order of the tick: see Event."""
+    """What happened in the last tick of world `w`, as dicts, in the order of the tick: see PageEvent."""
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
-    if not scene[Clock].tick[0]:
-        return [asdict(Event("start"))]
-    found = [*_uses(scene, bodies), *_breaks(scene, bodies), *_deaths(scene, bodies), *_end(scene)]
+    found = [] if scene[Clock].tick[0] else [PageEvent("start")]
+    found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
+    found += [_break(bodies, event) for event in scene.events(BoxBroken)]
+    found += [_death(scene, bodies, event) for event in scene.events(Death)]
+    found += [*_others(scene, bodies), *_end(scene)]
     return [asdict(event) for event in found]
 
 
-def _uses(scene: Scene, bodies: Bodies) -> list[Event]:
-    if Item not in scene:
-        return []
-    user = scene[Item].user
-    kinds = {**dict.fromkeys(scene.rows(Heal), "heal"), **dict.fromkeys(scene.rows(BoxItem), "place")}
-    return [
-        Event(kinds.get(e, "use"), agent=bodies.numbers[user[e]], object=bodies.object_number(e))
-        for e in scene.rows(Item)
-        if user[e] >= 0
-    ]
+def _use(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
+    kinds = {"heal": Heal, "place": BoxItem}
+    kind = next((kind for kind, component in kinds.items() if event.item in scene.rows(component)), "use")
+    return PageEvent(kind, agent=bodies.agent_number(event.agent), object=bodies.object_number(event.item))
 
 
-def _breaks(scene: Scene, bodies: Bodies) -> list[Event]:
-    if Box not in scene:
-        return []
-    broken = [e for e in scene.rows(Box) if scene[Box].broken[e]]
-    sides = [scene[Health].source[e] for e in broken]
-    return [
-        Event("break", agent=_striker(scene, bodies, e, side), side=side, object=bodies.object_number(e))
-        for e, side in zip(broken, sides, strict=True)
-    ]
+def _break(bodies: Bodies, event: Any) -> PageEvent:
+    by, box = bodies.agent_number(event.by), bodies.object_number(event.box)
+    return PageEvent("break", agent=by, side=event.side, object=box)
 
 
-def _deaths(scene: Scene, bodies: Bodies) -> list[Event]:
-    if Death not in scene:
-        return []
-    death, causes = scene[Death], scene.worlds.layout.damage_types
+def _death(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
+    cause = scene.worlds.layout.damage_types[event.damage_type] if event.damage_type >= 0 else ""
+    kind = "kill" if event.side >= 0 and event.side != scene[Side].side[event.agent] else "death"
+    agent, by = bodies.agent_number(event.agent), bodies.agent_number(event.by)
+    return PageEvent(kind, agent=agent, by=by, side=event.side, cause=cause)
+
+
+def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
+    """Those of a user's mechanics, in words; agents that did them as agents."""
     found = []
-    for i, e in enumerate(bodies.agents):
-        if death.now[e]:
-            side, cause = death.source[e], causes[death.damage_type[e]] if death.damage_type[e] >= 0 else ""
-            struck = systems.Melee in scene and cause == systems.Melee.damage_type
-            by = _striker(scene, bodies, e, side) if struck else _sole_member(scene, bodies, side)
-            kind = "kill" if side >= 0 and side != scene[Side].side[e] else "death"
-            found.append(Event(kind, agent=i, by=by, side=side, cause=cause))
+    for kind in scene.worlds.layout.events:
+        if kind in KNOWN or not (entries := scene.events(kind)):
+            continue
+        rows = scene.worlds.entries(kind)
+        table = event_table(scene.worlds.layout, {kind.name: rows[rows["world"] == scene.w]})
+        for k, entry in enumerate(entries):
+            agent = bodies.agent_number(getattr(entry, kind.who)) if kind.who else -1
+            who = "" if agent >= 0 else table["who"][k]
+            words = [who, kind.name.replace("_", " "), *(table[name][k] for name in ("whom", "amount", "why", "more"))]
+            cause = " ".join(str(word) for word in words if word not in ("", None))
+            found.append(PageEvent("other", agent=agent, cause=cause))
     return found
 
 
-def _striker(scene: Scene, bodies: Bodies, e: int, side: int) -> int:
-    """The agent of `side` that struck row `e`; of several the last one, whose strike counts."""
-    if Weapon not in scene:
-        return -1
-    target, sides = scene[Weapon].target, scene[Side].side
-    return max((i for i, row in enumerate(bodies.agents) if target[row] == e and sides[row] == side), default=-1)
-
-
-def _sole_member(scene: Scene, bodies: Bodies, side: int) -> int:
-    """The agent that is all of its side, if it is."""
-    members = [i for i, row in enumerate(bodies.agents) if scene[Side].side[row] == side]
-    return members[0] if len(members) == 1 else -1
-
-
-def _end(scene: Scene) -> list[Event]:
-    if End not in scene or not (scene[End].terminated[0] or scene[End].truncated[0]):
+def _end(scene: Scene) -> list[PageEvent]:
+    if not scene[Clock].tick[0] or End not in scene or not (scene[End].terminated[0] or scene[End].truncated[0]):
         return []
     left = [s for s, alive in enumerate(scene[Score].alive) if alive] if Score in scene else []
     cause = "terminated" if scene[End].terminated[0] else "truncated"
-    return [Event("end", side=left[0] if len(left) == 1 else -1, cause=cause)]
+    return [PageEvent("end", side=left[0] if len(left) == 1 else -1, cause=cause)]

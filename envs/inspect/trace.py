@@ -14,7 +14,6 @@ from typing import Any
 
 from outlast import systems
 from outlast.components import (
-    Attack,
     Bag,
     Body,
     Box,
@@ -29,7 +28,7 @@ from outlast.components import (
     Sides,
     Sight,
     Solid,
-    Weapon,
+    Strike,
     Zone,
 )
 from outlast.components.sight import OMNISCIENT
@@ -65,6 +64,10 @@ class Bodies:
     def object_number(self, row: int) -> int:
         """The number of the object in this row."""
         return self.numbers[row] - len(self.agents)
+
+    def agent_number(self, row: int) -> int:
+        """The number of the agent in this row; -1 if it is none, or no row."""
+        return self.numbers[row] if row >= 0 and self.numbers[row] < len(self.agents) else -1
 
 
 @functools.lru_cache(maxsize=256)
@@ -124,11 +127,12 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
     alive = set(scene.living(Body, Shape))
+    targets = {strike.agent: strike.target for strike in scene.events(Strike)}
     return {
         "episode": scene[Clock].episode[0],
         "tick": scene[Clock].tick[0],
         "zone": zone,
-        "agents": [_agent(scene, bodies, i, e, e in alive) for i, e in enumerate(bodies.agents)],
+        "agents": [_agent(scene, bodies, i, e, e in alive, targets) for i, e in enumerate(bodies.agents)],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
     }
 
@@ -148,14 +152,15 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
     }
 
 
-def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool) -> Json:
+def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool, targets: dict[int, int]) -> Json:
+    """targets: the rows that strikes of this tick met, -1 for none, by the row of the agent."""
     bag = scene[Bag].items[e][: scene[Bag].count[e]] if Bag in scene else []
     return _place(scene, e) | {
         "alive": alive,
         "health": scene[Health].points[e] if Health in scene else 0,
         "bag": [bodies.object_number(row) for row in bag],
-        "strike": _strike(scene, i, e) if alive else 0,
-        "target": _target(scene, bodies, e) if alive else -1,
+        "strike": (1 + (targets[e] >= 0) if e in targets else 0) if alive else 0,
+        "target": bodies.numbers[targets[e]] if alive and targets.get(e, -1) >= 0 else -1,
         "sees": _seen(scene, bodies, i) if alive else [],
     }
 
@@ -174,18 +179,6 @@ def _owner(scene: Scene, e: int) -> int:
     if e in scene.rows(BoxItem):
         e = scene.rows(Box)[scene[BoxItem].index[e]]
     return int(scene[Guard].vulnerable_only_to[e]) if e in scene.rows(Box, Guard) else -1
-
-
-def _strike(scene: Scene, i: int, e: int) -> int:
-    if not (Weapon in scene and Attack in scene and scene[Clock].tick[0]):
-        return 0  # in the tick of a reset the actions are those of the episode before
-    weapon = scene[Weapon]
-    return 2 if weapon.target[e] >= 0 else int(scene[Attack].attack[i] != 0 and not weapon.cooldown[e])
-
-
-def _target(scene: Scene, bodies: Bodies, e: int) -> int:
-    row = scene[Weapon].target[e] if Weapon in scene and scene[Clock].tick[0] else -1
-    return bodies.numbers[row] if row >= 0 else -1
 
 
 def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:

@@ -1,6 +1,7 @@
 """Replaying: the recorded ticks once more, each compared with the digest of what it was."""
 
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..core.notice import announce_compilation
 from ..core.spaces import statistics
 from ..errors import RecordingError, ReplayError, ScenarioError
 from ..rollout.summary import Summary
+from ..scenarios import renamed
 from .digests import Digests
 from .reader import Recording
 from .tick_records import JointActions, TickRecord
@@ -46,7 +48,12 @@ class Replay:
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
-        self._check("components", recording.components, self._digests.names)
+        names = self._digests.names
+        there = [
+            mine if renamed.COMPONENTS.get(name) == mine else name
+            for name, mine in zip_longest(recording.components, names[: len(recording.components)])
+        ]
+        self._check("components", there, names)
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(np.zeros(self.worlds.count, np.int8))  # compiles or loads the tick; nothing moves
 

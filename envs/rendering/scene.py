@@ -5,7 +5,7 @@ import math
 from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape
-from outlast.ecs import Component, Entity, Layout, Module, Worlds
+from outlast.ecs import Component, Entity, Event, Layout, Module, Worlds
 
 from .style import SIZES
 
@@ -40,6 +40,13 @@ class Scene:
         if issubclass(kind, Component):
             return kind in self.worlds
         return any(isinstance(module, kind) for module in self.worlds.layout.modules)
+
+    def events(self, kind: type[Event]) -> list[Any]:
+        """What happened in the last tick: the columns of each event by name, as event.agent, in order."""
+        if kind not in self:
+            return []
+        columns = self[kind]
+        return [kind.Table(*entry, count=1) for entry in zip(*columns[:-1])][: columns.count[0]]
 
     def living(self, *components: type[Component]) -> list[int]:
         """Rows of the entities in the world now that have all of these components."""

@@ -26,6 +26,7 @@ def rollout(
     progress: Callable[[Summary], None] = lambda summary: None,
     *,
     episodes: int = 1,
+    watch: Callable[[Array], None] | None = None,
 ) -> Summary:
     """Reset everything, play whole episodes, of every world as many, and sum them up.
 
@@ -37,6 +38,8 @@ def rollout(
         steps: Take so many steps of every world instead, and count all episodes that end in them.
         progress: Called after every step with the summary so far.
         episodes: How many of each world; without effect if `steps` are given.
+        watch: Called after the reset and after every step with the worlds that count, bool (worlds,): look at the
+            environment there, as at env.events().
 
     Returns:
         Means and standard errors of the statistics of the episodes.
@@ -53,9 +56,13 @@ def rollout(
     endless = not steps and not env.scenario.numbers().get("ending_limit")
     observations, _ = env.reset()
     try:
+        if watch:
+            watch(remaining > 0)
         for step in range(1, steps + 1) if steps else itertools.count(1):
             observations, _, _, _, info = env.step(policy(observations))
             summary.world_steps += env.num_worlds
+            if watch:
+                watch(remaining > 0)
             if "statistics" in info:
                 counted = info["_statistics"] & (remaining > 0)
                 summary.add(info["statistics"], counted)

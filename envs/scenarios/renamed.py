@@ -45,6 +45,7 @@ CLASSES = {
     "outlast.systems.spawn.SpawnGrid": "outlast.systems.spawn_grid.SpawnGrid",
     "outlast.systems.zone.SafeZone": "outlast.systems.safe_zone.SafeZone",
 }
+COMPONENTS = {"Death": "Died"}  # of recordings
 ARRAYS = {  # of states
     "outlast.components.agent.SelfView.me": "outlast.components.agent.SelfView.own",
     "outlast.components.sight.Told.filled": "outlast.components.sight.ObservationMasks.filled",

@@ -1,9 +1,11 @@
 """The state of worlds as plain arrays: snapshots that are restored, copied onto other worlds, or saved in a file.
 
 A State holds everything that decides how its worlds go on: their blocks of tables, the buffers of actions, observations
-and signals, and whether they run. Whatever continues from it is bit-identical to never having stopped.
+and signals, whether they run, and the events of their last tick. Whatever continues from it is bit-identical to never
+having stopped.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -13,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from outlast.ecs import Worlds
+from outlast.ecs import Event, Layout, Worlds
 
 from ..errors import StateError
 from ..scenarios import renamed
@@ -117,16 +119,20 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
     if len(state) not in (1, len(rows)):
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, masks)
+    ours = {name: np.zeros((len(state), array.shape[1]), np.uint8) for name, array in _events(worlds).items()}
+    ours |= state.arrays  # those of before have no events, or other ones
     for name, array in arrays.items():
-        given = state.arrays.get(name)
+        given = ours.get(name)
         if given is None or given.dtype != array.dtype or given.ndim < 1 or given.shape[1:] != array.shape[1:]:
             found = "missing" if given is None else f"{given.dtype} {given.shape[1:]} a world"
             raise StateError(f"the state's array '{name}' is {found}: {array.dtype} {array.shape[1:]} is needed")
         if len(given) != len(state):
             raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
-    validation.check(worlds.layout, {name: state.arrays[name] for name in arrays})
+    validation.check(worlds.layout, {name: ours[name] for name in arrays})
+    for name in _events(worlds):
+        validation.check_events(worlds.layout, ours[name])
     for name, array in arrays.items():
-        array[rows] = state.arrays[name]
+        array[rows] = ours[name]
 
 
 def _rows(worlds: Worlds, where: Any) -> Array:
@@ -139,10 +145,22 @@ def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
     outside = {
         f"{component.__module__}.{component.__qualname__}.{name}": column
         for component in worlds.components
-        if not component.packed
+        if not (component.packed or issubclass(component, Event))
         for name, column in worlds[component]._asdict().items()
     }
-    return {"world": worlds.block, **outside, **masks}
+    return {"world": worlds.block, **outside, **masks, **_events(worlds)}
+
+
+def _events(worlds: Worlds) -> dict[str, Array]:
+    """The bytes of the events, uint8 (worlds, bytes), under a name that says how they lie."""
+    memory = worlds.event_memory
+    return {_events_name(worlds.layout): memory.view(np.uint8).reshape(len(memory), -1)}
+
+
+@functools.lru_cache(maxsize=16)
+def _events_name(layout: Layout) -> str:
+    form = hashlib.blake2b(repr(layout.event_type.descr).encode(), digest_size=4).hexdigest()
+    return f"events.{form}"
 
 
 def _checksum(arrays: dict[str, Array]) -> str:

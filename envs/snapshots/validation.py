@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, BoxItem, Death, Gift, Health, Item, Side, Sight, Weapon
+from outlast.components import Bag, BoxItem, Died, Gift, Health, Item, Side, Sight, Weapon
 from outlast.components.sight import MODES
 from outlast.ecs import Clock, Component, Entity, Layout, Singleton
+from outlast.ecs.event import table
 from outlast.ecs.layout import Place
 
 from ..errors import StateError
@@ -46,11 +47,12 @@ class Range:
 
 LARGEST = 2**63
 ROW, SIDE, DAMAGE_TYPE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
+UNITS = {"entity": ROW, "side": SIDE, "damage type": DAMAGE_TYPE}  # of columns of events
 RANGES: dict[type[Component], dict[str, Range]] = {
     Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
     Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone
-    Death: {"damage_type": DAMAGE_TYPE, "source": SIDE},
+    Died: {"damage_type": DAMAGE_TYPE, "source": SIDE},
     Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
     Gift: {"taker": ROW},
     Health: {"damage_type": DAMAGE_TYPE, "source": SIDE},
@@ -82,6 +84,23 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)
     _check_sight(layout, block)
+
+
+def check_events(layout: Layout, given: Array) -> None:
+    """Raise StateError unless the events of a state, uint8 (worlds, bytes), are lists that there can be."""
+    memory = np.ascontiguousarray(given).view(layout.event_type).reshape(-1)
+    for event in layout.events:
+        found, capacity = table(event, layout.events, memory), layout.dims[event.capacity_dim()]
+        if ((found.count < 0) | (found.count > capacity)).any():
+            raise StateError(f"the state's {event.__name__}.count is not between 0 and {capacity}")
+        for name, column in event.columns.items():
+            if column.unit in UNITS and found.count.any():
+                values, last = getattr(found, name), UNITS[column.unit].last(layout.dims)
+                used = np.arange(capacity).reshape(-1, *[1] * (values.ndim - 2)) < found.count.reshape(
+                    -1, *[1] * (values.ndim - 1)
+                )
+                if (used & ((values < -1) | (values > last))).any():
+                    raise StateError(f"the state's {event.__name__}.{name} is not between -1 and {last}")
 
 
 @dataclass(frozen=True)

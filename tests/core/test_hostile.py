@@ -86,7 +86,7 @@ def test_an_index_out_of_range_is_refused(
 HARMLESS = {  # integers that are compared, counted, or computed with, or that are random keys
     "Clock.seed", "Clock.world", "Clock.episode", "Sides.teams", "Solid.dynamic", "Solid.may_collide", "Spawned.cell",
     "Fault.physics", "Box.broken", "Box.placed", "Box.fresh", "Heal.amount", "Health.points", "Health.has_health",
-    "Health.fatal_tick", "Guard.immune_to", "Guard.vulnerable_only_to", "Death.now", "Weapon.cooldown", "Score.alive",
+    "Health.fatal_tick", "Guard.immune_to", "Guard.vulnerable_only_to", "Died.now", "Weapon.cooldown", "Score.alive",
     "Score.deaths", "Score.kills", "Cells.cells",
     "Sight.visible",  # sets, which are checked as such
 }  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from outlast import ALIASES, VARIANTS, Scenario, make_vec, variant
-from outlast.components import Bag, Body, Guard, Heal, Health, Item, Shape, Spawned
+from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Shape, Spawned
 from outlast.components.health import hurt
 from outlast.ecs import (
     Action,
@@ -473,7 +473,8 @@ def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
     least, most = 1 - 2**31, 2**31 - 1
     for points, amount, left in ((least + 4, 100, least), (most - 5, -100, most), (100, most, 100 - most)):
         health.points[0] = points
-        assert hurt(health, guard, 0, amount, 0, -1, 1)
+        hits = Hit.Table(*(np.zeros(1, column.dtype) for column in Hit.columns.values()))
+        assert hurt(health, guard, hits, 0, amount, 0, -1, 1)
         assert int(health.points[0]) == left
 
 

@@ -43,8 +43,8 @@ SYSTEMS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("EFFECT", "GIVE"), "health: Add[Health], body: Read[Body]", "health.points[e] -= int(body.x[e] > 0)"),
     (
         ("MELEE", "ZONE", "BREAK"),
-        "health: Write[Health], guard: Read[Guard], clock: Read[Clock], damage_type: DamageType",
-        "hurt(health, guard, e, amount, damage_type, -1, clock.tick[0])",
+        "health: Write[Health], hits: Write[Hit], guard: Read[Guard], clock: Read[Clock], damage_type: DamageType",
+        "hurt(health, guard, hits, e, amount, damage_type, -1, clock.tick[0])",
     ),
     (("RECORD", "END"), "tally: Add[{name}Tally], health: Read[Health]", "tally.{stat}[0] += health.points[e] < 50"),
     (
@@ -54,6 +54,7 @@ SYSTEMS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     ),
     (("SPAWN", "DRAW"), "mark: Write[{name}Mark], key: Random", "mark.level[e] = int(np.float32(9) * uniform(key, e))"),
     (("MOVE", "SEE"), "mark: Add[{name}Mark], side: Read[Side]", "mark.level[e] += 1 + side.side[e]"),
+    (("USE", "SEE"), "sightings: Write[{name}Sighting]", "sightings.agent[emit(sightings)] = e"),
 )
 MISTAKES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("DRIVE",), "body: Write[Body]", "body.velocity[e] = rate"),
@@ -97,6 +98,10 @@ class {name}Tally(Statistic):
     {stat}: Array = column("i4")
 
 
+class {name}Sighting(Event, capacity="{stat}"):
+    agent: Array = column("i4", unit="entity")
+
+
 @dataclass(frozen=True)
 class {name}(Module):
     damage_type: ClassVar[str] = "{name.lower()}"
@@ -108,7 +113,10 @@ class {name}(Module):
         return [Archetype("agent", ({name}Mark(),))]
 
     def singletons(self) -> Any:
-        return [{name}Tally()]
+        return [{name}Tally(), {name}Sighting(), Hit()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {{"hits": "agents + agents + agents", "{stat}": "agents + agents + agents"}}
 '''
     before = ""
     for k in range(rng.choice((1, 1, 2, 3))):

@@ -10,7 +10,7 @@ from outlast.components import (
     Body,
     Box,
     BoxesPlaced,
-    Death,
+    Died,
     End,
     Episode,
     Floor,
@@ -131,7 +131,7 @@ class InvariantChecker:
         assert alive[tick[:, 0] == 0].all()
         assert not (alive & ~self.everybody_alive)[stepped].any()
         died = self.everybody_alive & ~alive
-        assert (died[stepped] == self.env.worlds[Death].now[:, self.agents][stepped].astype(bool)).all()
+        assert (died[stepped] == self.env.worlds[Died].now[:, self.agents][stepped].astype(bool)).all()
         assert (alive == self.everybody_alive)[~ran].all()
         self.everybody_alive = alive.copy()
 
@@ -144,7 +144,7 @@ class InvariantChecker:
     def _rewards_are_right(self, alive: Array) -> None:
         """By the formula of the paper and of the ablations, from the survivors and the kills."""
         worlds, numbers = self.env.worlds, self.numbers
-        side, death = worlds[Side].side[:, self.agents], worlds[Death]
+        side, death = worlds[Side].side[:, self.agents], worlds[Died]
         now, killer = death.now[:, self.agents].astype(bool), death.source[:, self.agents]
         sides = range(worlds.dims["sides"])
         lives = np.stack([(alive & (side == s)).any(1) for s in sides], 1)
@@ -207,4 +207,4 @@ class CheckedPlay:
         points = self.env.worlds[Health].points[:, self.checker.agents]
         points[weak & (points > 10)] = 10
         self.checker.check(self.env.step(draw_actions(self.env, self._rng))[0])
-        self.deaths += int(self.env.worlds[Death].now[:, self.checker.agents].sum())
+        self.deaths += int(self.env.worlds[Died].now[:, self.checker.agents].sum())

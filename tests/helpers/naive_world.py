@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from outlast.components import (  # isort: skip
-    Bag, Body, Box, BoxesPlaced, Death, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
+    Bag, Body, Box, BoxesPlaced, Died, Episode, Guard, HealsUsed, Health, Item, Shape, Side, Weapon, Zone,
 )  # fmt: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -156,7 +156,7 @@ def _past(entity: NaiveEntity, fatal_tick: int) -> list[Loss]:
 
 
 def _deaths(env: SurvivalVectorEnv, w: int) -> list[tuple[int, int, int]]:
-    death = _rows(env.worlds[Death], w)
+    death = _rows(env.worlds[Died], w)
     return [(i, death["damage_type"][i], death["source"][i]) for i in range(env.num_agents) if death["now"][i]]
 
 

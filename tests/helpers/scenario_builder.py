@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast.components import Bag, Body, Box, Death, Health, Item, Shape, Zone
+from outlast.components import Bag, Body, Box, Died, Health, Item, Shape, Zone
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
@@ -100,7 +100,7 @@ class ScenarioBuilder:
 
     def death(self, agent: int) -> tuple[str, int]:
         """What killed it, and which side."""
-        death = self.column(Death)
+        death = self.column(Died)
         return self.env.worlds.layout.damage_types[death.damage_type[0, agent]], int(death.source[0, agent])
 
     def sees(self, agent: int, key: str) -> list[int]:

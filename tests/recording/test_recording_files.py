@@ -207,7 +207,7 @@ def header(small: bytes, **changes: Any) -> bytes:
         ({"worlds": "3"}, "does not say what was recorded"),
         ({"worlds": 2**40}, "does not say what was recorded"),
         ({"worlds": 1000}, "is damaged"),
-        ({"worlds": 10**6}, "its worlds would take 4854000000 bytes: .* are given to a file so small"),
+        ({"worlds": 10**6}, "its worlds would take 5394000000 bytes: .* are given to a file so small"),
         ({"agents": 3}, "is damaged|agents are 3 there and 2 here"),
         ({"actions": [["ahead", -1, 3]]}, "is damaged|actions are"),
         ({"actions": 5}, "does not say what was recorded"),

@@ -74,7 +74,7 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
         (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
         (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),
         (("--html", "page.html", "--to", "999"), "0 <= from <= to <= 12"),
-        (("--to", "5"), "--from, --to and --worlds select what is written; give --out, --html or --data, too"),
+        (("--to", "5"), "select what is written; give --out, --html, --data or --events, too"),
         (("--html", "page.html", "--size", "64", "--fps", "9"), "--size, --fps: for pictures and films only"),
         (("--data", "samples.csv"), "there is no export to .csv; give a folder without an ending"),
     ],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.components import Death
+from outlast.components import Died
 from outlast.ecs import Clock, Entity
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering import style as colors
@@ -116,7 +116,7 @@ def test_the_feed_has_no_more_than_fits_and_fades() -> None:
     assert brightness[-1] == int(draw(game.env.worlds, 0, SIZE, []).max()) < brightness[-2]
     crowd = make_vec(variant("ffa_1").replace(n_agents=20), 1, seed=0)
     crowd.reset()
-    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Death].damage_type[0, :20] = 0, 0
+    crowd.worlds[Entity].alive[0, :20], crowd.worlds[Died].damage_type[0, :20] = 0, 0
     xs, _ = places(draw(crowd.worlds, 0, SIZE, [KillFeedLayer()]), draw(crowd.worlds, 0, SIZE, []))
     assert (3 if cv2.__version__ < "5" else 5) < xs.max() < ROOM + 0.2  # letters of OpenCV 4 are narrower
 

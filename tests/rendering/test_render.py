@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from outlast import Scenario, make_vec, systems, variant
-from outlast.components import Bag, Body, Death, Heal, Health, Weapon, Zone
+from outlast.components import Bag, Body, Died, Heal, Health, Strike, Zone
 from outlast.ecs import Clock, Entity, Module, Worlds
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Layer, Scene, ZOrder
@@ -145,13 +145,14 @@ def test_pictures_of_all_sizes_show_the_same() -> None:
 @pytest.mark.parametrize("left_out", [type(layer).__name__ for layer in EVERYTHING])
 def test_a_layer_that_is_left_out_is_not_seen(left_out: str) -> None:
     worlds = played("teams_3", 1, worlds=1)
-    worlds[Weapon].target[0, :2] = 3
+    strikes = worlds[Strike]
+    strikes.agent[0, :2], strikes.target[0, :2], strikes.count[0] = (0, 1), 3, 2
     worlds[Zone].radius[0], worlds[Clock].tick[0] = 5, 7
     items = worlds.span("box_item")
     worlds[Entity].alive[0, items] = 1
     worlds[Body].x[0, items], worlds[Body].y[0, items] = np.arange(8) - 4, -9
     worlds[Bag].items[0, 0, 0], worlds[Bag].count[0, 0] = worlds.span("heal").start, 1
-    worlds[Entity].alive[0, 2], worlds[Death].damage_type[0, 2], worlds[Health].fatal_tick[0, 2] = 0, 0, 7
+    worlds[Entity].alive[0, 2], worlds[Died].damage_type[0, 2], worlds[Health].fatal_tick[0, 2] = 0, 0, 7
     hidden = "SafeZoneLayer" if left_out == "RoomLayer" else ""  # which paints the floor anew
     every = [layer for layer in EVERYTHING if type(layer).__name__ != hidden]
     layers = [layer for layer in every if type(layer).__name__ != left_out]

@@ -46,11 +46,14 @@ def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, An
     for actions in model.rollout_buffer.actions.reshape(STEPS, WORLDS, 4, -1):
         alive = env.worlds[Entity].alive[:, agents] != 0
         seen = {key: observations[key].copy() for key in ("own", "zone")}
-        before = env.worlds[Item].holder[:, heals].copy()
         observations, _, terminated, truncated, info = env.step(actions)
-        after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
+        after, lives, given = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive, env.events()["item_given"]
         for w in range(WORLDS):
-            gifts = [h for h in range(15) if 0 <= before[w, h] != after[w, h] >= 0 and lives[w, before[w, h]]]
+            gifts = [
+                gift
+                for gift in given
+                if gift["world"] == w and lives[w, gift["giver"]] and heals.start <= gift["item"] < heals.stop
+            ]
             rows += [agent(seen, alive, actions, w, i) for i in range(4) if alive[w, i]]
             episodes += [{key: values[w] for key, values in info["statistics"].items()}] if terminated[w] else []
             rows.append({"given": len(gifts), "held": int((after[w] >= 0).sum())})
@@ -121,15 +124,13 @@ def test_an_evaluation_counts_gifts_by_giver() -> None:
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
     expected = np.zeros((WORLDS, 4))
     for _ in range(STEPS):
-        before = env.worlds[Item].holder[:, heals].copy()
         actions = draw_actions(env, rng)
         metrics.before_step(actions)
         _, _, terminated, _, _ = env.step(actions)
         metrics.after_step()
-        after, lives = env.worlds[Item].holder[:, heals], env.worlds[Entity].alive
-        for w in range(WORLDS):
-            for was, now in zip(before[w].tolist(), after[w].tolist(), strict=True):
-                expected[w, was - agents.start] += 0 <= was != now >= 0 and lives[w, was]
+        for gift in env.events()["item_given"]:
+            w, giver, item = gift["world"], gift["giver"], gift["item"]
+            expected[w, giver - agents.start] += env.worlds[Entity].alive[w, giver] and heals.start <= item < heals.stop
         if terminated.any():
             env.reset(options={"reset_mask": terminated})
             metrics.reset(terminated)

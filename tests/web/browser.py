@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast.components import Bag, Body, Death, Health, Zone
+from outlast.components import Bag, Body, Died, Health, Zone
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import scripted_policy
@@ -65,7 +65,7 @@ class Truth:
             "places": [(float(body.x[w, i]), float(body.y[w, i]), float(body.angle[w, i])) for i in range(4)],
             "living": [bool(alive[w, i]) for i in range(4)],
         }
-        if clock[1] and (worlds[Death].now[w, :4] * (worlds[Death].source[w, :4] >= 0)).any():
+        if clock[1] and (worlds[Died].now[w, :4] * (worlds[Died].source[w, :4] >= 0)).any():
             self.kills.append(clock)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from outlast.components import Death, Health, Side, Sides
+from outlast.components import Died, Health, Side, Sides
 from outlast.ecs import Clock
 
 from ..canvas import Canvas
@@ -32,11 +32,12 @@ class KillFeedLayer(Layer):
     """The last deaths of the episode, the latest on the left, as many as fit; they fade out with age.
 
     A disc in the colour of the dead agent, its number, and the side that killed it, or else the damage type. All of it
-    is state: `Death` keeps damage type and source, `Health` the tick in which the points reached 0.
+    is state, as events are those of one tick: `Died` keeps damage type and source, `Health` the tick in which the
+    points reached 0.
     """
 
     zorder = ZOrder.WORDS
-    needs = (Death, Health, Side, Sides)
+    needs = (Died, Health, Side, Sides)
     fresh: int = 90  # ticks in full colour
     fading: int = 60  # ticks from there until it is gone
 
@@ -59,16 +60,16 @@ class KillFeedLayer(Layer):
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
         """Age in ticks, agent and row, the youngest first."""
-        cause, fatal, tick = scene[Death].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
-        alive = set(scene.living(Death))
+        cause, fatal, tick = scene[Died].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
+        alive = set(scene.living(Died))
         dead = [(tick - fatal[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
 
 
 def _cause_of_death(scene: Scene, e: int) -> str:
-    source = scene[Death].source[e]
+    source = scene[Died].source[e]
     if source < 0:
-        return f"died of {scene.worlds.layout.damage_types[scene[Death].damage_type[e]]}"
+        return f"died of {scene.worlds.layout.damage_types[scene[Died].damage_type[e]]}"
     return f"killed by {'side ' if scene[Sides].teams[0] else ''}{source}"
 
 

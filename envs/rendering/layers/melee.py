@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 from outlast import systems
-from outlast.components import Attack, Body, Shape, Weapon
-from outlast.ecs import Clock
+from outlast.components import Body, Shape, Strike
 
 from ..canvas import Canvas
 from ..scene import Scene
@@ -18,21 +17,19 @@ class MeleeLayer(Layer):
     """Who attacked in the last tick: up to what was hit, or as far as the weapon reaches."""
 
     zorder = ZOrder.STRIKES
-    needs = (Weapon, Attack, systems.Melee)
+    needs = (Strike, systems.Melee)
     width: float = SIZES.strike
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """From the attacker's place after the tick: it has moved since it struck."""
-        if not scene[Clock].tick[0]:
-            return  # the actions are those of the episode before
-        weapon, reach = scene[Weapon], scene.mechanic(systems.Melee).reach
-        alive = set(scene.living(Body, Shape, Weapon))
-        for i, me in enumerate(scene.rows(Weapon)):
-            if me in alive and weapon.target[me] >= 0:
-                far = _distance(scene, me, weapon.target[me], reach)
+        reach, alive = scene.mechanic(systems.Melee).reach, set(scene.living(Body, Shape))
+        for strike in scene.events(Strike):
+            me = strike.agent
+            if me in alive and strike.target >= 0:
+                far = _distance(scene, me, strike.target, reach)
                 self._draw(canvas, scene, me, far, INK, 2 * self.width)
                 self._draw(canvas, scene, me, far, STRIKE, self.width)
-            elif me in alive and scene[Attack].attack[i] and not weapon.cooldown[me]:  # or it waited until just now
+            elif me in alive:
                 self._draw(canvas, scene, me, reach, INK, self.width / 2)
 
     def _draw(self, canvas: Canvas, scene: Scene, me: int, far: float, color: Color, width: float) -> None:
@@ -44,18 +41,16 @@ class HitsLayer(Layer):
     """A star where a strike of the last tick has landed."""
 
     zorder = ZOrder.AGENTS + 2
-    needs = (Weapon, systems.Melee)
+    needs = (Strike, systems.Melee)
     radius: float = SIZES.star
     rim: float = SIZES.star_rim
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """On the skin of what was hit, as both stand after the tick."""
-        if not scene[Clock].tick[0]:
-            return
-        target, reach = scene[Weapon].target, scene.mechanic(systems.Melee).reach
-        for me in scene.living(Body, Shape, Weapon):
-            if target[me] >= 0:
-                x, y = _ahead(scene, me, _distance(scene, me, target[me], reach))
+        reach, alive = scene.mechanic(systems.Melee).reach, set(scene.living(Body, Shape))
+        for strike in scene.events(Strike):
+            if strike.agent in alive and strike.target >= 0:
+                x, y = _ahead(scene, strike.agent, _distance(scene, strike.agent, strike.target, reach))
                 for radius, color in ((self.radius + self.rim, INK), (self.radius, STRIKE), (self.radius / 2, WHITE)):
                     _star(canvas, x, y, radius, color)
 

@@ -25,7 +25,7 @@
     const { agents, tick } = state.snapshot, me = agents[world.agent];
     const age = (event) => (tick - event.tick) * world.seconds / Bodies.FADE;
     return state.events
-      .filter((event) => age(event) < 1 && event.agent >= 0 && (!blind ||
+      .filter((event) => age(event) < 1 && event.agent >= 0 && event.kind !== "other" && (!blind ||
         event.agent === world.agent || event.by === world.agent || me.sees.includes(event.agent)))
       .map((event) => ({ ...event, x: agents[event.agent].x, y: agents[event.agent].y, age: age(event) }));
   }

@@ -1,6 +1,6 @@
 // Events: those of an episode in words, counted, and as marks in the world.
 const Events = (() => {
-  const QUIET = new Set(["start", "end"]);
+  const QUIET = new Set(["start", "end", "other"]);
   const CAUSES = { zone: "died outside of the zone" };
 
   // What an event says, in pieces: strings, and numbers for agents.
@@ -14,6 +14,7 @@ const Events = (() => {
       case "heal": return [who, ` used a heal, +${description.objects[object].amount}`];
       case "place": return [who, " placed a box"];
       case "use": return [who, ` used ${name}`];
+      case "other": return agent < 0 ? [cause] : [agent, ` ${cause}`];
       case "break": return [agent < 0 && side >= 0 ? team : who, " broke a box"];
     }
     return [cause === "truncated" ? "cut off at the limit of time" : ending(side, description)];

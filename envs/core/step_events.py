@@ -1,0 +1,47 @@
+"""The events of an environment's last step."""
+
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Clock, Worlds
+from outlast.ecs.event import entries
+
+Array = np.ndarray[Any, Any]
+
+
+class StepEvents:
+    """The events of every world's last step, also of worlds that were reset at once after it."""
+
+    def __init__(self, worlds: Worlds) -> None:
+        self._worlds = worlds
+        self._kept = np.zeros(worlds.count, bool)
+        self._memory, self._clock = worlds.event_memory[:0], np.empty((0, 2), np.int64)
+
+    def keep(self, where: Array) -> None:
+        """Keep those of the worlds `where`, bool (worlds,), which are about to be reset."""
+        clock = self._worlds[Clock]
+        self._kept = where.copy()
+        self._memory = self._worlds.event_memory[where]
+        self._clock = np.stack([clock.episode[where, 0], clock.tick[where, 0]], 1)
+
+    def forget(self, where: Any = slice(None)) -> None:
+        """The worlds `where` (mask, indices or slice) have gone on: what is kept of them is not their last step."""
+        if not len(self._memory):
+            return
+        left = self._kept.copy()
+        left[where] = False
+        still = left[self._kept]
+        self._kept, self._memory, self._clock = left, self._memory[still], self._clock[still]
+
+    def read(self) -> dict[str, Array]:
+        """By name of the event: see ecs.Worlds.entries."""
+        if not len(self._memory):
+            return self._worlds.events()
+        clock, memory = self._worlds[Clock], self._worlds.event_memory.copy()
+        episode, tick = clock.episode[:, 0].copy(), clock.tick[:, 0].copy()
+        memory[self._kept] = self._memory
+        episode[self._kept], tick[self._kept] = self._clock.T
+        times = (np.arange(len(memory)), episode, tick)
+        kinds = self._worlds.layout.events
+        return {kind.name: entries(kind, kinds, memory, times) for kind in kinds}

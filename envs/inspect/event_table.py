@@ -1,0 +1,95 @@
+"""Events of all kinds in one table: who did what to whom, how much, and why."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Event, Layout
+from outlast.ecs.event import COUNT, TIMES
+
+Array = np.ndarray[Any, Any]
+
+COLUMNS = {
+    "world": "number of the world",
+    "episode": "number of the world's episode, from 1",
+    "tick": "of the episode, from 1; in tick 0 it starts",
+    "event": "what happened, as in env.events()",
+    "who": "who did it, as 'agent 1'; empty: nobody",
+    "whom": "to whom or what it was done, as 'box 3'",
+    "amount": "how much; empty: it has none",
+    "why": "the damage type",
+    "more": "the event's other columns, as 'item=heal 3 side=1'",
+}
+
+
+def event_table(
+    layout: Layout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
+) -> dict[str, Array]:
+    """One table of the events of some worlds.
+
+    Args:
+        layout: Of the worlds.
+        events: By name, as env.events() and Worlds.events() return them.
+        first_world: Number of the first world.
+        where: Which worlds, bool (worlds,); without it, all.
+
+    Returns:
+        By name, see COLUMNS, an array with an entry for each event: int64, or objects (str; of `amount` float or None).
+        In order of worlds; the events of a world in order of kinds, and those of a kind as they happened.
+    """
+    kinds = {event.name: event for event in layout.events}
+    parts = [_part(layout, kinds[name], rows) for name, rows in events.items()]
+    table = {name: np.concatenate([part[name] for part in parts] or [np.empty(0, object)]) for name in COLUMNS}
+    order = np.argsort(table["world"], kind="stable")
+    if where is not None:
+        order = order[where[table["world"][order].astype(np.intp)]]
+    table = {name: column[order] for name, column in table.items()}
+    table["world"] = table["world"] + first_world
+    return table
+
+
+def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
+    """The table of the events of one kind."""
+    words = {"entity": entity_names(layout), "damage type": _damage_types(layout)}
+    rest = [name for name in event.columns if name not in (COUNT, event.who, event.whom)]
+    amount = next((name for name in rest if name == "amount"), None)
+    why = next((name for name in rest if event.columns[name].unit == "damage type"), None)
+    found: dict[str, Array] = {name: rows[name] for name in TIMES}
+    found["event"] = _same(event.name, rows)
+    found["who"], found["whom"] = (
+        words["entity"][rows[name]] if name else _same("", rows) for name in (event.who, event.whom)
+    )
+    found["amount"] = rows[amount].astype(object) if amount else _same(None, rows)
+    found["why"] = words["damage type"][rows[why]] if why else _same("", rows)
+    found["more"] = _same("", rows)
+    for name in rest:
+        if name not in (amount, why):
+            unit = event.columns[name].unit
+            values = words[unit][rows[name]] if unit in words else rows[name]
+            found["more"] += _said(name, values.tolist(), nothing=-1 if unit == "side" else "")
+    found["more"] = np.array([words.strip() for words in found["more"]], object)
+    return found
+
+
+def _said(name: str, values: list[Any], nothing: object) -> Array:
+    """For each value " name=value", or nothing."""
+    said = np.empty(len(values), object)
+    said[:] = ["" if value == nothing else f" {name}={value}" for value in values]
+    return said
+
+
+def _same(value: object, rows: Array) -> Array:
+    return np.full(len(rows), value, object)
+
+
+@functools.lru_cache(maxsize=16)
+def entity_names(layout: Layout) -> Array:
+    """The name of each row, as "agent 1"; the last one, "", is that of the row -1."""
+    names = [f"{kind} {k}" for kind, span in layout.spans.items() for k in range(len(span))]
+    return np.array([*names, ""], object)
+
+
+def _damage_types(layout: Layout) -> Array:
+    return np.array([*layout.damage_types, ""], object)

@@ -1,0 +1,254 @@
+"""Events of the game: they say all that changed, and nothing else."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import make_vec, systems, variant
+from outlast.components import Bag, Body, Box, BoxItem, Died, End, Heal, Health, Item, Score, Side, Weapon
+from outlast.ecs import Clock, Entity
+from outlast.envs.snapshots.state import State
+from outlast.errors import StateError
+from tests.conftest import scaled
+from tests.helpers.scenario_builder import ScenarioBuilder, duel
+
+CLOSE = {"room_size": 9.0, "pickup_reach": 1.0, "give_last_reach": 6.0, "n_boxes": 3, "melee_reach": 4.0}
+CLOSE |= {"safe_zone_radii": (3.0, 2.0), "safe_zone_stand": 20, "safe_zone_shrink": 20}
+CROWD = variant("teams_4").replace(**CLOSE, agents_health=12, ending_limit=90)
+GAMES = {
+    "teams": CROWD,
+    "alone": variant("ffa_4").replace(**CLOSE, n_agents=5, agents_health=12),
+    "dropping": CROWD.with_(systems.DropLast()).replace(melee_cooldown=3),
+    "without a zone": CROWD.without("safe_zone").replace(agents_health=6),
+}
+RARE = {"item_given", "item_dropped", "death"}  # tested below, too
+WORLDS = 4
+
+
+class Model:
+    """A world as it is, then changed by nothing but events: who is there, bags and hit points. Rows are Python's."""
+
+    def __init__(self, env: Any, w: int) -> None:
+        worlds, layout = env.worlds, env.worlds.layout
+        self.boxes, self.items = layout.rows(Box).tolist(), layout.rows(BoxItem).tolist()
+        self.heals, self.numbers = layout.rows(Heal).tolist(), env.scenario.numbers()
+        self.broken = [e for e in self.boxes if worlds[Box].broken[w, e]]
+        self.there = worlds[Entity].alive[w].astype(bool).tolist()
+        items, counts = worlds[Bag].items[w], worlds[Bag].count[w]
+        self.bags = {e: items[e, : counts[e]].tolist() for e in layout.rows(Bag).tolist()}
+        self.points = worlds[Health].points[w].tolist()
+
+    def apply(self, events: dict[str, list[Any]]) -> None:
+        """In the order of the phases: a box that broke before, items, hits, boxes, deaths, pickup."""
+        used = [(event["agent"], event["item"]) for event in events["item_used"]]
+        for box in self.broken:
+            self.there[self.items[self.boxes.index(box)]] = True
+        for agent, item in used:
+            assert self.bags[agent].pop() == item
+            self.points[agent] += self.numbers["heals_amount"] if item in self.heals else 0
+        for event in events["box_placed"]:
+            assert (event["agent"], self.items[self.boxes.index(event["box"])]) in used
+            self.there[event["box"]] = True
+        for event in events["item_given"]:
+            assert self.bags[event["giver"]].pop() == event["item"]
+            self.bags[event["taker"]].append(event["item"])
+        for event in events["item_dropped"]:
+            assert self.bags[event["agent"]].pop() == event["item"]
+            self.there[event["item"]] = True
+        for event in events["hit"]:
+            self.points[event["target"]] -= event["amount"]
+        for event in events["box_placed"]:
+            self.points[event["box"]] = self.numbers["boxes_toughness"]
+        for event in events["box_broken"]:
+            assert self.points[event["box"]] <= 0
+            self.there[event["box"]], self.points[event["box"]] = False, self.numbers["boxes_toughness"]
+        for event in events["death"]:
+            self.there[event["agent"]] = False
+        for event in events["item_picked"]:
+            self.bags[event["agent"]].append(event["item"])
+            self.there[event["item"]] = False
+
+
+def played(game: str, ticks: int, seed: int = 3) -> Iterator[tuple[Any, Any]]:
+    """An environment, and random actions for its next step; worlds that have ended are reset."""
+    env, rng = make_vec(GAMES[game], WORLDS, seed=seed, autoreset_mode="Disabled"), np.random.default_rng(seed)
+    env.reset()
+    for _ in range(ticks):
+        yield env, rng.integers(0, env.action_sizes, (WORLDS, env.num_agents, len(env.action_sizes)))
+        end = env.worlds[End]
+        if (done := (end.terminated | end.truncated)[:, 0]).any():
+            env.reset(options={"reset_mask": done})
+            assert not any(done[rows["world"]].any() for rows in env.events().values())
+    env.close()
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_what_changes_is_what_the_events_say(game: str) -> None:
+    """Who is there, what is in each bag, and everybody's hit points: the events tell all of it."""
+    seen: dict[str, int] = {}
+    for env, actions in played(game, scaled(250, least=60)):
+        before = [Model(env, w) for w in range(WORLDS)]
+        env.step(actions)
+        events = env.events()
+        for w, model in enumerate(before):
+            model.apply({name: [row for row in rows if row["world"] == w] for name, rows in events.items()})
+            after = Model(env, w)
+            assert (model.there, model.bags, model.points) == (after.there, after.bags, after.points)
+        for name, rows in events.items():
+            seen[name] = seen.get(name, 0) + len(rows)
+            assert (rows["tick"] == env.worlds[Clock].tick[rows["world"], 0]).all()
+    assert {name for name, count in seen.items() if not count} <= RARE
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_events_agree_with_the_mechanics_own_state(game: str) -> None:
+    """Flags of the tick, and the statistics of the episode: written by other lines of the same systems."""
+    for env, actions in played(game, scaled(150, least=40), seed=4):
+        worlds, kills = env.worlds, np.zeros((WORLDS, env.worlds.dims["sides"]), int)
+        env.step(actions)
+        events = env.events()
+        for name, who, component, column, value in (
+            ("death", "agent", Died, "now", lambda row: 1),
+            ("death", "agent", Died, "source", lambda row: row["side"]),
+            ("death", "agent", Died, "damage_type", lambda row: row["damage_type"]),
+            ("item_used", "item", Item, "user", lambda row: row["agent"]),
+            ("box_broken", "box", Box, "broken", lambda row: 1),
+            ("strike", "agent", Weapon, "target", lambda row: row["target"]),
+        ):
+            for row in events[name]:
+                assert getattr(worlds[component], column)[row["world"], row[who]] == value(row)
+        assert len(events["death"]) == worlds[Died].now.sum()
+        assert len(events["item_used"]) == (worlds[Item].user[:, worlds.layout.rows(Item)] >= 0).sum()
+        assert len(events["box_broken"]) == worlds[Box].broken.sum()
+        for row in events["death"]:
+            by = worlds[Side].side[row["world"], row["by"]] if row["by"] >= 0 else -1
+            assert by == row["side"]
+            kills[row["world"], row["side"]] += 0 <= row["side"] != worlds[Side].side[row["world"], row["agent"]]
+        assert (kills == worlds[Score].kills).all()
+
+
+def test_who_gets_the_credit() -> None:
+    """Of two that hit, the last one; who hits later than the tick in which the points were gone gets none."""
+    game = ScenarioBuilder("teams_3")
+    for i, (x, y) in enumerate(((0, 0), (2.6, 0), (1.3, 0), (0, -4))):
+        game.put("agent", i, x, y, angle=[0, np.pi, 0, 0][i])
+    game.wound(2, 4)
+    game.step({0: "attack", 1: "attack"})
+    events = game.env.events()
+    assert events["hit"][["agent", "target", "amount", "side"]].tolist() == [(0, 2, 5, 0), (1, 2, 5, 0)]
+    assert events["death"][["agent", "by", "side"]].tolist() == [(2, 1, 0)]
+
+
+def test_a_death_in_the_zone_is_nobodys() -> None:
+    game = duel(ScenarioBuilder("teams_3"))
+    game.put("agent", 1, 12.2, 12.2)
+    game.wound(1, 1)
+    game.step()
+    hit = game.env.events()["hit"]
+    zone = game.env.worlds.layout.damage_types.index("zone")
+    assert hit[["agent", "target", "amount", "damage_type", "side"]].tolist() == [(-1, 1, 1, zone, -1)]
+    game.step()
+    assert game.env.events()["death"][["agent", "by", "damage_type", "side"]].tolist() == [(1, -1, zone, -1)]
+
+
+def test_an_item_on_its_way() -> None:
+    """From a bag to a bag, onto the ground where its holder dies, and into a bag again."""
+    game = ScenarioBuilder("teams_3")
+    for i, (x, y) in enumerate(((0, 0), (1.5, 0), (0, 9), (1.2, 9))):
+        game.put("agent", i, x, y)
+    heal = game.row("heal", 3)
+    game.hand(0, "heal", 3)
+    game.step({0: "give"})
+    assert game.env.events()["item_given"][["giver", "taker", "item"]].tolist() == [(0, 1, heal)]
+    game.wound(1, 0)
+    game.step()
+    events = game.env.events()
+    assert events["item_dropped"][["agent", "item"]].tolist() == [(1, heal)]
+    game.put("agent", 0, float(game.column(Body).x[0, heal]), float(game.column(Body).y[0, heal]))
+    game.step()
+    assert game.env.events()["item_picked"][["agent", "item"]].tolist() == [(0, heal)]
+    game.step({0: "use"})
+    assert game.env.events()["item_used"][["agent", "item"]].tolist() == [(0, heal)]
+
+
+# ---- the environment
+
+
+def short(mode: str, worlds: int = 3) -> Any:
+    """Worlds that end, each at a time of its own, as everybody dies outside of the zone."""
+    scenario = variant("ffa_2").replace(safe_zone_damage=35, safe_zone_stand=1, safe_zone_shrink=5)
+    return make_vec(scenario, worlds, seed=1, autoreset_mode=mode)
+
+
+def test_the_last_events_of_an_episode_are_there_after_a_reset_in_the_same_step() -> None:
+    one, other = short("SameStep"), short("Disabled")
+    one.reset(), other.reset()
+    ends = 0
+    for _ in range(60):
+        idle = np.tile(one.noop, (3, one.num_agents, 1))
+        one.step(idle)
+        _, _, terminated, _, _ = other.step(idle)
+        for name, rows in other.events().items():
+            assert one.events()[name].tolist() == rows.tolist()
+        ends += int(terminated.sum())
+        if terminated.any():
+            other.reset(options={"reset_mask": terminated})
+            dead = one.events()["death"]
+            assert set(np.flatnonzero(terminated)) <= set(dead["world"].tolist())
+            assert (dead["tick"] > 0).all()
+            one.reset(options={"reset_mask": terminated})
+            other.reset(options={"reset_mask": terminated})
+            assert not terminated[one.events()["death"]["world"]].any()
+    assert ends > 6
+
+
+def test_events_are_copies() -> None:
+    env = duel(ScenarioBuilder()).env
+    assert sum(map(len, env.events().values())) == 0
+    first = env.events()["strike"]
+    actions = np.tile(env.noop, (1, 2, 1))
+    actions[..., env.action_columns.index(("attack", 0))] = 1
+    env.step(actions)
+    strikes = env.events()["strike"]
+    env.step(np.tile(env.noop, (1, 2, 1)))
+    assert (len(first), len(strikes), len(env.events()["strike"])) == (0, 2, 0)
+
+
+def test_states_have_the_events_of_their_tick(tmp_path: Any) -> None:
+    game = duel(ScenarioBuilder())
+    game.step({0: "attack"})
+    state, want = game.env.get_state(), {name: rows.tolist() for name, rows in game.env.events().items()}
+    state.save(tmp_path / "state.npz")
+    game.step()
+    assert len(game.env.events()["hit"]) == 0
+    game.env.set_state(State.load(tmp_path / "state.npz"))
+    assert {name: rows.tolist() for name, rows in game.env.events().items()} == want
+    (name,) = (name for name in state.arrays if name.startswith("events."))
+    before = State(state.scenario, {key: value for key, value in state.arrays.items() if key != name})
+    game.env.set_state(before)  # as of an earlier version
+    assert sum(map(len, game.env.events().values())) == 0
+
+
+@pytest.mark.parametrize(
+    ("event", "column", "value", "words"),
+    [
+        ("Hit", "count", 99, "Hit.count is not between 0 and 4"),
+        ("Hit", "count", -1, "Hit.count is not between 0 and 4"),
+        ("Hit", "target", 10**6, "Hit.target is not between -1 and"),
+        ("Hit", "agent", -2, "Hit.agent is not between -1 and"),
+        ("Hit", "damage_type", 2, "Hit.damage_type is not between -1 and 1"),
+        ("Strike", "target", -7, "Strike.target is not between -1 and"),
+    ],
+)
+def test_states_with_impossible_events_are_refused(event: str, column: str, value: int, words: str) -> None:
+    game = duel(ScenarioBuilder())
+    game.step({0: "attack"})
+    kind = next(kind for kind in game.env.worlds.layout.events if kind.__name__ == event)
+    getattr(game.env.worlds[kind], column)[0, 0] = value
+    state = game.env.get_state()
+    game.env.worlds.event_memory[:] = 0
+    with pytest.raises(StateError, match=words):
+        game.env.set_state(state)
+    assert len(game.env.events()["hit"]) == 0

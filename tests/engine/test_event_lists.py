@@ -1,0 +1,316 @@
+"""Events of the engine: lists that systems write, and that are empty again when the next tick begins."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from outlast.ecs import (
+    Add,
+    Archetype,
+    Array,
+    CapacityError,
+    Clock,
+    DeclarationError,
+    Event,
+    Read,
+    Rows,
+    ScheduleError,
+    Singleton,
+    Worlds,
+    Write,
+    column,
+    emit,
+    number,
+)
+from tests.conftest import scaled
+from tests.helpers.toy_game import GAME, RESET, SKIP, STEP, Energy, Phase, Place, Toy, make, run, walked
+
+MANY = scaled(200, least=40)  # more than a thread takes at a time
+
+
+class Ring(Event, capacity="rings"):
+    """A walker rings."""
+
+    agent: Array = column("i4", unit="entity")
+    mark: Array = column("i1")
+    where: Array = column("f4", "memory", 2)
+    marks: Array = column("u1", 3)
+
+
+class Birth(Event, capacity=Energy):
+    """A walker begins."""
+
+    agent: Array = column("i4", unit="entity")
+
+
+class Heard(Singleton):
+    rings: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Bell(Toy):
+    times: int = number(2, low=0)
+    room: int = number(0, low=0)  # of a list that holds less than all
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Ring(), Birth(), Heard()]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"rings": self.room or 2 * 3 * self.times}
+
+
+@Bell.system(Phase.BEGIN, after=("walkers.scatter", "food.grow"))
+def begin(births: Write[Birth], walkers: Rows[Energy]) -> None:
+    for e in walkers:
+        births.agent[emit(births)] = e
+
+
+@Bell.system(Phase.MOVE, after="weather.blow")
+def ring(rings: Write[Ring], place: Read[Place], clock: Read[Clock], walkers: Rows[Energy], times: int) -> None:
+    """In ticks 1, 2, 4, 5 ... every walker, `times` or twice as often."""
+    for n in range(times * (int(clock.tick[0]) % 3)):
+        for e in walkers:
+            k = emit(rings)
+            rings.agent[k], rings.mark[k] = e, -1
+            rings.marks[k, 2] = 255
+            rings.where[k, 0, 0], rings.where[k, -1, 1] = place.x[e], n
+
+
+@Bell.system(Phase.SHOW, after="walkers.show")
+def hear(heard: Write[Heard], rings: Read[Ring]) -> None:
+    heard.rings[0] = rings.count[0]
+
+
+def belfry(count: int = 3, **numbers: Any) -> Worlds:
+    return make(*GAME, Bell(**numbers), count=count)
+
+
+def expected(worlds: Worlds, w: int, tick: int) -> list[tuple[int, float, int]]:
+    """Row, place and number of each ring of world `w` in this tick, in order."""
+    rows = range(worlds.dims["rows"])[worlds.span("walker")]
+    places = worlds[Place].x[w]
+    return [(e, float(places[e]), n) for n in range(2 * (tick % 3)) for e in rows]
+
+
+def rings(worlds: Worlds, w: int) -> list[tuple[int, float, int]]:
+    table, count = worlds[Ring], worlds[Ring].count[w, 0]
+    return [
+        (int(table.agent[w, k]), float(table.where[w, k, 0, 0]), int(table.where[w, k, -1, 1])) for k in range(count)
+    ]
+
+
+def test_a_list_holds_what_happened_in_this_tick() -> None:
+    worlds = belfry()
+    for tick in range(1, 6):
+        run(worlds, STEP)
+        for w in range(3):
+            assert rings(worlds, w) == expected(worlds, w, tick)
+        assert worlds[Heard].rings[:, 0].tolist() == [6 * (tick % 3)] * 3
+        assert worlds[Birth].count.sum() == 0
+
+
+def test_lists_are_emptied_when_a_world_goes_on_and_only_then() -> None:
+    worlds = walked(belfry(), 2)
+    run(worlds, [SKIP, STEP, RESET])
+    assert worlds[Ring].count[:, 0].tolist() == [12, 0, 0]
+    assert worlds[Birth].count[:, 0].tolist() == [0, 0, 3]
+    assert worlds[Birth].agent[2].tolist() == list(range(worlds.dims["rows"])[worlds.span("walker")])
+
+
+def test_events_are_rows_of_arrays() -> None:
+    worlds = walked(belfry(), 2)
+    run(worlds, [SKIP, STEP, RESET])
+    found = worlds.events()
+    assert found.keys() == {"ring", "birth"}
+    ring_rows, births = found["ring"], found["birth"]
+    assert ring_rows.dtype.names == ("world", "episode", "tick", "agent", "mark", "where", "marks")
+    assert [ring_rows.dtype[name].str for name in ring_rows.dtype.names[:4]] == ["<i8", "<i8", "<i8", "<i4"]
+    assert ring_rows["where"].shape == (12, 3, 2)
+    assert [(r["agent"], r["where"][0, 0], r["where"][-1, 1]) for r in ring_rows] == expected(worlds, 0, 2)
+    assert {tuple(row) for row in ring_rows[["world", "episode", "tick"]].tolist()} == {(0, 1, 2)}
+    assert births[["world", "episode", "tick"]].tolist() == [(2, 2, 0)] * 3
+    run(worlds, STEP)
+    assert len(ring_rows) == 12  # copies
+    assert len(make().entries(Ring)) == 0  # nobody there rings
+
+
+def test_what_no_event_has_taken_is_zero() -> None:
+    """Also where lists become shorter, so that an entry starts with zeros, and memory is a function of the events."""
+    worlds = walked(belfry(times=1), 4)
+    for _ in range(3):
+        for kind in (Ring, Birth):
+            for values in worlds[kind][:-1]:
+                for w in range(3):
+                    assert not values[w, worlds[kind].count[w, 0] :].any()
+        run(worlds, [STEP, RESET, STEP])
+    run(worlds, [STEP, STEP, RESET])
+    assert [worlds[Ring].count[w, 0] for w in range(3)] == [6, 3, 0]
+    assert worlds[Ring].marks[0].sum() == 6 * 255
+
+
+def test_threads_change_nothing() -> None:
+    one, three = make(*GAME, Bell(), count=MANY), make(*GAME, Bell(), count=MANY, threads=3)
+    for worlds in (one, three):
+        walked(worlds, 4)
+    assert (one.event_memory == three.event_memory).all()
+    assert one[Ring].count.sum() == MANY * 6
+    three.close()
+
+
+def test_the_state_of_a_world_is_as_without_events() -> None:
+    """They lie beside it, so that files of worlds fit whatever events there are."""
+
+    @dataclass(frozen=True)
+    class Silent(Toy):
+        def singletons(self) -> Iterable[Singleton]:
+            return [Ring(), Birth()]
+
+    one, other = walked(make(count=4), 3), walked(make(*GAME, Silent(), count=4), 3)
+    assert (one.block == other.block).all()
+
+
+@pytest.mark.parametrize("room", [1, 5, 11])
+def test_a_full_list_is_an_error_that_says_what_to_do(room: int) -> None:
+    worlds = belfry(room=room)
+    run(worlds, STEP) if room >= 6 else None
+    with pytest.raises(CapacityError) as error:
+        run(worlds, STEP)
+    for words in (f"more than {room} of the event Ring, which bell.ring emit", "def dims(self)", "'rings': 'agents'"):
+        assert words in str(error.value)
+    assert f"tick {1 if room < 6 else 2}" in str(error.value)
+    assert worlds[Ring].count.max() == room
+    run(worlds, RESET)
+    assert worlds[Ring].count.max() == 0
+
+
+class Cry(Event, capacity=4):
+    agent: Array = column("i4", unit="entity")
+
+
+class Fall(Event, capacity=Place):
+    agent: Array = column("i4", unit="entity")
+
+
+@dataclass(frozen=True)
+class Loud(Toy):
+    cries: int = number(4, low=0)
+    falls: int = number(5, low=0)
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Cry(), Fall()]
+
+
+@Loud.system(Phase.FEED)
+def shout(cry: Write[Cry], fall: Write[Fall], cries: int, falls: int) -> None:
+    for _ in range(cries):
+        cry.agent[emit(cry)] = -1
+    for _ in range(falls):
+        fall.agent[emit(fall)] = -1
+
+
+def test_a_capacity_is_a_size_a_dimension_or_a_component() -> None:
+    worlds = run(make(*GAME, Loud()), STEP)
+    assert [worlds[kind].agent.shape for kind in (Cry, Fall)] == [(4, 4), (4, 5)]  # three walkers, two of food
+    assert [worlds[kind].count.max() for kind in (Cry, Fall)] == [4, 5]
+    for numbers, words in (
+        ({"cries": 5}, "class Cry(Event, capacity=9)"),
+        ({"falls": 6}, "one for each entity with Place"),
+    ):
+        with pytest.raises(CapacityError) as error:  # the other list is full, too, and as it should be
+            run(make(*GAME, Loud(**numbers)), STEP)
+        assert words in str(error.value)
+
+
+def test_a_mechanic_that_emits_twice_says_so() -> None:
+    @dataclass(frozen=True)
+    class Twice(Toy):
+        def singletons(self) -> Iterable[Singleton]:
+            return [Ring()]
+
+        def dims(self) -> dict[str, int | str]:
+            return {"rings": "walkers + walkers+memory"}
+
+    worlds = make(*GAME, Twice())
+    assert worlds[Ring].agent.shape[1] == 2 * worlds.dims["walkers"] + worlds.dims["memory"]
+
+
+def test_a_capacity_that_nobody_defines_is_nothing() -> None:
+    class Bell(Toy):
+        name = "bare"
+
+        def singletons(self) -> Iterable[Singleton]:
+            return [Ring()]
+
+    assert make(*GAME, Bell())[Ring].agent.shape == (4, 0)
+
+
+# ---- declarations
+
+
+def declared(capacity: Any = 3, **more: Any) -> type[Event]:
+    columns = more.pop("columns", {"agent": column("i4")})
+    return type("Odd", (Event,), columns, capacity=capacity, **more)
+
+
+@pytest.mark.parametrize(
+    ("declaration", "words"),
+    [
+        ({"columns": {}}, ["class Odd(Event) has no columns", 'column("i4", unit="entity")']),
+        ({"capacity": None}, ["class Odd(Event) has no capacity", 'capacity="agents"']),
+        ({"columns": {"tick": column("i4")}}, ["column 'tick' of its own"]),
+        ({"columns": {"count": column("i4")}}, ["column 'count' of its own"]),
+        ({"who": "giver"}, ["who='giver' is none of its columns: agent"]),
+        ({"columns": {"agent": column("i4", fill=-1)}}, ["leave out fill"]),
+    ],
+)
+def test_impossible_events_are_refused(declaration: dict[str, Any], words: list[str]) -> None:
+    with pytest.raises(DeclarationError) as error:
+        declared(**declaration)
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_names_and_roles_have_defaults() -> None:
+    assert (Ring.name, Ring.who, Ring.whom) == ("ring", "agent", "")
+    assert declared(whom="agent", who="target").whom == "agent"
+
+
+def test_two_events_of_one_name_are_refused() -> None:
+    class Other(Toy):
+        def singletons(self) -> Iterable[Singleton]:
+            return [type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()]
+
+    with pytest.raises(DeclarationError, match=r"test_event_lists\.Ring and .* are both the event 'ring'; rename"):
+        make(*GAME, Bell(), Other())
+
+
+def test_events_are_written_in_order() -> None:
+    """Add[...] says that the order is free."""
+
+    def ring(rings: Add[Ring]) -> None: ...
+
+    with pytest.raises(DeclarationError, match=r"'rings' is Add\[Ring\].*annotate it Write\[Ring\]"):
+        Bell.system(Phase.MOVE)(ring)
+
+
+def test_an_event_that_nobody_brings_is_named() -> None:
+    @dataclass(frozen=True)
+    class Deaf(Toy):
+        pass
+
+    @Deaf.system(Phase.MOVE)
+    def ring(rings: Write[Ring]) -> None: ...
+
+    with pytest.raises(ScheduleError, match=r"deaf\.ring needs Ring .* def singletons\(self\): return \[Ring\(\)\]"):
+        make(*GAME, Deaf())
+
+
+def test_events_are_no_part_of_an_entity() -> None:
+    class Odd(Toy):
+        def archetypes(self) -> Iterable[Archetype]:
+            return [Archetype("walker", (Ring(),))]
+
+    with pytest.raises(DeclarationError, match="Ring is per world"):
+        make(*GAME, Odd())

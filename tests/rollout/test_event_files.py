@@ -1,0 +1,193 @@
+"""Files of events: what env.events() said, in a table; whole or not there."""
+
+import csv
+import signal
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Bag, Phase, Side
+from outlast.ecs import Array, Clock, Event, Module, Read, Rows, Singleton, Write, column, emit
+from outlast.envs.inspect.event_table import COLUMNS, event_table
+from outlast.envs.inspect.events import events
+from outlast.envs.rollout import event_file, random_policy
+from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.storage.interrupts import interrupts_held
+from tests.conftest import interrupted_after, run
+
+ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--set=safe_zone_damage=20", "--set=pickup_reach=4.0", "--quiet")
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_file_says_what_the_environment_said(capsys: Any, tmp_path: Path) -> None:
+    """Of the same rollout: every event of it, in order of steps, then of worlds; entities by their names."""
+    path = tmp_path / "events.csv"
+    status, _, err = run(capsys, *ROLLOUT, "--steps=120", "--events", path)
+    assert (status, err) == (0, "")
+    env = outlast.make_vec("ffa_2", 3, seed=0, safe_zone_damage=20, pickup_reach=4.0)
+    policy, (seen, _), expected = random_policy(env, 0), env.reset(), []
+    layout = env.worlds.layout
+    names = [f"{kind} {k}" for kind, rows in layout.spans.items() for k in range(len(rows))] + [""]
+    roles = {"hit": ("agent", "target"), "death": ("by", "agent"), "strike": ("agent", "target")}
+    for _ in range(120):
+        seen = env.step(policy(seen))[0]
+        found = [(int(row["world"]), name, row) for name, rows in env.events().items() for row in rows]
+        for w, name, row in sorted(found, key=lambda each: each[0]):
+            who, whom = (names[row[role]] for role in roles.get(name, ("agent", "item")))
+            amount = str(row["amount"]) if name == "hit" else ""
+            why = layout.damage_types[row["damage_type"]] if name in ("hit", "death") else ""
+            more = f"side={row['side']}" if name in ("hit", "death") and row["side"] >= 0 else ""
+            times = [str(row[time]) for time in ("episode", "tick")]
+            expected.append([str(w), *times, name, who, whom, amount, why, more])
+    rows = read(path)
+    assert list(rows[0]) == list(COLUMNS)
+    assert [list(row.values()) for row in rows] == expected
+    assert {"hit", "death", "strike", "item_picked", "item_used"} <= {row["event"] for row in rows}
+
+
+def test_parquet_has_the_same_rows_with_types(capsys: Any, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    for name in ("a.csv", "a.parquet"):
+        assert run(capsys, *ROLLOUT, "--steps=40", "--events", tmp_path / name)[0] == 0
+    table = parquet.read_table(tmp_path / "a.parquet")
+    assert [str(field.type) for field in table.schema] == [*3 * ["int64"], *3 * ["string"], "double", *2 * ["string"]]
+    texts = [
+        ["" if value is None else f"{value:g}" if isinstance(value, float) else str(value) for value in row.values()]
+        for row in table.to_pylist()
+    ]
+    assert texts == [list(row.values()) for row in read(tmp_path / "a.csv")]
+
+
+def test_whole_episodes_only(capsys: Any, tmp_path: Path) -> None:
+    """What a world plays after the episodes that count is in the file as little as in the table."""
+    path = tmp_path / "events.csv"
+    out = run(capsys, *ROLLOUT, "--episodes=2", "--policy=noop", "--events", path)[1]
+    rows = read(path)
+    assert {(row["world"], row["episode"]) for row in rows} == {(str(w), str(k)) for w in range(3) for k in (1, 2)}
+    deaths = sum(row["event"] == "death" for row in rows)
+    assert float(out.split("deaths_zone")[1].split()[0]) == pytest.approx(deaths / 6, abs=1e-4)
+
+
+def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    whole, part = tmp_path / "whole.csv", tmp_path / "part.csv"
+    rollout = (
+        *ROLLOUT,
+        "--steps=60",
+        "--policy=noop",
+        "--set=safe_zone_stand=1",
+        "--set=safe_zone_shrink=5",
+        "--events",
+    )
+    run(capsys, *rollout, whole)
+    monkeypatch.setitem(POLICIES, "noop", interrupted_after(30))
+    monkeypatch.setattr(event_file, "ROWS", 1)
+    assert run(capsys, *rollout, part)[0] == 130
+    rows = read(part)
+    assert rows
+    assert rows == read(whole)[: len(rows)]
+    assert len(rows) < len(read(whole))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["part.csv", "whole.csv"]
+
+
+def test_ctrl_c_waits_for_a_table_that_is_being_written() -> None:
+    done = []
+
+    def work() -> None:
+        with interrupts_held():
+            signal.raise_signal(signal.SIGINT)
+            done.append(1)
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == [1]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_replay_writes_the_same_file(capsys: Any, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("live.csv", "again.csv", "some.csv")]
+    record = tmp_path / "a.rec"
+    run(capsys, *ROLLOUT, "--steps=50", "--events", files[0], "--record", record)
+    assert run(capsys, "replay", record, "--events", files[1], "--quiet")[:2] == (0, f"{files[1]}\n")
+    assert files[0].read_bytes() == files[1].read_bytes()
+    run(capsys, "replay", record, "--events", files[2], "--worlds=1,2", "--from=10", "--to=30", "--quiet")
+    chosen = [row for row in read(files[0]) if row["world"] != "0" and 10 <= int(row["tick"]) <= 30]
+    assert read(files[2]) == chosen
+
+
+def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    (tmp_path / "a.csv").write_text("mine")
+    for given, words in (
+        (tmp_path / "a.csv", "exists; events overwrite nothing"),
+        (tmp_path / "a.txt", "events are written as NAME.csv or NAME.parquet"),
+        (tmp_path / "none" / "a.csv", "cannot be written: No such file"),
+    ):
+        status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", given)
+        assert status == 2 or status == 1
+        assert words in err
+    status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.csv", "--ray")
+    assert "--events are for one machine: leave them out with --ray" in err
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.parquet")
+    assert "pip install 'outlast[data]'" in err
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+    assert (tmp_path / "a.csv").read_text() == "mine"
+
+
+# ---- events of a user's own
+
+
+class Shout(Event, capacity="agents", whom="listener"):
+    agent: Array = column("i4", unit="entity")
+    listener: Array = column("i4", unit="entity")
+    amount: Array = column("f4", unit="decibels")
+    words: Array = column("i1", 2)
+    side: Array = column("i4", unit="side")
+
+
+@dataclass(frozen=True)
+class Shouting(Module):
+    def singletons(self) -> Iterable[Singleton]:
+        return [Shout()]
+
+
+@Shouting.system(Phase.GIVE)
+def shout(shouts: Write[Shout], side: Read[Side], clock: Read[Clock], agents: Rows[Bag]) -> None:
+    """In every third tick, agent 1 to agent 0; agent 0 to nobody."""
+    if clock.tick[0] % np.uint64(3) == 0:
+        for i in range(2):
+            k = emit(shouts)
+            shouts.agent[k], shouts.listener[k] = agents[i], agents[0] if i == 1 else -1
+            shouts.amount[k], shouts.side[k] = 2.5, side.side[agents[i]] if i == 1 else -1
+            shouts.words[k, 0], shouts.words[k, 1] = i, 7
+
+
+def test_a_users_own_events_are_everywhere(tmp_path: Path) -> None:
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Shouting()), 2, seed=0)
+    env.reset()
+    for _ in range(3):
+        env.step(np.tile(env.noop, (2, env.num_agents, 1)))
+    rows = env.events()["shout"]
+    assert rows[["world", "tick", "agent", "listener"]].tolist() == [
+        (w, 3, i, [-1, 0][i]) for w in (0, 1) for i in (0, 1)
+    ]
+    table = event_table(env.worlds.layout, {"shout": rows}, first_world=5)
+    words = [[str(column[k]) for column in table.values()] for k in range(4)]
+    assert words[2] == ["6", "1", "3", "shout", "agent 0", "", "2.5", "", "words=[0, 7]"]
+    assert words[3] == ["6", "1", "3", "shout", "agent 1", "agent 0", "2.5", "", "words=[1, 7] side=1"]
+    page = [event for event in events(env.worlds, 1) if event["kind"] == "other"]
+    assert [(event["agent"], event["cause"]) for event in page] == [
+        (0, "shout 2.5 words=[0, 7]"),
+        (1, "shout agent 0 2.5 words=[1, 7] side=1"),
+    ]
+    env.close()
