@@ -40,9 +40,7 @@ CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK = "clock"  # label of the unit that comes first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, RESULT, TABLE = range(
-    6
-)  # words of a frame: FAILED is 1 + index of the unit, or 0
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame; FAILED: 1 + the index of the unit, or 0
 read_word, write_word = loader("int64"), storer("int64")
 
 
