@@ -257,3 +257,28 @@ def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
     scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)  # type: ignore[misc]
     with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
         Worlds(scenario.modules, 1)
+
+
+def test_a_system_writes_the_fields_of_its_offsets_only() -> None:
+    """Its order among those of other fields follows from that."""
+
+    def sneaky(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
+        for i in range(agents.size):
+            view.own[i, own_stamina] = 1
+            view.own[i, 0] = 7
+
+    def sneaky_row(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
+        for i in range(agents.size):
+            row = view.own[i]
+            row[own_stamina] = 1
+            row[0] = 7
+
+    for function in (sneaky, sneaky_row):
+
+        class Sneaky(Module):
+            pass
+
+        Sneaky.system(Phase.OBSERVE, after="stamina")(function)
+        scenario = variant("ffa_1").with_(Stamina(), Sneaky())
+        with pytest.raises(DeclarationError, match=r"sneaky.sneaky.* beside the fields of its Offsets \(own_stamina\)"):
+            Worlds(scenario.modules, 1)
