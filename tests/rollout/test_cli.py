@@ -70,6 +70,13 @@ def test_the_same_seed_gives_the_same_table(capsys):
     assert tables[0] == tables[1] != tables[2]
 
 
+def test_systems_run_as_python_on_request(capsys):
+    arguments = ("rollout", "ffa_2", "--worlds", "2", "--steps", "120", "--set", "safe_zone_damage=100", "--quiet")
+    chosen = ("--interpret", "melee.aim", "--interpret", "safe_zone.move")
+    tables = [run(capsys, *arguments, *more)[1].split("ended")[1] for more in ((), chosen)]
+    assert tables[0] == tables[1]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -88,6 +95,7 @@ def test_the_same_seed_gives_the_same_table(capsys):
         (("rollout", "ffa_1", "--set", "melee_damage"), ("--set melee_damage: NUMBER=VALUE is needed",)),
         (("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"), ("physics cannot take",)),
         (("rollout", "ffa_1", "--worlds", "1000000000000"), ("not enough memory, take fewer --worlds",)),
+        (("rollout", "ffa_1", "--interpret", "melee.aims"), ("no system 'melee.aims'", "did you mean 'melee.aim'")),
         (("schedule", "nothing"), ("nothing", "known")),
     ],
 )
