@@ -123,9 +123,9 @@ class Tag(systems.Melee):
 
     damage_type: ClassVar[str] = ""  # it does no damage
 
-    reach: float = 1.0
-    cooldown: int = 15  # ticks without a strike after one that hit somebody, and for who has become it
-    damage: int = 0
+    reach = 1.0
+    cooldown = 15  # ticks without a strike after one that hit somebody, and for who has become it
+    damage = 0
     base: float = number(1.5, low=0)  # metres, radius of the safe circle in the middle of the room
     it_reward: float = number(-1.0)  # a tick, for being it
     free_reward: float = number(0.1)  # a tick, for being neither it nor in the base
@@ -274,27 +274,31 @@ def protect(player: Write[Player], item: Read[Item], shield: Read[Shield], shiel
 @Shields.system(Phase.OBSERVE)
 def see_shields(
     view: Write[ShieldView],
-    own: Write[SelfView],
     masks: Read[ObservationMasks],
     body: Read[Body],
-    bag: Read[Bag],
-    agents: Rows[Bag],
+    agents: Rows[Side],
     shields: Rows[Shield],
-    index: RowIndex[Shield],
     shields_x: Offset,
     shields_y: Offset,
-    own_has_shield: Offset,
 ) -> None:
     """Every entry is written in every tick, so that nothing is left of the tick before."""
     for i in range(agents.size):
-        item = last(bag, agents[i])
-        own.own[i, own_has_shield] = item >= 0 and index[item] >= 0
         for k in range(shields.size):
             e = shields[k]
             filled = is_set(masks.filled, i, e)
             view.shields_mask[i, k] = is_set(masks.mask, i, e)
             view.shields[i, k, shields_x] = body.x[e] if filled else 0
             view.shields[i, k, shields_y] = body.y[e] if filled else 0
+
+
+@Shields.system(Phase.OBSERVE)
+def see_bag(
+    view: Write[SelfView], bag: Read[Bag], agents: Rows[Bag], index: RowIndex[Shield], own_has_shield: Offset
+) -> None:
+    """An index of -1 is that of another kind of item."""
+    for i in range(agents.size):
+        item = last(bag, agents[i])
+        view.own[i, own_has_shield] = item >= 0 and index[item] >= 0
 
 
 # --- the game
