@@ -45,9 +45,10 @@ class Archetype:
     order: int | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.parts, tuple) or not all(isinstance(part, Component) for part in self.parts):
+        parts: Any = self.parts
+        if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
             raise DeclarationError(
-                f"Archetype({self.name!r}, {self.parts!r:.60}): a tuple of instances of components is needed, as in "
+                f"Archetype({self.name!r}, {parts!r:.60}): a tuple of instances of components is needed, as in "
                 f"Archetype({self.name!r}, (Health(points=20),)); with one, mind the comma"
             )
 

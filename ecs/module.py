@@ -61,7 +61,7 @@ class Module:
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
-        inherited = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
+        inherited = dataclasses.fields(cls)
         for item in inherited:
             given = vars(cls).get(item.name, dataclasses.MISSING)
             if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default

@@ -195,9 +195,7 @@ def test_fields_that_cannot_be_are_refused(case: str) -> None:
 
 def test_columns_of_an_unknown_field_are_refused() -> None:
     fields = Layout(variant("ffa_1").modules).fields["own"]
-    with pytest.raises(
-        KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"
-    ):
+    with pytest.raises(KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"):
         columns_of(fields, "id", "team")
 
 

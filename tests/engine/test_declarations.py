@@ -156,9 +156,7 @@ def test_archetypes_that_cannot_be_are_refused(modules: list[Module], words: str
 
 @pytest.mark.parametrize("given", [Mark(), [Mark()], (Mark,)], ids=["no comma", "a list", "a class"])
 def test_components_that_are_no_tuple_are_refused(given: Any) -> None:
-    with pytest.raises(
-        DeclarationError, match=r"Archetype\('walker', .*: a tuple of instances of components"
-    ):
+    with pytest.raises(DeclarationError, match=r"Archetype\('walker', .*: a tuple of instances of components"):
         Archetype("walker", given)
 
 
