@@ -34,9 +34,9 @@ def add(commands: Any) -> None:
     add_policy(command, "random")
     text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
     command.add_argument("--events", metavar="FILE", help=text)
+    text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
+    command.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
     command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
-    text = "run this system as Python, for print and breakpoint (may be given several times)"
-    command.add_argument("--interpret", action="append", default=[], metavar="SYSTEM", help=text)
     add_common(command, "--threads", "--record", "--quiet")
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
     command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
@@ -78,8 +78,7 @@ def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePoli
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    files = options.record is not None or options.events is not None
-    if files or options.threads > 1 or options.log_deaths or options.interpret:
+    if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.interpret)):
         given = "--threads, --log-deaths, --record, --events and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.policy not in POLICIES:
