@@ -26,6 +26,7 @@ from outlast.ecs import (
     Array,
     Clock,
     Component,
+    Entity,
     Event,
     Field,
     Module,
@@ -87,10 +88,13 @@ def tire(body: Write[Body], breath: Write[Breath], agents: Rows[Breath], most: i
 
 
 @Stamina.system(Phase.OBSERVE)
-def see_stamina(view: Write[SelfView], breath: Read[Breath], agents: Rows[Side], own_stamina: Offset) -> None:
-    """Agent i has row i of the observation, and row agents[i] of all other tables."""
+def see_stamina(
+    view: Write[SelfView], breath: Read[Breath], entities: Read[Entity], agents: Rows[Breath], own_stamina: Offset
+) -> None:
+    """Agent i has row i of the observation, and row agents[i] of all other tables. The row of the dead is 0."""
     for i in range(agents.size):
-        view.own[i, own_stamina] = breath.left[agents[i]]
+        e = agents[i]
+        view.own[i, own_stamina] = breath.left[e] if entities.alive[e] else 0
 
 
 # --- tag: a melee that takes no hit points, but passes on who is it
@@ -166,13 +170,15 @@ def strike(
     tagged: Write[Tagged],
     body: Read[Body],
     agents: Rows[Player],
+    index: RowIndex[Player],
     base: float,
     cooldown: int,
 ) -> None:
     """In place of the melee's strike. `aim`, which is the melee's own, has found what everybody's strike hits."""
     for me in agents:
         e = weapon.target[me]
-        if player.it[me] and e >= 0 and player.safe[e] == 0 and not in_base(body, e, base):
+        hit = e >= 0 and index[e] >= 0  # an agent, and not something else with hit points
+        if player.it[me] and hit and player.safe[e] == 0 and not in_base(body, e, base):
             player.it[me], player.it[e] = 0, 1
             weapon.cooldown[e] = cooldown
             k = emit(tagged)
@@ -295,7 +301,7 @@ def see_shields(
 def see_bag(
     view: Write[SelfView], bag: Read[Bag], agents: Rows[Bag], index: RowIndex[Shield], own_has_shield: Offset
 ) -> None:
-    """An index of -1 is that of another kind of item."""
+    """What is in the last slot may be another kind of item, whose index is -1."""
     for i in range(agents.size):
         item = last(bag, agents[i])
         view.own[i, own_has_shield] = item >= 0 and index[item] >= 0

@@ -7,15 +7,15 @@ from tag_policy import chase
 from tag_view import TAG_LAYERS
 
 import outlast
-from outlast.components import Bag, Body, Item
+from outlast.components import Bag, Body, Health, Item
 from outlast.ecs import NumberError
 
 IDLE, RUN, STRIKE, USE = (3, 3, 3, 0, 0), (6, 3, 3, 0, 0), (3, 3, 3, 1, 0), (3, 3, 3, 0, 1)
 
 
-def placed(*places, it=0, **numbers):
+def placed(*places, it=0, scenario=TAG, **numbers):
     """One world: agents stand at these places, facing +x, and one of them is it."""
-    env = outlast.make_vec(TAG.replace(n_agents=len(places), **numbers), 1, seed=0)
+    env = outlast.make_vec(scenario.replace(n_agents=len(places), **numbers), 1, seed=0)
     env.reset()
     count = len(places)
     env.worlds[Body].x[0, :count], env.worlds[Body].y[0, :count] = np.transpose(places)
@@ -55,6 +55,15 @@ def test_nobody_is_touched_out_of_reach_or_by_one_that_is_not_it():
     env = placed((2, 2), (3.4, 2), it=1)
     step(env, STRIKE)
     assert its(env) == [0, 1]
+
+
+def test_only_agents_are_tagged():
+    env = placed((2, 2), (5, 2), scenario=TAG.with_(outlast.systems.Boxes(count=1)))
+    box = env.worlds.span("box").start
+    env.worlds[Body].x[0, box], env.worlds[Body].y[0, box] = 3, 2
+    step(env, STRIKE)
+    assert env.events()["strike"]["target"].tolist() == [box]
+    assert its(env) == [1, 0]
 
 
 def test_who_has_become_it_waits_before_it_strikes():
@@ -102,6 +111,14 @@ def test_who_runs_gets_tired():
         moved.append(bool(env.worlds[Body].x[0, 0] > x))
     assert left == [2, 1, 0, 2, 1, 0, 2]
     assert moved == [True, True, True, False, True, True, False]
+
+
+def test_the_dead_have_no_stamina():
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Stamina()), 1, seed=0)
+    env.reset()
+    env.worlds[Health].points[0, 1] = 0
+    observations, *_ = env.step(np.broadcast_to(env.noop, (1, 2, 6)))
+    assert seen(env, observations, "stamina") == [90, 0]
 
 
 def test_everybody_sees_everything():
