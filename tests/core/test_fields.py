@@ -145,6 +145,14 @@ def adding(key: str, *fields: Field) -> Scenario:
     return variant("ffa_1").with_(Adding())
 
 
+def returning(given: Any) -> Scenario:
+    class Returning(Module):
+        def fields(self) -> Any:
+            return given
+
+    return variant("ffa_1").with_(Returning())
+
+
 def showing(**columns: Any) -> Scenario:
     view = type("View", (Observation,), columns)
 
@@ -161,7 +169,9 @@ REFUSED = {
         lambda: adding("own", Field("stamina")).with_(Stamina()),
         "'stamina' is a field of 'own' of both adding and stamina; rename one",
     ),
-    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'"),
+    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'[?]$"),
+    "no tuple": (lambda: returning({"own": Field("a")}), r"returning.fields\(\) returned .*: a tuple of Field by key"),
+    "no key": (lambda: returning((Field("a"),)), r"returning.fields\(\) returned .*: a tuple of Field by key"),
     "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
     "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which heals declares without any: declare"),
     "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a number of at"),
@@ -181,6 +191,12 @@ def test_fields_that_cannot_be_are_refused(case: str) -> None:
     make, words = REFUSED[case]
     with pytest.raises(DeclarationError, match=words):
         Layout(make().modules)
+
+
+def test_columns_of_an_unknown_field_are_refused() -> None:
+    fields = Layout(variant("ffa_1").modules).fields["own"]
+    with pytest.raises(KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"):
+        columns_of(fields, "id", "team")
 
 
 def test_only_observations_have_fields() -> None:
