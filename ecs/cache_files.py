@@ -52,7 +52,7 @@ def read(path: Path) -> Code | None:
 
 
 def write(path: Path, code: Code) -> bool:
-    """Write a file, whole or not at all; False if other processes cannot load it, and, with a warning, on a full disk."""
+    """Write a file, whole or not at all; False if others cannot load it, and, with a warning, if the disk is full."""
     if not code.portable:
         return False
     try:
@@ -114,8 +114,8 @@ def cache_folder() -> Path:
     Raises:
         PermissionError: Another user owns the temporary folder, or may write to it.
     """
-    if "OUTLAST_CACHE_DIR" in os.environ:
-        return Path(os.environ["OUTLAST_CACHE_DIR"])
+    if given := os.environ.get("OUTLAST_CACHE_DIR"):
+        return Path(given)
     folder = Path(platformdirs.user_cache_dir("outlast"))
     try:
         folder.mkdir(parents=True, exist_ok=True)

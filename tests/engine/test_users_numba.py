@@ -13,8 +13,8 @@ import pytest
 
 from outlast.ecs import DeclarationError, Rows, Write, kernel
 from outlast.ecs.cache_files import SUFFIX
-from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
 from tests.engine.test_compile import ROOT, compiled_only, system_of
+from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
 
 pytestmark = compiled_only
 
@@ -165,5 +165,5 @@ async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None:
 
 @pytest.mark.parametrize("function", [waits, awaits])
 def test_functions_that_a_call_does_not_run_are_refused(function: object) -> None:
-    with pytest.raises(DeclarationError, match="is a generator or a coroutine: .* write a function without"):
+    with pytest.raises(DeclarationError, match=r"is a generator or a coroutine: .* write a function without"):
         Toy.system(Phase.FEED)(function)

@@ -3,10 +3,11 @@
     python -m tests.fuzz.scenarios [--count N] [--seed N] [--first K] [--ticks N] [--out FOLDER]
 
 Each has mechanics taken out and put in, random numbers, subclasses, orders between systems, and mechanics of a user's
-whose code is generated: with components, statistics, events and fields in the agents' rows of their own. Scenario k of a seed is always the same. Two child processes run it with the same actions: one compiled, one with
-NUMBA_DISABLE_JIT=1. A finding is any of these, and the exit status is 1: digests of all state that differ after a tick,
-an exception that is not outlast's own, a refusal by one of the two only, a crash, or ten minutes without an answer. At
-the end, the messages of all refusals are printed, for a person to judge whether each names what to do.
+whose code is generated: with components, statistics, events and fields in the agents' rows of their own. Scenario k of
+a seed is always the same. Two child processes run it with the same actions: one compiled, one with NUMBA_DISABLE_JIT=1.
+A finding is any of these, and the exit status is 1: digests of all state that differ after a tick, an exception that is
+not outlast's own, a refusal by one of the two only, a crash, or ten minutes without an answer. At the end, the messages
+of all refusals are printed, for a person to judge whether each names what to do.
 
 --child prints the results of one process, a line for each scenario.
 """
