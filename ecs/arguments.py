@@ -28,7 +28,7 @@ from .module import Module
 MAX_DIMENSIONS = 4  # of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
-MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; its events as int32
+MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
 SLOT = ir.IntType(64)
 
 
@@ -76,7 +76,7 @@ class ArgumentBlock:
         self.slots[STRIDE] = worlds.layout.world_bytes
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)
         self._describe(MODE, worlds.mode, 0)
-        self._describe(EVENTS, worlds.event_memory.view(np.int32).reshape(worlds.count, -1), 1)
+        self._describe(EVENTS, worlds.event_memory.counts, 1)
         for slot, (component, name) in layout.columns.items():
             self._describe(slot, getattr(worlds[component], name), 1)
         self.constants = layout.constants  # referred to by address only

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -66,7 +67,7 @@ class CompiledUnits:
                 self.compiled += missing
                 self._discard_outdated()
                 with _few_collections():
-                    codes |= self._compile(sorted(missing, key=self._cost, reverse=True))
+                    codes |= self._compile(sorted(missing, key=self._urgency))
                 cache_files.prune()
             found = {label: code for label, code in codes.items() if code}
             for label, address in zip(found, load_code(found.values()), strict=True):
@@ -83,8 +84,10 @@ class CompiledUnits:
     def _read(self, label: str) -> Code | None:
         return cache_files.read(cache_files.path_of(label, self._keys[label]))
 
-    def _cost(self, label: str) -> int:
-        return self._cache_key.size(label)
+    def _urgency(self, label: str) -> tuple[bool, int]:
+        """Systems from outside of outlast first, as they may have errors; then the large ones."""
+        unit = self._units.get(label)
+        return not (unit and unit.system and unit.system.outside), -self._cache_key.size(label)
 
     def _discard_outdated(self) -> None:
         """Discard what numba compiled of kernels that have changed since, or refer to what has."""
@@ -128,34 +131,40 @@ class CompiledUnits:
 def _spread(labels: Sequence[str], work: Callable[[str], None]) -> None:
     """Call `work` for each label, in this process and in forks of it, which take the next one from a pipe in turns.
 
-    What a fork does is seen on disk only; what one fails to do is not done. Without forks everything is done.
+    What a fork does is seen on disk only. Where one fails, no more is begun: what is left is not done.
     """
     processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if _may_fork() else 1
-    if processes <= 1:
-        for label in labels:
-            work(label)
-        return
     queue, source = os.pipe()
     os.write(source, b"".join(k.to_bytes(2, "little") for k in range(len(labels))))
     os.close(source)
+    children: list[int] = []
 
     def work_on() -> None:
-        while index := os.read(queue, 2):
+        while _none_failed(children) and (index := os.read(queue, 2)):
             work(labels[int.from_bytes(index, "little")])
 
-    children: list[int] = []
     try:
         for _ in range(processes - 1):
             children.append(_fork(work_on))
         work_on()
-        while children:
-            os.waitpid(children[-1], 0)
-            children.pop()
+        while children and _none_failed(children):
+            time.sleep(0.005)
     finally:
         os.close(queue)
-        for child in children:  # an error, or Ctrl-C
+        for child in children:  # an error, here or there, or Ctrl-C
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
+
+
+def _none_failed(children: list[int]) -> bool:
+    """Take those out that have ended; False if one of them failed."""
+    for child in children.copy():
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            children.remove(child)
+            if status:
+                return False
+    return True
 
 
 def _fork(work: Callable[[], None]) -> int:
@@ -163,11 +172,13 @@ def _fork(work: Callable[[], None]) -> int:
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads: see _may_fork
         child = os.fork()
     if child == 0:
+        status = 1
         try:
             warnings.simplefilter("ignore")
             work()
+            status = 0
         finally:
-            os._exit(0)
+            os._exit(status)
     return child
 
 

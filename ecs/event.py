@@ -12,16 +12,17 @@ that run later in the tick, and everybody between two ticks, find the events of 
 """
 
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.core import cgutils
 
 from .component import Column, Component, Singleton, snake_case, table_type
 from .errors import CapacityError, DeclarationError
-from .jit import kernel
+from .jit import intrinsic, kernel
 
 COUNT = "count"
-WORD = 4  # bytes
 TIMES = ("world", "episode", "tick")  # the fields that `entries` adds
 
 Array = np.ndarray[Any, Any]
@@ -31,7 +32,7 @@ class Event(Singleton, packed=False):
     """A list of at most `capacity` entries for each world and tick. Columns are declared with the shape of one entry.
 
     In a world, a column has shape (capacity, ...), and `count`, int32 (1,), says how many entries there are; what lies
-    behind them is 0. Unit "entity": a row, "side": a side, "damage type": its number; -1: none.
+    behind them has no meaning. Unit "entity": a row, "side": a side, "damage type": its number; -1: none.
 
     Attributes:
         name: The class's name in snake case, unique in a scenario.
@@ -98,63 +99,93 @@ def emit(events: Any) -> int:
     events.count[0] = k + 1  # one too many says which list it was: see `overflow`
     if k >= events[0].shape[0]:
         raise CapacityError("the list of an event is full")
+    zero_entry(events, k)
     return int(k)
 
 
+def _zero(events: Any, k: int) -> None:
+    for column in events[:-1]:
+        column[k] = 0
+
+
+@intrinsic(_zero)
+def zero_entry(typing: Any, events: Any, k: Any) -> Any:
+    """Set all columns of an event's entry to 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        for number, kind in enumerate(signature.args[0].types[:-1]):
+            column = context.make_array(kind)(context, builder, builder.extract_value(arguments[0], number))
+            size = builder.extract_value(column.strides, 0)
+            start = builder.add(builder.ptrtoint(column.data, size.type), builder.mul(arguments[1], size))
+            cgutils.memset(builder, builder.inttoptr(start, cgutils.voidptr_t), size, 0)
+        return context.get_dummy_value()
+
+    return types.void(events, types.intp), generate
+
+
 def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype[Any]:
-    """The memory of one world's events: how many there are of each kind, side by side, and all columns."""
-    kinds = tuple(events)
-    columns = [
+    """The memory of one world's events: all columns. How many there are of each kind lies apart, see `EventMemory`."""
+    columns: list[Any] = [
         (f"{event.name}.{name}", event.columns[name].dtype, event.row_shape(name, dims))
-        for event in kinds
+        for event in events
         for name in event.columns
         if name != COUNT
     ]
-    return np.dtype([(COUNT, np.int32, (max(1, len(kinds)),)), *columns], align=True)
+    return np.dtype(columns or [("nothing", np.int32)], align=True)
 
 
-def list_spans(events: Iterable[type[Event]], memory: np.dtype[Any]) -> Array:
-    """For `clear`: int32 (kinds, 2), the words from which and up to which the columns of each kind lie in memory."""
-    fields: Any = memory.fields
-    found = []
-    for event in events:
-        places = [fields[f"{event.name}.{name}"] for name in event.columns if name != COUNT]
-        stops = [start + kind.itemsize for kind, start in places]
-        found.append((places[0][1] // WORD, -(-max(stops) // WORD)))
-    return np.array(found, np.int32).reshape(-1, 2)
+class EventMemory(NamedTuple):
+    """The events of some worlds.
+
+    Attributes:
+        counts: int32 (worlds, kinds), those of all worlds side by side: to look for events loads few cache lines.
+        lists: (worlds,) of `memory_type`.
+    """
+
+    counts: Array
+    lists: Array
+
+    def of(self, where: Any) -> "EventMemory":
+        """Those of the worlds `where`, a mask or a slice; copied for a mask."""
+        return EventMemory(self.counts[where], self.lists[where])
 
 
 @kernel
-def clear(memory: Any, spans: Any) -> None:
-    """Empty the lists of one world. A list that has been empty is 0 anyway, so only the others are written.
+def clear(counts: Any) -> None:
+    """Empty the lists of one world; their entries stay as they are until `emit` reserves them again.
 
     Args:
-        memory: int32 words; they begin with the counts.
-        spans: See `list_spans`.
+        counts: int32, how many there are of each kind.
     """
-    for k in range(spans.shape[0]):
-        if memory[k] > 0:
-            memory[k] = 0
-            for word in range(spans[k, 0], spans[k, 1]):
-                memory[word] = 0
+    for k in range(counts.size):
+        counts[k] = 0
 
 
-def table(event: type[Event], kinds: tuple[type[Event], ...], memory: Array) -> Any:
-    """The table of an event in the memory of some worlds, (worlds,) of `memory_type`."""
+def zero_unused(kinds: Iterable[type[Event]], memory: EventMemory) -> None:
+    """Set the entries to 0 that lie behind the last one of each list: what was there before is no part of a state."""
+    for k, event in enumerate(kinds):
+        for name in event.columns:
+            if name != COUNT:
+                column = memory.lists[f"{event.name}.{name}"]
+                column[np.arange(column.shape[1]) >= memory.counts[:, k : k + 1]] = 0
+
+
+def table(event: type[Event], kinds: tuple[type[Event], ...], memory: EventMemory) -> Any:
+    """The table of an event in the memory of some worlds."""
     k = kinds.index(event)
-    columns = (memory[f"{event.name}.{name}"] for name in event.columns if name != COUNT)
-    return event.Table(*columns, memory[COUNT][:, k : k + 1])
+    columns = (memory.lists[f"{event.name}.{name}"] for name in event.columns if name != COUNT)
+    return event.Table(*columns, memory.counts[:, k : k + 1])
 
 
 def entries(
-    event: type[Event], kinds: tuple[type[Event], ...], memory: Array, times: tuple[Array, Array, Array]
+    event: type[Event], kinds: tuple[type[Event], ...], memory: EventMemory, times: tuple[Array, Array, Array]
 ) -> Array:
     """The events of a kind in the memory of some worlds, copied.
 
     Args:
         event: The kind.
         kinds: All of them, in the order of the memory.
-        memory: (worlds,) of `memory_type`.
+        memory: Of these worlds.
         times: Number of each of these worlds, its episode and its tick, integers (worlds,) each.
 
     Returns:
@@ -168,7 +199,7 @@ def entries(
         return np.empty(0, types)
     rows = table(event, kinds, memory)
     count = rows.count[:, 0]
-    where = np.repeat(np.arange(len(memory)), count)
+    where = np.repeat(np.arange(len(count)), count)
     entry = np.arange(len(where)) - np.repeat(np.cumsum(count) - count, count)
     parts = {name: part[where].astype(np.int64) for name, part in zip(TIMES, times, strict=True)}
     parts |= {name: getattr(rows, name)[where, entry] for name in names}
@@ -178,7 +209,7 @@ def entries(
     return found
 
 
-def overflow(kinds: tuple[type[Event], ...], memory: Array) -> tuple[int, type[Event], int] | None:
+def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, type[Event], int] | None:
     """World, event and capacity of the list to which `emit` could not add; its count is put right. None: no such."""
     for event in kinds:
         rows = table(event, kinds, memory)

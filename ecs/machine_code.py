@@ -140,7 +140,8 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         for value in self._final_module.global_variables:
             if value.name in environments:
                 value.linkage = "linkonce_any"  # left out where no Python call needs it
-        self._optimize_final_module()
+        for _ in range(2):  # the first inlines; loops of what it inlined are vectorized by the second
+            self._optimize_final_module()
         constants: dict[str, list[Any]] = {}
         for value in self._final_module.global_variables:
             if value.name in environments:

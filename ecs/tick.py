@@ -24,7 +24,7 @@ from .access import Parameter
 from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
 from .component import Clock, Component
 from .errors import DeclarationError
-from .event import clear, list_spans
+from .event import clear
 from .fields import offset
 from .jit import compiled, kernel, loader, storer
 from .layout import Layout
@@ -40,19 +40,17 @@ CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK = "clock"  # label of the unit that comes first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, RESULT, TABLE = range(
-    6
-)  # words of a frame: FAILED is 1 + index of the unit, or 0
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame; FAILED: 1 + the index of the unit, or 0
 read_word, write_word = loader("int64"), storer("int64")
 
 
 @kernel
-def advance_clock(world: Any, initial_image: Any, events: Any, event_spans: Any, mode: int) -> None:
+def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int) -> None:
     """Count a tick, or start an episode, and forget the events of the tick before.
 
-    world: its state as uint64, as is initial_image. events, event_spans: see ecs.event.clear.
+    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear.
     """
-    clear(events, event_spans)
+    clear(event_counts)
     if mode == RESET:
         world[EPISODE] += np.uint64(1)
         world[TICK] = np.uint64(0)
@@ -133,13 +131,10 @@ class Generator:
     def clock(self) -> Unit:
         """The unit that begins the tick or the episode of every world."""
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
-        state, words = self._slot("state", BLOCK), self._view(np.dtype("u8"), 1, writable=True)
-        state = f"{words}(arguments, {state}, w)"
-        lists = list_spans(self.layout.events, self.layout.event_type)
-        spans = self._array("event_spans", self.arguments.add_constant(lists), lists.dtype, lists.ndim)
-        events, words = self._slot("events", EVENTS), self._view(np.dtype("i4"), 1, writable=True)
-        events = f"{words}(arguments, {events}, w)"
-        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], [state, image, events, spans, "mode[w]"])
+        state = self._words("state", BLOCK, np.dtype("u8"))
+        counts = self._words("event_counts", EVENTS, np.dtype("i4"))
+        arguments = [state, image, counts, "mode[w]"]
+        return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""
@@ -193,7 +188,7 @@ class Generator:
         return name
 
     def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
-        return self._array(name, self.arguments.add_constant(array), array.dtype)
+        return self._array(name, self.arguments.add_constant(array), array.dtype, array.ndim)
 
     def _array(self, name: str, slot: int, dtype: np.dtype[Any], ndim: int = 1, writable: bool = False) -> str:
         """An array that is the same for all worlds."""
@@ -205,6 +200,10 @@ class Generator:
         name = f"{dtype.str[1:]}_{ndim}_{'w' if writable else 'r'}"
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
+
+    def _words(self, name: str, slot: int, dtype: np.dtype[Any]) -> str:
+        """Memory of a world as an array of words."""
+        return f"{self._view(dtype, 1, writable=True)}(arguments, {self._slot(name, slot)}, w)"
 
     def _slot(self, name: str, slot: int) -> str:
         self.slots[name.upper()] = slot

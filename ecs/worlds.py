@@ -14,7 +14,7 @@ from .cache import CompiledUnits
 from .component import Action, Clock, Component
 from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, ScheduleError
-from .event import Event
+from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
@@ -47,7 +47,7 @@ class Worlds:
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
-        event_memory: (count,) of `layout.event_type`: the events of each world's last tick; see `events`.
+        event_memory: The events of each world's last tick, as they lie in memory; see `events`.
         times: Seconds spent in each segment of the tick, by the label of its first unit: with split, of its system.
 
     Raises:
@@ -73,7 +73,8 @@ class Worlds:
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
-        self.event_memory = np.zeros(count, self.layout.event_type)
+        counts = np.zeros((count, len(self.layout.events)), np.int32)
+        self.event_memory = EventMemory(counts, np.zeros(count, self.layout.event_type))
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
         interpret = (interpret,) if isinstance(interpret, str) else interpret

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from outlast.ecs import Worlds
+from outlast.ecs.event import zero_unused
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
@@ -36,6 +37,7 @@ def scaled(count: int, least: int = 1) -> int:
 
 def digest(worlds: Worlds, where: Any = slice(None)) -> str:
     """A digest of every byte of the worlds `where`: state, events, and buffers of actions, observations and signals."""
+    zero_unused(worlds.layout.events, worlds.event_memory)
     total = hashlib.blake2b(worlds.block[where].tobytes(), digest_size=16)
     for component in worlds.components:
         if not component.packed:

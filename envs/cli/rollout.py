@@ -34,6 +34,8 @@ def add(commands: Any) -> None:
     add_policy(command, "random")
     text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
     command.add_argument("--events", metavar="FILE", help=text)
+    text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
+    command.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
     command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
@@ -53,7 +55,13 @@ def run(options: argparse.Namespace) -> int:
 def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
     env = make_vec(
-        scenario, options.worlds, seed=options.seed, threads=options.threads, copy=False, check_actions=False
+        scenario,
+        options.worlds,
+        seed=options.seed,
+        threads=options.threads,
+        copy=False,
+        check_actions=False,
+        interpret=options.interpret,
     )
     policy = make_policy(env, options.seed)
     with contextlib.closing(env):
@@ -70,8 +78,8 @@ def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePoli
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    if options.threads > 1 or options.log_deaths or options.record is not None or options.events is not None:
-        given = "--threads, --log-deaths, --record and --events"
+    if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.interpret)):
+        given = "--threads, --log-deaths, --record, --events and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.policy not in POLICIES:
         raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")

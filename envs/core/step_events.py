@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, Worlds
-from outlast.ecs.event import entries
+from outlast.ecs.event import EventMemory, entries
 
 Array = np.ndarray[Any, Any]
 
@@ -16,32 +16,34 @@ class StepEvents:
     def __init__(self, worlds: Worlds) -> None:
         self._worlds = worlds
         self._kept = np.zeros(worlds.count, bool)
-        self._memory, self._clock = worlds.event_memory[:0], np.empty((0, 2), np.int64)
+        self._memory = worlds.event_memory.of(slice(0))
+        self._clock = np.empty((0, 2), np.int64)
 
     def keep(self, where: Array) -> None:
         """Keep those of the worlds `where`, bool (worlds,), which are about to be reset."""
         clock = self._worlds[Clock]
         self._kept = where.copy()
-        self._memory = self._worlds.event_memory[where]
+        self._memory = self._worlds.event_memory.of(where)
         self._clock = np.stack([clock.episode[where, 0], clock.tick[where, 0]], 1)
 
     def forget(self, where: Any = slice(None)) -> None:
         """The worlds `where` (mask, indices or slice) have gone on: what is kept of them is not their last step."""
-        if not len(self._memory):
+        if not len(self._clock):
             return
         left = self._kept.copy()
         left[where] = False
         still = left[self._kept]
-        self._kept, self._memory, self._clock = left, self._memory[still], self._clock[still]
+        self._kept, self._memory, self._clock = left, self._memory.of(still), self._clock[still]
 
     def read(self) -> dict[str, Array]:
         """By name of the event: see ecs.Worlds.entries."""
-        if not len(self._memory):
+        if not len(self._clock):
             return self._worlds.events()
-        clock, memory = self._worlds[Clock], self._worlds.event_memory.copy()
+        clock, now = self._worlds[Clock], self._worlds.event_memory
+        memory = EventMemory(now.counts.copy(), now.lists.copy())
         episode, tick = clock.episode[:, 0].copy(), clock.tick[:, 0].copy()
-        memory[self._kept] = self._memory
+        memory.counts[self._kept], memory.lists[self._kept] = self._memory
         episode[self._kept], tick[self._kept] = self._clock.T
-        times = (np.arange(len(memory)), episode, tick)
+        times = (np.arange(self._worlds.count), episode, tick)
         kinds = self._worlds.layout.events
         return {kind.name: entries(kind, kinds, memory, times) for kind in kinds}

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from outlast.ecs import Event, Layout, Worlds
+from outlast.ecs.event import zero_unused
 
 from ..errors import StateError
 from ..scenarios import renamed
@@ -105,7 +106,10 @@ def read(file: BinaryIO, name: str) -> State:
 def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:
     """The state of the worlds `where` (mask, indices or slice). masks: what is kept of each world beside its tables."""
     rows = _rows(worlds, where)
-    return State(fingerprint(scenario), {name: array[rows] for name, array in _arrays(worlds, masks).items()})
+    arrays = {name: array[rows] for name, array in _arrays(worlds, masks).items()}
+    counts, lists = (arrays[name] for name in _events(worlds))
+    zero_unused(worlds.layout.events, validation.event_memory(worlds.layout, counts, lists))
+    return State(fingerprint(scenario), arrays)
 
 
 def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> None:
@@ -119,7 +123,7 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
     if len(state) not in (1, len(rows)):
         raise StateError(f"a state of {len(state)} worlds for {len(rows)} worlds: one, or as many, are needed")
     arrays = _arrays(worlds, masks)
-    ours = {name: np.zeros((len(state), array.shape[1]), np.uint8) for name, array in _events(worlds).items()}
+    ours = {name: np.zeros((len(state), array.shape[1]), array.dtype) for name, array in _events(worlds).items()}
     ours |= state.arrays  # those of before have no events, or other ones
     for name, array in arrays.items():
         given = ours.get(name)
@@ -129,8 +133,7 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
         if len(given) != len(state):
             raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
     validation.check(worlds.layout, {name: ours[name] for name in arrays})
-    for name in _events(worlds):
-        validation.check_events(worlds.layout, ours[name])
+    validation.check_events(worlds.layout, *(ours[name] for name in _events(worlds)))
     for name, array in arrays.items():
         array[rows] = ours[name]
 
@@ -152,9 +155,10 @@ def _arrays(worlds: Worlds, masks: dict[str, Array]) -> dict[str, Array]:
 
 
 def _events(worlds: Worlds) -> dict[str, Array]:
-    """The bytes of the events, uint8 (worlds, bytes), under a name that says how they lie."""
-    memory = worlds.event_memory
-    return {_events_name(worlds.layout): memory.view(np.uint8).reshape(len(memory), -1)}
+    """How many events of each kind there are, and the bytes of their lists, under names that say how they lie."""
+    counts, lists = worlds.event_memory
+    name = _events_name(worlds.layout)
+    return {f"{name}.counts": counts, f"{name}.lists": lists.view(np.uint8).reshape(len(lists), -1)}
 
 
 @functools.lru_cache(maxsize=16)

@@ -23,7 +23,7 @@ import numpy as np
 from outlast.components import Bag, BoxItem, Died, Gift, Health, Item, Side, Sight, Weapon
 from outlast.components.sight import MODES
 from outlast.ecs import Clock, Component, Entity, Layout, Singleton
-from outlast.ecs.event import table
+from outlast.ecs.event import EventMemory, table
 from outlast.ecs.layout import Place
 
 from ..errors import StateError
@@ -86,9 +86,17 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
     _check_sight(layout, block)
 
 
-def check_events(layout: Layout, given: Array) -> None:
-    """Raise StateError unless the events of a state, uint8 (worlds, bytes), are lists that there can be."""
-    memory = np.ascontiguousarray(given).view(layout.event_type).reshape(-1)
+def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
+    """The events in a state's arrays: int32 (worlds, kinds), and uint8 (worlds, bytes), which it is a view of."""
+    return EventMemory(counts, lists.view(layout.event_type).reshape(-1))
+
+
+def check_events(layout: Layout, counts: Array, given: Array) -> None:
+    """Raise StateError unless the events of a state are lists that there can be.
+
+    counts: int32 (worlds, kinds). given: the lists, uint8 (worlds, bytes).
+    """
+    memory = event_memory(layout, counts, np.ascontiguousarray(given))
     for event in layout.events:
         found, capacity = table(event, layout.events, memory), layout.dims[event.capacity_dim()]
         if ((found.count < 0) | (found.count > capacity)).any():

@@ -544,3 +544,36 @@ def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPat
     run(worlds, STEP)
     assert worlds.compiled
     assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + 2
+
+
+@compiled_only
+@pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
+def test_an_error_in_a_fork_is_raised_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the process that compiles the rest, before the rest."""
+    monkeypatch.setattr(cache, "_cores", lambda: 3)
+    monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    parent, begun = os.getpid(), []
+
+    class Local(Toy):
+        pass
+
+    @Local.system(Phase.FEED)
+    def act(energy: Write[Energy], rows: Rows[Energy]) -> None:
+        for e in rows:
+            energy.left[e] = "nothing"  # type: ignore[assignment]
+
+    def slowly(units: cache.CompiledUnits, label: str) -> Any:
+        if os.getpid() == parent:  # let a fork be the first
+            time.sleep(1)
+            begun.append(label)
+        return compile_one(units, label)
+
+    compile_one = cache.CompiledUnits._compile_one
+    monkeypatch.setattr(cache.CompiledUnits, "_compile_one", slowly)
+    with pytest.raises(DeclarationError, match=r"^local\.act \(.*cannot be compiled"):
+        make(Walkers(), Local())
+    assert begun[-1] == "local.act"
+    assert len(begun) <= 2
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)  # no child is left

@@ -1,9 +1,9 @@
 """How kernels run: as Python within a compiled process, with the same bits; and with checks of their indices."""
 
-import dataclasses
 import os
 import subprocess
 import sys
+from collections.abc import Collection
 from contextlib import nullcontext
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from outlast import Scenario
-from outlast.ecs import DeclarationError, Module, Rows, Worlds, Write, jit, kernel
+from outlast.ecs import DeclarationError, Module, Read, Rows, ScheduleError, Worlds, Write, jit, kernel
 from outlast.ecs.cache_key import CacheKey
 from outlast.ecs.jit import interpreted, loader, storer
 from outlast.ecs.kernel_check import check_interpretable
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
-from outlast.ecs.tick import RESET, STEP, segments
+from outlast.ecs.tick import RESET, STEP
 from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
 from tests.conftest import COMPILED, digest
@@ -29,22 +29,12 @@ TICKS = 40
 compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine code")
 
 
-def interpret(worlds: Worlds) -> None:
-    """Let every system of these worlds run as Python."""
-    systems = [dataclasses.replace(system, compiled=False) for system in worlds.schedule.systems]
-    worlds._segments = segments(worlds.layout, systems)
-    worlds.times = [0.0] * len(worlds._segments)
-    assert not any(segment.compiled for segment in worlds._segments)
-
-
-def play(scenario: Scenario, python: bool) -> list[str]:
+def play(scenario: Scenario, interpret: Collection[str] = ()) -> list[str]:
     """Digests of two worlds after each tick."""
-    worlds = Worlds(scenario.modules, 2)
-    if python:
-        interpret(worlds)
+    worlds = Worlds(scenario.modules, 2, interpret=interpret)
     worlds.seed(3, np.arange(2))
     rng, digests = np.random.default_rng(5), []
-    with interpreted() if python else nullcontext(), sines_of_c() if python else nullcontext():
+    with sines_of_c() if interpret else nullcontext():
         for tick in range(TICKS):
             worlds.actions[:] = rng.integers(0, 2, worlds.actions.shape)
             worlds.run(np.full(2, STEP if tick % 30 else RESET, np.int8))
@@ -56,8 +46,44 @@ def play(scenario: Scenario, python: bool) -> list[str]:
 @pytest.mark.slow
 def test_every_system_gives_the_same_bytes_as_python() -> None:
     """On tables of teams_3, which has every mechanic of the paper."""
-    plain = play(short("teams_3").replace(physics_backend="portable"), python=True)
-    assert plain == play(short("teams_3"), python=False)
+    portable = short("teams_3").replace(physics_backend="portable")
+    labels = [system.label for system in Worlds(portable.modules, 1).schedule.systems]
+    assert play(portable, labels) == play(short("teams_3"))
+
+
+@compiled_only
+@pytest.mark.parametrize("threads", [1, 3])
+def test_single_systems_run_as_python(capsys: pytest.CaptureFixture[str], threads: int) -> None:
+    """With Python's own print and errors, among others that stay machine code."""
+
+    class Local(Toy):
+        pass
+
+    @Local.system(toy_game.Phase.FEED)
+    def act(place: Read[Place], rows: Rows[Place]) -> None:
+        print("rows", rows.size)
+        if place.x[rows[0]] < -1000:
+            raise KeyError("far away")
+
+    worlds = Worlds((*toy_game.GAME, Local()), 40, threads, interpret=["local.act", "walkers.walk"])
+    toy_game.run(worlds, RESET, STEP)
+    assert {segment.compiled for segment in worlds._segments} == {True, False}
+    assert capsys.readouterr().out.count("rows ") == 40  # machine code prints past Python's stdout
+    worlds[Place].x[:] = -5000
+    with pytest.raises(KeyError, match="far away") as caught:
+        toy_game.run(worlds, STEP)
+    assert caught.traceback[-1].name == "act"
+    worlds.close()
+
+
+@compiled_only
+def test_some_systems_as_python_give_the_same_bytes() -> None:
+    assert play(short("ffa_1"), ["motors.drive", "melee.aim", "pickup.pick_up"]) == play(short("ffa_1"))
+
+
+def test_an_unknown_system_cannot_be_interpreted() -> None:
+    with pytest.raises(ScheduleError, match=r"no system 'walkers.wlak' here; did you mean 'walkers.walk'"):
+        Worlds(toy_game.GAME, 1, interpret=["walkers.wlak"])
 
 
 @kernel

@@ -11,6 +11,7 @@ import pytest
 import outlast
 from outlast.components import Body, Fault, Health, ObservationMasks
 from outlast.ecs import Action, Clock, Entity, Signal
+from outlast.ecs.event import zero_unused
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
@@ -31,6 +32,7 @@ def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Surv
 
 def state(worlds: Any) -> str:
     """Everything but the actions of worlds that took no step, and observation masks: they mean nothing any more."""
+    zero_unused(worlds.layout.events, worlds.event_memory)
     parts = [c for c in worlds.components if not c.packed and c is not ObservationMasks and not issubclass(c, Action)]
     buffers = [column.tobytes() for c in parts for column in worlds[c]]
     return worlds.block.tobytes().hex() + b"".join(buffers).hex()

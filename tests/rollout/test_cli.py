@@ -27,6 +27,23 @@ def test_variants_lists_all_eight_with_their_original_names(capsys):
     assert "teams_4   2v2_all_high" in out
 
 
+def test_schedule_prints_the_generated_code(capsys):
+    status, out, _ = run(capsys, "schedule", "ffa_1", "--source")
+    assert status == 0
+    assert "# ---- MELEE (step): attacks have landed" in out
+    assert "def unit(arguments, first, last):  # melee.aim" in out
+
+
+def test_a_system_runs_as_python(capsys):
+    few = ("rollout", "ffa_1", "--worlds", "2", "--steps", "5", "--quiet")
+    status, out, _ = run(capsys, *few, "--interpret", "melee.aim", "--interpret", "melee.strike")
+    assert status == 0
+    assert "10 world-steps" in out
+    status, _, err = run(capsys, *few, "--interpret", "melee.ain")
+    assert status == 2
+    assert "did you mean 'melee.aim'" in err
+
+
 def test_schedule_prints_the_tick(capsys):
     status, out, _ = run(capsys, "schedule", "1v1_heals_low")
     assert status == 0
