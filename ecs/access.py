@@ -77,7 +77,16 @@ class Parameter:
 
 
 def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
-    """Read the annotations of a function. Raises DeclarationError for one that is not in the table above."""
+    """Read the annotations of a function.
+
+    Raises:
+        DeclarationError: One is not in the table above, or the function would not run when it is called.
+    """
+    if inspect.isgeneratorfunction(function) or inspect.iscoroutinefunction(function):
+        raise DeclarationError(
+            f"{function.__module__}.{function.__qualname__} is a generator or a coroutine: a call of it would do "
+            "nothing; write a function without yield or async"
+        )
     hints = get_type_hints(function, include_extras=True)
     return tuple(_parameter(function, name, hints.get(name)) for name in inspect.signature(function).parameters)
 
@@ -85,6 +94,11 @@ def parameters(function: Callable[..., Any]) -> tuple[Parameter, ...]:
 def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
     if get_origin(hint) is Annotated:
         inner, kind = get_args(hint)[:2]
+        if kind in ("read", "write", "add") and not (isinstance(inner, type) and issubclass(inner, Component)):
+            raise DeclarationError(
+                f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {kind.title()}[{inner!r}]; a "
+                f"component is needed, as in {kind.title()}[Body]"
+            )
         if kind == "add" and issubclass(inner, Event):
             raise DeclarationError(
                 f"{function.__module__}.{function.__qualname__}: parameter '{name}' is Add[{inner.__name__}], but the "

@@ -26,6 +26,7 @@ DAY = 86_400  # seconds
 UNUSED = 30 * DAY  # what nobody loaded for so long is deleted
 LARGEST = 256 * 2**20  # bytes of all files together; of more, the longest unused are deleted
 SUFFIX = ".unit"
+DESCRIPTION = ("symbol", "constants", "externals")  # of a Code
 
 
 def path_of(label: str, key: str) -> Path:
@@ -44,16 +45,18 @@ def read(path: Path) -> Code | None:
     head, _, image = content.partition(b"\n")
     try:
         header = json.loads(head)
-        code = Code(header["symbol"], image, header["constants"])
+        code = Code(header["symbol"], image, header["constants"], header["externals"])
         return code if header["checksum"] == _checksum(code) else None
     except (ValueError, TypeError, KeyError):
         return None
 
 
 def write(path: Path, code: Code) -> bool:
-    """Write a file, whole or not at all; False, with a warning, if the disk is full."""
+    """Write a file, whole or not at all; False if others cannot load it, and, with a warning, if the disk is full."""
+    if not code.portable:
+        return False
     try:
-        head = json.dumps({"checksum": _checksum(code), "symbol": code.symbol, "constants": code.constants})
+        head = json.dumps({"checksum": _checksum(code), **{name: getattr(code, name) for name in DESCRIPTION}})
     except TypeError:  # a constant that JSON does not have: it is compiled again in each process
         return False
     try:
@@ -88,7 +91,7 @@ def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
 
 
 def _checksum(code: Code) -> str:
-    told = json.dumps([code.symbol, code.constants]).encode()
+    told = json.dumps([getattr(code, name) for name in DESCRIPTION]).encode()
     return hashlib.sha256(told + code.image).hexdigest()
 
 
@@ -111,8 +114,8 @@ def cache_folder() -> Path:
     Raises:
         PermissionError: Another user owns the temporary folder, or may write to it.
     """
-    if "OUTLAST_CACHE_DIR" in os.environ:
-        return Path(os.environ["OUTLAST_CACHE_DIR"])
+    if given := os.environ.get("OUTLAST_CACHE_DIR"):
+        return Path(given)
     folder = Path(platformdirs.user_cache_dir("outlast"))
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,10 @@ def explained(system: System | None) -> Iterator[None]:
         if system is None:  # the engine's own
             raise
         raise _explanation(error, system) from error
+    except Exception as error:  # of any type, as where a package is missing that numba needs
+        if system is not None:
+            error.add_note(f"Raised while {system.label} was compiled. {AS_PYTHON}")
+        raise
 
 
 def first_sentence(error: BaseException) -> str:

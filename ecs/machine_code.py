@@ -20,20 +20,28 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, RuntimeLinker
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.errors import UnsupportedError
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
+ADDRESS = "numba.dynamic.globals."  # how numba calls variables that hold an address of this process
 ENVIRONMENTS: list[Any] = []  # of loaded code, which refers to them
 
 
 class Code(NamedTuple):
-    """A compiled function: its symbol, the object file, and the constants that its Python calls (print) need."""
+    """A compiled function: its symbol, the object file, and what that needs.
+
+    constants: of its Python calls (print). externals: symbols of the C functions that it calls. portable: whether other
+    processes can load it; not if it has addresses of this one, as of a large array that it refers to.
+    """
 
     symbol: str
     image: bytes
     constants: dict[str, list[Any]]
+    externals: list[str]
+    portable: bool = True
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
@@ -62,13 +70,33 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
     def get_pointer_to_function(self, name: str) -> int:
         """Translate it after all, for a function that Python calls, too."""
-        if not any(function.name == name and not function.is_declaration for function in self._final_module.functions):
+        if not any(function.name == name for function in _defined(self._final_module)):
             return 0
         if self._machine_code is None:
             self._machine_code = JITCodeLibrary(self._codegen, self.name)
-            self._machine_code.add_llvm_module(self._get_module_for_linking().clone())
+            self._machine_code.add_llvm_module(self._complete_module())
             self._machine_code.finalize()
         return int(self._machine_code.get_pointer_to_function(name))
+
+    def _complete_module(self) -> Any:
+        """The function with its callees, to be translated."""
+        module = self._get_module_for_linking().clone()
+        for function in _defined(self._final_module):
+            module.get_function(function.name).linkage = "external"  # else it is left out, as nothing calls it
+        return module
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """For numba's own cache, where a function of a user's asks for that."""
+        return self.name, "bitcode", self._complete_module().as_bitcode()
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        """A function from numba's own cache is complete, and stays so."""
+        codegen._library_class = JITCodeLibrary
+        try:
+            return JITCodeLibrary._unserialize(codegen, state)
+        finally:
+            codegen._library_class = cls
 
     def _get_module_for_linking(self) -> Any:
         """The function with its callees, for numba's own libraries, which link no more than one level."""
@@ -79,23 +107,30 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return self._merged
 
     def _callees(self) -> list[JITCodeLibrary]:
-        found: dict[int, JITCodeLibrary] = {id(self): self}
-        ahead = [self]
-        while ahead:
-            for library in ahead.pop()._linking_libraries:
-                if id(library) not in found:
-                    found[id(library)] = library
-                    if isinstance(library, Library):
-                        ahead.append(library)
-        return list(found.values())[1:]
+        """The libraries of its callees and of theirs, callers first: what nobody has called yet is not linked."""
+        found, seen = list[JITCodeLibrary](), set[JITCodeLibrary]()
+
+        def visit(library: JITCodeLibrary) -> None:
+            seen.add(library)
+            if isinstance(library, Library):
+                for each in library._linking_libraries:
+                    if each not in seen:
+                        visit(each)
+            found.insert(0, library)
+
+        visit(self)
+        return found[1:]
 
     def emit(self, symbol: str) -> Code:
         """Link, optimise and translate it."""
         callees = self._callees()
         for library in callees:
             self._final_module.link_in(_own_module(library), preserve=True)
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.name != symbol:
+        for value in self._final_module.global_variables:
+            if value.name.startswith(RuntimeLinker.PREFIX):
+                raise UnsupportedError("a function that it calls calls itself: write a loop")
+        for function in _defined(self._final_module):
+            if function.name != symbol:
                 function.linkage = "internal"
         environments = {
             name: environment
@@ -114,7 +149,15 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
                 value.name = f"{symbol}.{len(constants)}"
                 constants[value.name] = values
         self._final_module.verify()
-        return Code(symbol, self._codegen._tm.emit_object(self._final_module), constants)
+        declared = [function.name for function in self._final_module.functions if function.is_declaration]
+        externals = [name for name in declared if not name.startswith("llvm.")]
+        portable = not any(value.name.startswith(ADDRESS) for value in self._final_module.global_variables)
+        return Code(symbol, self._codegen._tm.emit_object(self._final_module), constants, externals, portable)
+
+
+def _defined(module: Any) -> list[Any]:
+    """The functions that LLVM code defines."""
+    return [function for function in module.functions if not function.is_declaration]
 
 
 def _own_module(library: Any) -> Any:
@@ -151,10 +194,14 @@ def compile_function(function: Callable[..., None], options: dict[str, Any], *, 
 
 
 def load_code(codes: Iterable[Code]) -> list[int]:
-    """The addresses of compiled functions."""
+    """The addresses of compiled functions. OSError if one of the C functions that they call is not in this process."""
     codes = list(codes)
     engine = cpu_target.target_context.codegen()._engine
     with global_compiler_lock:
+        if _missing(codes):
+            cpu_target.target_context.refresh()  # adds numba's own, such as those that allocate memory
+        if missing := _missing(codes):
+            raise OSError(f"compiled code calls C functions that are not loaded: {', '.join(missing)}")
         for code in codes:
             engine._ee.add_object_file(llvmlite.binding.ObjectFileRef.from_data(code.image))
         engine.finalize_object()
@@ -166,6 +213,12 @@ def load_code(codes: Iterable[Code]) -> list[int]:
                     ENVIRONMENTS.append(environment)
                     ctypes.c_void_p.from_address(address).value = id(environment)
         return [engine.get_function_address(code.symbol) for code in codes]
+
+
+def _missing(codes: Iterable[Code]) -> list[str]:
+    """C functions of which this process has no address; calls of them would be calls of address 0."""
+    names = {name for code in codes for name in code.externals}
+    return sorted(name for name in names if llvmlite.binding.address_of_symbol(name) is None)
 
 
 def as_python(address: int) -> Any:
@@ -196,10 +249,14 @@ def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: An
 
 
 def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], str]:
-    """The exception that a compiled function raised: type, arguments, and the file and line, where numba kept them."""
+    """The exception that a compiled function raised: type, arguments, and the file and line, where numba kept them.
+
+    Arguments that are not constants are "...": only Python shows them.
+    """
     data = ctypes.c_void_p.from_address(address).value
     size = ctypes.c_int32.from_address(address + ctypes.sizeof(ctypes.c_void_p)).value
     if not data:
         return RuntimeError, ("an exception of compiled code, of which nothing is known",), ""
     kind, arguments, place = pickle.loads(ctypes.string_at(data, size))
-    return kind, tuple(arguments or ()), f"{place[1]}, line {place[2]}" if place else ""
+    arguments = tuple("..." if isinstance(each, ir.Constant) else each for each in arguments or ())
+    return kind, arguments, f"{place[1]}, line {place[2]}" if place else ""

@@ -125,7 +125,10 @@ def _order_phase(systems: Sequence[System], known: Sequence[System], pairs: Iter
         ready = next((s for s in waiting if earlier[s.label] <= predecessors.keys()), None)
         if ready is None:
             names = ", ".join(s.label for s in waiting)
-            raise ScheduleError(f"the after/before of these systems run in a circle: {names}")
+            raise ScheduleError(
+                f"the after/before of these systems run in a circle: {names}; leave one of them out"
+                + (", or a part of scenario.ordered(...)" if pairs else "")
+            )
         predecessors[ready.label] = set().union(*({name} | predecessors[name] for name in earlier[ready.label]))
         ordered.append(ready)
         waiting.remove(ready)

@@ -77,6 +77,7 @@ class Worlds:
         self.event_memory = EventMemory(counts, np.zeros(count, self.layout.event_type))
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
+        interpret = (interpret,) if isinstance(interpret, str) else interpret
         _check_labels(interpret, self.schedule)
         for system in self.schedule.systems:
             if system.outside:
@@ -275,8 +276,7 @@ class Worlds:
 
 def _check_labels(interpret: Collection[str], systems: schedule.Schedule) -> None:
     known = [system.label for system in systems.systems]
-    labels = (interpret,) if isinstance(interpret, str) else interpret
-    for label in labels:
+    for label in interpret:
         if label not in known:
             near = difflib.get_close_matches(label, known, 3)
             hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""

@@ -87,6 +87,7 @@ def update_masks(
     entities: Read[Entity],
     agents: Rows[Side],
     peers: Bitset[Side],
+    rows: Bitset[Entity],
     alive: Scratch,
 ) -> None:
     """Set the masks of observations, and which rows are filled.
@@ -96,7 +97,7 @@ def update_masks(
     """
     mode = sight.mode[0]
     for b in range(peers.size):
-        alive[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b))
+        alive[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & rows[b]
     for i in range(agents.size):
         living = -np.int32(entities.alive[agents[i]])  # all bits, or none
         for b in range(peers.size):

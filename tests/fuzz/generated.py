@@ -1,5 +1,6 @@
 """The source of random mechanics, as a user would write them: most are right, some have a mistake."""
 
+import re
 from random import Random
 
 HEAD = '''"""Generated."""
@@ -55,6 +56,16 @@ SYSTEMS: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("SPAWN", "DRAW"), "mark: Write[{name}Mark], key: Random", "mark.level[e] = int(np.float32(9) * uniform(key, e))"),
     (("MOVE", "SEE"), "mark: Add[{name}Mark], side: Read[Side]", "mark.level[e] += 1 + side.side[e]"),
     (("USE", "SEE"), "sightings: Write[{name}Sighting]", "sightings.agent[emit(sightings)] = e"),
+    (
+        ("RECORD", "END"),
+        "tally: Add[{name}Tally], sightings: Read[{name}Sighting], hits: Read[Hit]",
+        "tally.{stat}[0] += (sightings.agent[e] == e) + (hits.amount[e] if e < hits.count[0] else 0)",
+    ),
+    (
+        ("OBSERVE",),
+        "view: Write[SelfView], mark: Read[{name}Mark], own_{field}: Offset",
+        "view.own[e, own_{field}] = rate * np.float32(mark.level[e])",
+    ),
 )
 MISTAKES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("DRIVE",), "body: Write[Body]", "body.velocity[e] = rate"),
@@ -66,11 +77,16 @@ MISTAKES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (("DRIVE",), "body: Write[Body]", "body.vx[e] = np.random.random()"),
     (("ZONE",), "mark: Write[{name}Mark]", "mark.level[e + 100000] = amount"),
     (("ZONE",), "mark: Write[{name}Mark]", "mark.level[e] = clamped(amount)"),
+    (("SEE",), "sightings: Write[{name}Sighting]", "for _ in range(9):\n            emit(sightings)"),
+    (("SEE",), "secrets: Write[{name}Secret]", "secrets.agent[emit(secrets)] = e"),
+    (("SEE",), "sightings: Write[{name}Sighting]", "sightings.who[emit(sightings)] = e"),
+    (("OBSERVE",), "view: Write[SelfView], own_{stat}: Offset", "view.own[e, own_{stat}] = rate"),
 )
 OWNERS = {  # what has systems in these phases
     "DRIVE": "motors", "MELEE": "melee", "EFFECT": "heals", "ZONE": "safe_zone", "USE": "inventory",
     "GIVE": "give_last", "MOVE": "physics", "SEE": "cameras", "DIE": "mortality", "PICKUP": "pickup",
     "BREAK": "boxes", "RECORD": "record", "END": "ending", "SPAWN": "room", "DRAW": "safe_zone",
+    "OBSERVE": "agents",
 }  # fmt: skip
 
 
@@ -87,7 +103,7 @@ def source(rng: Random, name: str, mechanics: list[str]) -> str:
 
 
 def _mechanic(rng: Random, name: str, others: list[str]) -> str:
-    stat = f"{name.lower()}_low"
+    stat, field = f"{name.lower()}_low", "mark" if rng.random() < 0.05 else f"{name.lower()}_mark"
     text = f'''
 
 class {name}Mark(Component):
@@ -99,6 +115,10 @@ class {name}Tally(Statistic):
 
 
 class {name}Sighting(Event, capacity="{stat}"):
+    agent: Array = column("i4", unit="entity")
+
+
+class {name}Secret(Event, capacity=Side):  # which nobody brings
     agent: Array = column("i4", unit="entity")
 
 
@@ -117,14 +137,19 @@ class {name}(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {{"hits": "agents + agents + agents", "{stat}": "agents + agents + agents"}}
+
+    def fields(self) -> Any:
+        return {{"own": (Field("{field}", "marks", scale=9.0, order={rng.choice((0, 0, -1))}),)}}
 '''
     before = ""
     for k in range(rng.choice((1, 1, 2, 3))):
         phases, parameters, body = rng.choice(MISTAKES if rng.random() < 0.08 else SYSTEMS)
-        parameters, body = (part.format(name=name, stat=stat) for part in (parameters, body))
+        parameters, body = (part.format(name=name, stat=stat, field=field) for part in (parameters, body))
         phase = rng.choice(phases)
         other = rng.choice([*others, "nobody"]) if rng.random() < 0.03 else OWNERS[phase]
         orders = [f', after="{other}"'] * 4 + [f', before="{other}"', ""]
+        if written := re.findall(r"(?:Write|Add)\[(\w+)\]", parameters):
+            orders += [f", after={written[0]}"] * 4 + [f", before={written[0]}"]
         after = f', after=("{other}", "{_snake(name)}.act{k - 1}")' if phase == before else rng.choice(orders)
         before = phase
         text += f"""
