@@ -81,7 +81,9 @@ def _describe_component(component: type[Component]) -> str:
         (name, c.dtype.str, c.dims, float(c.fill), float(c.low), float(c.high), c.key, *_describe_fields(c.fields))
         for name, c in (component.columns if is_outside(component) else {}).items()
     ]
-    return f"{full_name(component)} {bases} {component.order} {component.packed} {columns}"
+    capacity = getattr(component, "capacity", "") if is_outside(component) else ""  # of an event
+    capacity = full_name(capacity) if isinstance(capacity, type) else capacity
+    return f"{full_name(component)} {bases} {component.order} {component.packed} {capacity} {columns}"
 
 
 def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:

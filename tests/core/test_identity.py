@@ -30,13 +30,17 @@ import numpy as np
 
 from outlast.components import Body, Phase, Side
 from outlast.components.body import inverse
-from outlast.ecs import Archetype, Array, Component, Entity, Module, Random, Read, Rows, Scratch, Write, column, kernel, number
+from outlast.ecs import Archetype, Array, Component, Entity, Event, Module, Random, Read, Rows, Scratch, Write, column, kernel, number
 from outlast.ecs.random import uniform
 from outlast.ecs.simd import load
 
 
 class Mud(Component):
     depth: Array = column("f4", fill=1)
+
+
+class Splash(Event, capacity=4):
+    agent: Array = column("i4", unit="entity")
 
 
 class Kind(Enum):
@@ -58,6 +62,9 @@ class Swamp(Module):
 
     def archetypes(self):
         return [Archetype("agent", (Mud(depth=2),))]
+
+    def singletons(self):
+        return [Splash()]
 
     def scratch(self, name, dims):
         return np.full(3, 0.25, np.float32)
@@ -83,6 +90,7 @@ CHANGES = {  # each of them makes another game of it
     "a default of a column": ("fill=1", "fill=2"),
     "the type of a column": ('"f4", fill', '"f8", fill'),
     "scratch memory": ("np.full(3, 0.25", "np.full(3, 0.5"),
+    "room for events": ("capacity=4", "capacity=5"),
     "the phase": ("Phase.DRIVE", "Phase.USE"),
     "the order": ('after="motors"', "after=Body"),
     "the access": ("Write[Body]", "Read[Body]"),
