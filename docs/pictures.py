@@ -110,7 +110,24 @@ def poison() -> Image:
     return beside([before, closeup(env, 0.3, 0, 3, 240, layers)])
 
 
-PICTURES: dict[str, Callable[[], Image]] = {made.__name__: made for made in (start, sight, zone, boxes, fight, poison)}
+def tag() -> Image:
+    """The game of the tutorial, while it is played."""
+    sys.path.insert(0, str(DOCS / "examples"))
+    from tag import TAG
+    from tag_policy import chase
+    from tag_view import TAG_LAYERS
+
+    env = outlast.make_vec(TAG, 1, seed=0, first_world=12)
+    act = chase(env)
+    observations, _ = env.reset()
+    for _ in range(50):
+        observations, *_ = env.step(act(observations))
+    return draw(env.worlds, 0, 320, TAG_LAYERS)
+
+
+PICTURES: dict[str, Callable[[], Image]] = {
+    made.__name__: made for made in (start, sight, zone, boxes, fight, poison, tag)
+}
 
 
 def main() -> None:

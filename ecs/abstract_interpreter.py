@@ -33,6 +33,7 @@ from .abstract_values import (
     tracked,
 )
 from .cache_key import FOREIGN
+from .component import Component
 from .errors import DeclarationError, EngineError, ScheduleError
 from .references import is_outside
 
@@ -46,6 +47,7 @@ class Calls(Protocol):
     """What calls the functions: the check of a system."""
 
     label: str
+    offsets: dict[tuple[type[Component], str], set[str]]  # see System.offsets
 
     def call(
         self, function: FunctionType, arguments: dict[str, Values], trail: tuple[str, ...], report: bool
@@ -254,6 +256,18 @@ class Activation:
             example = next(iter(target.component.columns))
             self._refuse(f"{component_name(target)} is a table: write one of its columns, as in .{example}[...]")
         self._refuse_write(target)
+        if isinstance(target, Column):
+            self._check_field(target, self._only(statement.index))
+
+    def _check_field(self, target: Column, index: Any) -> None:
+        """Refuse a literal column: a system with Offsets touches their fields only, which decides on its order."""
+        names = self.calls.offsets.get((target.component, target.name))
+        last = (
+            next(iter(index[-1]), UNKNOWN) if isinstance(index, tuple) and index else index if target.part else UNKNOWN
+        )
+        if names and isinstance(last, Constant):
+            own = ", ".join(sorted(names))
+            self._refuse(f"writes {target} beside the fields of its Offsets ({own}); take an Offset for each field")
 
     def _set_attribute(self, statement: Any) -> None:
         target = self._only(statement.target)

@@ -67,6 +67,6 @@ def _exception(unit: Unit, first_world: int, address: int) -> BaseException:
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     error.add_note(
         f"Raised in one of the worlds {first_world} to {first_world + CHUNK - 1}. "
-        f'To see the line or to set a breakpoint, run this system as Python: Worlds(..., interpret=("{unit.label}",))'
+        f'To see the line or to set a breakpoint, run this system as Python, with interpret=("{unit.label}",)'
     )
     return error

@@ -84,6 +84,8 @@ def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
     Raises:
         KeyError: There is no such field.
     """
+    if missing := [name for name in names if name not in fields]:
+        raise KeyError(f"there is no field '{missing[0]}' here; there are: {', '.join(fields)}")
     if len(names) == 1 and fields[names[0]].size == 1:
         return fields[names[0]].start
     found = [k for name in names for k in range(fields[name].start, fields[name].columns.stop)]
@@ -141,11 +143,11 @@ def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: s
         if column.fields and not isinstance(column.fields, str)
     }
     for module in layout.modules:
-        for key, added in module.fields().items():
+        for key, added in _added(module):
             if key in found:
                 found[key] += [(field.order, module.name, field) for field in added]
             elif key in observations or key not in imported:
-                raise DeclarationError(_not_extended(module.name, key, observations, [*found, *imported]))
+                raise DeclarationError(_not_extended(module.name, key, observations, {*found, *imported}))
     result = {key: dict(_in_order(layout, key, entries)) for key, entries in sorted(found.items())}
     for key, (owner, column) in observations.items():
         if isinstance(column.fields, str):
@@ -156,6 +158,18 @@ def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: s
                 )
             result[key] = result[column.fields]
     return result
+
+
+def _added(module: Any) -> Iterator[tuple[str, tuple[Field, ...]]]:
+    """What a module's fields() returns, checked."""
+    given = module.fields()
+    for key, added in given.items() if isinstance(given, Mapping) else [("", given)]:
+        if not (key and isinstance(added, tuple | list) and all(isinstance(field, Field) for field in added)):
+            raise DeclarationError(
+                f"{module.name}.fields() returned {given!r:.60}: a tuple of Field by key is needed, as in "
+                'return {"own": (Field("stamina"),)}; with one, mind the comma'
+            )
+        yield key, tuple(added)
 
 
 def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> Iterator[tuple[str, Field]]:
@@ -177,11 +191,11 @@ def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> I
         start += field.size
 
 
-def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: list[str]) -> str:
+def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: set[str]) -> str:
     """Why a module cannot add fields to a key."""
     if key not in observations:
-        near = difflib.get_close_matches(key, known)
-        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(sorted(set(known)))}"
+        near = difflib.get_close_matches(key, sorted(known))
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(sorted(known))}"
         return f"{module} adds fields to the observation '{key}', which no mechanic declares; {hint}"
     owner, column = observations[key]
     if column.fields:

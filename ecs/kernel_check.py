@@ -61,7 +61,7 @@ class _Check:
     """The check of one system: the functions it calls, each with the values of its arguments."""
 
     def __init__(self, system: System) -> None:
-        self.system, self.label = system, system.label
+        self.system, self.label, self.offsets = system, system.label, system.offsets()
         self.code: dict[FunctionType, Any] = {}  # intermediate representations
         self.results: dict[Any, Values] = {}
 

@@ -4,6 +4,7 @@ All packed columns of one world are contiguous, so a tick reads one stretch of m
 world is to copy bytes. Columns that environments return (actions, observations, signals) have buffers of their own.
 """
 
+import difflib
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -42,6 +43,14 @@ class Archetype:
     count: int = 0
     alive: bool = True
     order: int | None = None
+
+    def __post_init__(self) -> None:
+        parts: Any = self.parts
+        if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
+            raise DeclarationError(
+                f"Archetype({self.name!r}, {parts!r:.60}): a tuple of instances of components is needed, as in "
+                f"Archetype({self.name!r}, (Health(points=20),)); with one, mind the comma"
+            )
 
 
 @dataclass(frozen=True)
@@ -197,9 +206,11 @@ class Layout:
                 makers = self.modules[0].providers(
                     lambda module: any(kind.name == name and kind.count for kind in module.archetypes())  # noqa: B023
                 )
+                near = difflib.get_close_matches(name, [name for name, kind in self.archetypes.items() if kind.count])
+                cure = f"did you mean {' or '.join(map(repr, near))}?" if near else "add a module that does"
                 raise DeclarationError(
-                    f"modules extend the archetype '{name}', but none declares how many there are; add "
-                    f"{makers or 'a module that does'}"
+                    f"modules extend the archetype '{name}', but none declares how many there are; "
+                    f"{f'add {makers}' if makers else cure}"
                 )
 
     def _check_dims(self) -> None:

@@ -16,6 +16,7 @@ random numbers are those of the stream "poison.sicken": a subclass draws what it
 
 import contextlib
 import dataclasses
+import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -60,11 +61,13 @@ class Module:
 
     def __init_subclass__(cls) -> None:
         cls.registered = []
-        for item in dataclasses.fields(cls.__mro__[1]) if dataclasses.is_dataclass(cls.__mro__[1]) else ():
+        inherited = dataclasses.fields(cls)
+        for item in inherited:
             given = vars(cls).get(item.name, dataclasses.MISSING)
             if given is not dataclasses.MISSING and not isinstance(given, dataclasses.Field):  # another default
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
+        cls._check_constants([item.name for item in inherited])
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
             cls.name = snake_case(cls.__name__)
         for attribute in ("name", "stream"):
@@ -73,6 +76,19 @@ class Module:
                 raise DeclarationError(
                     f"{cls.__module__}.{cls.__qualname__} has the {attribute} {value!r}: it must be lower-case "
                     f'letters, digits and underscores, such as {attribute} = "swamp"'
+                )
+
+    @classmethod
+    def _check_constants(cls, numbers: list[str]) -> None:
+        """DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
+        known = {*Module.__annotations__, *vars(cls).get("__annotations__", {})}
+        for name, value in vars(cls).items():
+            if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
+                near, kind = difflib.get_close_matches(name, numbers, 1), type(value).__name__
+                hint = f"did you mean {near[0]}? A" if near else "a"
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} = {value!r:.60} is no other default of an inherited number; {hint} new "
+                    f"number is declared as {name}: {kind} = number(...), a constant as {name}: ClassVar[{kind}] = ..."
                 )
 
     def __post_init__(self) -> None:

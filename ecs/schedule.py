@@ -264,15 +264,4 @@ def _conflict(first: System, second: System) -> type[Component] | None:
 
 def _fields(system: System, component: type[Component]) -> set[str]:
     """Names of its Offsets into an observation, which is all that it touches there; empty: it touches everything."""
-    owners = {
-        column.key or name: touched
-        for parameter in system.parameters
-        for touched in parameter.components
-        for name, column in touched.columns.items()
-        if column.fields
-    }
-    found = set()
-    for name in (parameter.name for parameter in system.parameters if parameter.kind == "offset"):
-        key = max((key for key in owners if name.startswith(f"{key}_")), key=len, default="")
-        found |= {name} if owners.get(key) is component else set()
-    return found
+    return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

@@ -45,6 +45,21 @@ class System:
         """Whether a parameter of one of these kinds ("read", "write", "add") is of the component."""
         return any(component in p.components and p.kind in kinds for p in self.parameters)
 
+    def offsets(self) -> dict[tuple[type[Component], str], set[str]]:
+        """Its Offsets, by component and column of the observation that has the fields."""
+        owners = {
+            column.key or name: (component, name)
+            for parameter in self.parameters
+            for component in parameter.components
+            for name, column in component.columns.items()
+            if column.fields
+        }
+        found: dict[tuple[type[Component], str], set[str]] = {}
+        for name in (parameter.name for parameter in self.parameters if parameter.kind == "offset"):
+            if key := max((key for key in owners if name.startswith(f"{key}_")), key=len, default=""):
+                found.setdefault(owners[key], set()).add(name)
+        return found
+
     def inherited(self, subclass: str) -> "System":
         """The same system as one of a subclass of that name; the order among systems of one module stays."""
 

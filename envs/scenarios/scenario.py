@@ -36,6 +36,7 @@ class Scenario:
     order: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
+        _check_mechanics(self.name, self.modules)
         taken: dict[type, Module] = {}
         for module in self.modules:
             other = taken.setdefault(module.slot(), module)
@@ -75,9 +76,7 @@ class Scenario:
         Raises:
             ScenarioError: What is given is no mechanic.
         """
-        for module in modules:
-            if not isinstance(module, Module):
-                raise ScenarioError(f"{module!r} is not a module: pass an instance, as in with_(Melee(damage=20))")
+        _check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
         return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
 
@@ -160,6 +159,12 @@ class Scenario:
         near = difflib.get_close_matches(asked, [*options, *known], 3)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
         return NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
+
+
+def _check_mechanics(name: str, modules: Iterable[Any]) -> None:
+    for module in modules:
+        if not isinstance(module, Module):
+            raise ScenarioError(f"{name}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
 
 
 def _full(asked: str) -> str:

@@ -145,6 +145,14 @@ def adding(key: str, *fields: Field) -> Scenario:
     return variant("ffa_1").with_(Adding())
 
 
+def returning(given: Any) -> Scenario:
+    class Returning(Module):
+        def fields(self) -> Any:
+            return given
+
+    return variant("ffa_1").with_(Returning())
+
+
 def showing(**columns: Any) -> Scenario:
     view = type("View", (Observation,), columns)
 
@@ -161,7 +169,9 @@ REFUSED = {
         lambda: adding("own", Field("stamina")).with_(Stamina()),
         "'stamina' is a field of 'own' of both adding and stamina; rename one",
     ),
-    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'"),
+    "unknown key": (lambda: adding("onw", Field("a")), "adding adds .* 'onw', which no mechanic .* mean 'own'[?]$"),
+    "no tuple": (lambda: returning({"own": Field("a")}), r"returning.fields\(\) returned .*: a tuple of Field by key"),
+    "no key": (lambda: returning((Field("a"),)), r"returning.fields\(\) returned .*: a tuple of Field by key"),
     "a copy": (lambda: adding("others", Field("a")), "'others', whose rows have the fields of 'own': add them to that"),
     "a mask": (lambda: adding("heals_mask", Field("a")), "'heals_mask', which heals declares without any: declare"),
     "scale": (lambda: adding("own", Field("a", scale=0)), r"'a' of 'own' \(adding\) has the scale 0: a number of at"),
@@ -181,6 +191,12 @@ def test_fields_that_cannot_be_are_refused(case: str) -> None:
     make, words = REFUSED[case]
     with pytest.raises(DeclarationError, match=words):
         Layout(make().modules)
+
+
+def test_columns_of_an_unknown_field_are_refused() -> None:
+    fields = Layout(variant("ffa_1").modules).fields["own"]
+    with pytest.raises(KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"):
+        columns_of(fields, "id", "team")
 
 
 def test_only_observations_have_fields() -> None:
@@ -257,3 +273,28 @@ def test_a_key_that_begins_like_another_one_is_told_from_it() -> None:
     scenario = asking(own=Write[SelfView], slot=Write[type(view)], own_slot_x=Offset).with_(slot)  # type: ignore[misc]
     with pytest.raises(ScheduleError, match=r"order of agents.see_self and asking.look"):
         Worlds(scenario.modules, 1)
+
+
+def test_a_system_writes_the_fields_of_its_offsets_only() -> None:
+    """Its order among those of other fields follows from that."""
+
+    def sneaky(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
+        for i in range(agents.size):
+            view.own[i, own_stamina] = 1
+            view.own[i, 0] = 7
+
+    def sneaky_row(view: Write[SelfView], agents: Rows[Side], own_stamina: Offset) -> None:
+        for i in range(agents.size):
+            row = view.own[i]
+            row[own_stamina] = 1
+            row[0] = 7
+
+    for function in (sneaky, sneaky_row):
+
+        class Sneaky(Module):
+            pass
+
+        Sneaky.system(Phase.OBSERVE, after="stamina")(function)
+        scenario = variant("ffa_1").with_(Stamina(), Sneaky())
+        with pytest.raises(DeclarationError, match=r"sneaky.sneaky.* beside the fields of its Offsets \(own_stamina\)"):
+            Worlds(scenario.modules, 1)

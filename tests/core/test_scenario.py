@@ -168,6 +168,13 @@ def test_with_adds_or_replaces() -> None:
     assert teams.with_(FreeForAll()).numbers() == scenario.numbers()
 
 
+@pytest.mark.parametrize("given", [Melee, "melee", None])
+def test_what_is_no_mechanic_is_refused(given: Any) -> None:
+    for make in (lambda: variant("ffa_1").with_(given), lambda: Scenario("ffa_1", (Melee(), given))):
+        with pytest.raises(ScenarioError, match=r"ffa_1: .*elee.* is not a mechanic: pass an|None is not a mechanic"):
+            make()
+
+
 def test_replace_changes_numbers_only() -> None:
     scenario = variant("teams_3")
     changed = scenario.replace(n_agents=10, melee_damage=20, safe_zone_radii=[3, 2])
@@ -215,7 +222,7 @@ LEFT_OUT: dict[tuple[str, ...], tuple[set[str], list[int]]] = {  # modules: (key
 NEEDED = {  # the error without each of them
     ("agents",): (DeclarationError, "extend the archetype 'agent', but none declares how many .*add Agents"),
     ("ending",): (ScheduleError, "needs Score .*add .*Ending, or leave (record|rewards) out"),
-    ("rewards",): (ScheduleError, "record.note needs Reward .*add .*Rewards, or leave record out"),
+    ("rewards",): (ScheduleError, "record.note needs Reward .*add .*Rewards.*, or leave record out"),
     ("inventory",): (ScheduleError, "needs Bag .*add .*Inventory, or leave (give_last|pickup|death_drop) out"),
     ("room",): (ScheduleError, "needs Floor .*add .*Room, or leave (spawn_grid|safe_zone) out"),
     ("teams",): (DeclarationError, "the dimension 'sides'.* Episode.kills needs it: add FreeForAll or Teams"),

@@ -18,7 +18,7 @@ import pytest
 
 import outlast
 from outlast import systems
-from outlast.ecs import ScheduleError
+from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.training.paper.results import group_runs, load_runs
@@ -29,7 +29,7 @@ DOCS = ROOT / "docs"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_parser", "furo")
 LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
-PLAYED = ("sight", "fight")  # pictures of many ticks
+PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 
 # A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
 BLOCK = re.compile(
@@ -130,19 +130,28 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")
 
 
-def test_the_order_that_the_page_calls_ambiguous(tmp_path: Path) -> None:
-    source = (DOCS / "examples" / "poison.py").read_text()
-    assert source.count(", after=Body") == 1
-    file = tmp_path / "poison.py"
-    file.write_text(source.replace(", after=Body", ""))
-    spec = importlib.util.spec_from_file_location("poison", file)
+@pytest.mark.parametrize(
+    ("page", "file", "right", "wrong"),
+    [
+        ("mechanic", "poison", ", after=Body", ""),
+        ("tutorial", "tag", ", after=Body", ""),
+        ("tutorial", "tag", "breath.left[e] -= 1", "breath.lef[e] -= 1"),
+    ],
+)
+def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, wrong: str, tmp_path: Path) -> None:
+    source = (DOCS / "examples" / f"{file}.py").read_text()
+    assert source.count(right) == 1
+    copy = tmp_path / f"{file}.py"
+    copy.write_text(source.replace(right, wrong))
+    spec = importlib.util.spec_from_file_location(file, copy)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    with pytest.raises(ScheduleError) as refusal:
-        outlast.make_vec(outlast.variant("ffa_3").with_(module.Poison()), 1)
-    assert " ".join(str(refusal.value).split()) in " ".join(PAGES["mechanic"].split())
+    mechanic = {"poison": "Poison", "tag": "Stamina"}[file]
+    with pytest.raises(EngineError) as refusal:
+        outlast.make_vec(outlast.variant("ffa_3+steering").with_(getattr(module, mechanic)()), 1)
+    assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
 
 
 def pictures() -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -143,14 +143,21 @@ def test_a_fill_may_be_a_row_of_values() -> None:
     [
         ([Walkers(), parts("walker", Place())], "two modules give 'walker' the component Place"),
         ([parts("ghost", Mark())], "extend the archetype 'ghost', but none declares how many"),
+        ([Walkers(), parts("wolker", Mark())], "'wolker', .*; did you mean 'walker'"),
         ([parts("ghost", Wind(), count=1)], "Wind is per world and cannot be part of 'ghost'"),
         ([parts("ghost", Place(), count=1)], "no module defines the dimension 'memory'; known: blocks, damage_types"),
     ],
-    ids=["component twice", "only extended", "singleton inside", "unknown dimension"],
+    ids=["component twice", "only extended", "misspelt", "singleton inside", "unknown dimension"],
 )
 def test_archetypes_that_cannot_be_are_refused(modules: list[Module], words: str) -> None:
     with pytest.raises(DeclarationError, match=words):
         Worlds(modules, 1)
+
+
+@pytest.mark.parametrize("given", [Mark(), [Mark()], (Mark,)], ids=["no comma", "a list", "a class"])
+def test_components_that_are_no_tuple_are_refused(given: Any) -> None:
+    with pytest.raises(DeclarationError, match=r"Archetype\('walker', .*: a tuple of instances of components"):
+        Archetype("walker", given)
 
 
 def test_unknown_columns_are_refused() -> None:
@@ -203,6 +210,27 @@ def test_a_number_may_not_hide_what_modules_have() -> None:
 
     with pytest.raises(DeclarationError, match=r"a number .value., which hides Module\."):
         Hides()
+
+
+def test_another_default_of_an_unknown_number_is_refused() -> None:
+    @dataclass(frozen=True)
+    class Base(Toy):
+        speed: float = number(1.0)
+
+    with pytest.raises(DeclarationError, match=r"Fast\.sped = 3\.0 is no other default .*; did you mean speed\? A new"):
+
+        class Fast(Base):
+            sped = 3.0
+
+    class Mixin:
+        pass
+
+    @dataclass(frozen=True)
+    class Slow(Mixin, Base):
+        limit: ClassVar[int] = 3
+        speed = 0.5
+
+    assert Slow().speed == 0.5
 
 
 def test_numbers_take_the_type_of_their_annotation() -> None:

@@ -184,7 +184,7 @@ def test_the_command_prints_the_same_table(workers, capsys):
     assert "deaths_zone" in tables[0]
 
 
-@pytest.mark.parametrize("more", [("--threads", "2"), ("--log-deaths",)])
+@pytest.mark.parametrize("more", [("--threads", "2"), ("--log-deaths",), ("--interpret", "melee.aim")])
 def test_options_for_one_machine_are_refused(capsys, more):
     assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
     assert "leave them out with --ray" in capsys.readouterr().err

@@ -1,0 +1,329 @@
+"""Tag: one agent is it, and a touch passes it on; a base is safe, running tires, and shields protect for a while."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from outlast import Scenario, systems
+from outlast.components import (
+    Bag,
+    Body,
+    Item,
+    ObservationMasks,
+    Phase,
+    Reward,
+    SelfView,
+    Shape,
+    Side,
+    Spawned,
+    Weapon,
+)
+from outlast.components.body import PLACE
+from outlast.components.inventory import last
+from outlast.components.sight import is_set
+from outlast.ecs import (
+    Archetype,
+    Array,
+    Clock,
+    Component,
+    Entity,
+    Event,
+    Field,
+    Module,
+    Observation,
+    Offset,
+    Random,
+    Read,
+    RowIndex,
+    Rows,
+    Singleton,
+    Statistic,
+    Write,
+    column,
+    emit,
+    kernel,
+    number,
+)
+from outlast.ecs.random import integer
+
+# --- stamina: who runs gets tired
+
+
+class Breath(Component):
+    """How long an agent can still run. Written by stamina."""
+
+    left: Array = column("i4")  # ticks
+
+
+@dataclass(frozen=True)
+class Stamina(Module):
+    """An agent that moves loses a tick of breath, one that stands gains some; without any, it has to stand."""
+
+    most: int = number(90, low=1)  # ticks
+    rest: int = number(2, low=1)  # ticks of breath that a tick of rest gives
+
+    def archetypes(self) -> Iterable[Archetype]:
+        """One more component for every agent."""
+        return [Archetype("agent", (Breath(left=self.most),))]
+
+    def fields(self):
+        """A number in the agents' own row, and in its copies that the others see."""
+        return {"own": (Field("stamina", "ticks", scale=100.0),)}
+
+    def bounds(self, layout):
+        """The range of that number."""
+        return {"own": {"stamina": (0, self.most)}}
+
+
+@Stamina.system(Phase.DRIVE, after=Body)
+def tire(body: Write[Body], breath: Write[Breath], agents: Rows[Breath], most: int, rest: int) -> None:
+    """Steering has set the speed of each agent; what is out of breath is stopped."""
+    for e in agents:
+        if breath.left[e] == 0:
+            body.vx[e], body.vy[e] = 0, 0
+        if body.vx[e] == 0 and body.vy[e] == 0:
+            breath.left[e] = min(breath.left[e] + rest, most)
+        else:
+            breath.left[e] -= 1
+
+
+@Stamina.system(Phase.OBSERVE)
+def see_stamina(
+    view: Write[SelfView], breath: Read[Breath], entities: Read[Entity], agents: Rows[Breath], own_stamina: Offset
+) -> None:
+    """Agent i has row i of the observation, and row agents[i] of all other tables. The row of the dead is 0."""
+    for i in range(agents.size):
+        e = agents[i]
+        view.own[i, own_stamina] = breath.left[e] if entities.alive[e] else 0
+
+
+# --- tag: a melee that takes no hit points, but passes on who is it
+
+
+class Player(Component):
+    """What an agent is in the game. Written by tag, and `safe` also by shields."""
+
+    it: Array = column("u1")  # 1: it is it
+    safe: Array = column("i4")  # ticks for which it cannot be tagged
+
+
+class Tagged(Event, capacity=1, who="by", whom="agent"):
+    """A touch that made another agent it."""
+
+    agent: Array = column("i4", unit="entity")
+    by: Array = column("i4", unit="entity")
+
+
+class Tags(Statistic):
+    """Touches in this episode, and for how many ticks each agent was it."""
+
+    tags: Array = column("i4")
+    ticks_it: Array = column("i4", "agents")
+
+
+@dataclass(frozen=True)
+class Tag(systems.Melee):
+    """One agent is it. Whom it strikes is it from then on, unless that one is in the base, or safe."""
+
+    damage_type: ClassVar[str] = ""  # it does no damage
+
+    reach = 1.0
+    cooldown = 15  # ticks without a strike after one that hit somebody, and for who has become it
+    damage = 0
+    base: float = number(1.5, low=0)  # metres, radius of the safe circle in the middle of the room
+    it_reward: float = number(-1.0)  # a tick, for being it
+    free_reward: float = number(0.1)  # a tick, for being neither it nor in the base
+
+    def archetypes(self) -> Iterable[Archetype]:
+        """What a melee adds, and the players."""
+        return [*super().archetypes(), Archetype("agent", (Player(),))]
+
+    def singletons(self) -> Iterable[Singleton]:
+        """What a melee adds, and what happens, is counted and is paid here."""
+        return [*super().singletons(), Tagged(), Tags(), Reward()]
+
+    def fields(self):
+        """Two more numbers in the agents' own row."""
+        return {"own": (Field("it"), Field("safe", "ticks", scale=100.0))}
+
+    def bounds(self, layout):
+        """Whoever makes agents safe says for how long, as shields do."""
+        return {"own": {"it": (0, 1), "safe": (0, 0)}}
+
+
+@kernel
+def in_base(body, e, base) -> bool:
+    """Whether the centre of `e` is in the safe circle."""
+    return body.x[e] * body.x[e] + body.y[e] * body.y[e] <= base * base
+
+
+@Tag.system(Phase.DRAW)
+def choose(player: Write[Player], agents: Rows[Player], key: Random) -> None:
+    """A random agent is it at the start of the episode."""
+    player.it[agents[integer(key, 0, agents.size)]] = 1
+
+
+@Tag.system(Phase.MELEE, after="tag.aim")
+def strike(
+    player: Write[Player],
+    weapon: Write[Weapon],
+    tagged: Write[Tagged],
+    body: Read[Body],
+    agents: Rows[Player],
+    index: RowIndex[Player],
+    base: float,
+    cooldown: int,
+) -> None:
+    """In place of the melee's strike. `aim`, which is the melee's own, has found what everybody's strike hits."""
+    for me in agents:
+        e = weapon.target[me]
+        hit = e >= 0 and index[e] >= 0  # an agent, and not something else with hit points
+        if player.it[me] and hit and player.safe[e] == 0 and not in_base(body, e, base):
+            player.it[me], player.it[e] = 0, 1
+            weapon.cooldown[e] = cooldown
+            k = emit(tagged)
+            tagged.agent[k], tagged.by[k] = e, me
+            break
+    for e in agents:
+        player.safe[e] = max(player.safe[e] - 1, 0)
+
+
+@Tag.system(Phase.OBSERVE)
+def see_player(
+    view: Write[SelfView], player: Read[Player], agents: Rows[Player], own_it: Offset, own_safe: Offset
+) -> None:
+    """Who is it, and who is safe, is in everybody's row."""
+    for i in range(agents.size):
+        view.own[i, own_it], view.own[i, own_safe] = player.it[agents[i]], player.safe[agents[i]]
+
+
+@Tag.system(Phase.REWARD)
+def pay(
+    reward: Write[Reward],
+    player: Read[Player],
+    body: Read[Body],
+    clock: Read[Clock],
+    agents: Rows[Player],
+    base: float,
+    it_reward: float,
+    free_reward: float,
+) -> None:
+    """Nothing in the tick that starts an episode."""
+    for i in range(agents.size):
+        e = agents[i]
+        free = 0 if in_base(body, e, base) else free_reward
+        reward.reward[i] = 0 if clock.tick[0] == 0 else it_reward if player.it[e] else free
+
+
+@Tag.system(Phase.RECORD)
+def count(tags: Write[Tags], tagged: Read[Tagged], player: Read[Player], agents: Rows[Player]) -> None:
+    """Events of the tick can be read until the next one begins."""
+    tags.tags[0] += tagged.count[0]
+    for i in range(agents.size):
+        tags.ticks_it[i] += player.it[agents[i]]
+
+
+# --- shields: items
+
+
+class Shield(Component):
+    """An item that makes its user safe."""
+
+    ticks: Array = column("i4")  # for which it does
+
+
+class ShieldView(Observation):
+    """Shields on the ground. Mask: 1 = visible."""
+
+    shields: Array = column("f4", "agents", "shields", fields=PLACE)
+    shields_mask: Array = column("f4", "agents", "shields", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Shields(Module):
+    """Shields lie around. An agent that uses one cannot be tagged for a while."""
+
+    count: int = number(4, low=1)
+    radius: float = number(0.3, low=0.002)  # metres
+    ticks: int = number(60, low=1)
+
+    def archetypes(self) -> Iterable[Archetype]:
+        """A new kind of item."""
+        body = (Body(), Shape(radius=self.radius), Spawned())
+        return [Archetype("shield", (*body, Item(), Shield(ticks=self.ticks)), self.count)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        """What agents see of them on the ground."""
+        return [ShieldView()]
+
+    def dims(self) -> dict[str, int | str]:
+        """The dimension "shields" of the columns above."""
+        return {"shields": self.count}
+
+    def fields(self):
+        """Whether the last slot of the bag, which is what an agent can use, holds one."""
+        return {"own": (Field("has_shield"),)}
+
+    def bounds(self, layout):
+        """Nobody is safe for longer than a shield makes it."""
+        return {"own": {"has_shield": (0, 1), "safe": (0, self.ticks)}}
+
+
+@Shields.system(Phase.EFFECT)
+def protect(player: Write[Player], item: Read[Item], shield: Read[Shield], shields: Rows[Shield]) -> None:
+    """A used shield makes its user safe."""
+    for e in shields:
+        if item.user[e] >= 0:
+            player.safe[item.user[e]] = shield.ticks[e]
+
+
+@Shields.system(Phase.OBSERVE)
+def see_shields(
+    view: Write[ShieldView],
+    masks: Read[ObservationMasks],
+    body: Read[Body],
+    agents: Rows[Side],
+    shields: Rows[Shield],
+    shields_x: Offset,
+    shields_y: Offset,
+) -> None:
+    """Every entry is written in every tick, so that nothing is left of the tick before."""
+    for i in range(agents.size):
+        for k in range(shields.size):
+            e = shields[k]
+            filled = is_set(masks.filled, i, e)
+            view.shields_mask[i, k] = is_set(masks.mask, i, e)
+            view.shields[i, k, shields_x] = body.x[e] if filled else 0
+            view.shields[i, k, shields_y] = body.y[e] if filled else 0
+
+
+@Shields.system(Phase.OBSERVE)
+def see_bag(
+    view: Write[SelfView], bag: Read[Bag], agents: Rows[Bag], index: RowIndex[Shield], own_has_shield: Offset
+) -> None:
+    """What is in the last slot may be another kind of item, whose index is -1."""
+    for i in range(agents.size):
+        item = last(bag, agents[i])
+        view.own[i, own_has_shield] = item >= 0 and index[item] >= 0
+
+
+# --- the game
+
+TAG = Scenario(
+    "tag",
+    (
+        systems.Agents(count=4),
+        systems.FreeForAll(),
+        systems.Room(size=12.0),
+        systems.SpawnGrid(cells=6),
+        systems.Steering(speed=4.0),
+        systems.Physics(),
+        systems.Inventory(slots=2),
+        systems.Pickup(),
+        systems.Ending(limit=600),
+        systems.Record(),
+        Stamina(),
+        Tag(),
+        Shields(),
+    ),
+)
