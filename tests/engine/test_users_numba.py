@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from outlast.ecs import DeclarationError, Rows, Write, kernel
+from outlast.ecs import DeclarationError, Read, Rows, Write, kernel
 from outlast.ecs.cache_files import SUFFIX
 from tests.engine.test_compile import ROOT, compiled_only, system_of
 from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
@@ -161,6 +161,15 @@ def waits(energy: Write[Energy], rows: Rows[Energy]) -> object:
 
 async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None:
     energy.left[0] = 1
+
+
+def reads_a_number(energy: Read[int]) -> None:  # type: ignore[type-var, unused-ignore]
+    pass
+
+
+def test_an_access_needs_a_component() -> None:
+    with pytest.raises(DeclarationError, match=r"'energy' is Read\[<class 'int'>\]; a component is needed"):
+        Toy.system(Phase.FEED)(reads_a_number)
 
 
 @pytest.mark.parametrize("function", [waits, awaits])

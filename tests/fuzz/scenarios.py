@@ -153,7 +153,9 @@ def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
     except OutlastError as error:
         return {"digests": digests, "refused": f"{type(error).__name__}: {error}"}
     except IndexError as error:  # of a generated system
-        return {"digests": digests, "refused": f"IndexError: {str(error).partition(' ')[0]}"}
+        if COMPILED and f"generated{k}_" not in str(error):
+            return {"digests": digests, "error": f"IndexError without the name of the system: {error}"}
+        return {"digests": digests, "refused": "IndexError of a generated system"}
     except Exception:
         return {"digests": digests, "error": traceback.format_exc()}
     return {"digests": digests}

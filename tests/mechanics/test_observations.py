@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+import outlast
+from outlast.components import ObservationMasks
+from outlast.ecs.simd import SIMD_WIDTH
 from tests.helpers import naive_observations
 from tests.helpers.naive_world import TOLERANCE
 from tests.helpers.random_worlds import KINDS, play
@@ -56,3 +59,15 @@ def test_statistics_count_every_tick(kind: str) -> None:
         assert tick.after.statistics.keys() == want.keys()
         for key, value in want.items():
             assert tick.after.statistics[key] == pytest.approx(value, rel=1e-6), key
+
+
+@pytest.mark.parametrize("mode", ["masked", "revealed", "omniscient"])
+def test_masks_have_bits_of_rows_only(mode: str) -> None:
+    """Not of what lies in memory behind the last row, which compiled kernels read."""
+    env = outlast.make_vec("teams_4", 2, seed=0, cameras_mode=mode)
+    env.reset()
+    rows = env.worlds.layout.dims["rows"]
+    assert rows % SIMD_WIDTH
+    for bits in env.worlds[ObservationMasks]:
+        assert not (bits[..., -1] >> rows % SIMD_WIDTH).any()
+    env.close()

@@ -123,3 +123,10 @@ def test_what_others_may_write_to_is_not_run(homeless: Path, planted: str) -> No
         folder.symlink_to(homeless / "elsewhere")
     with pytest.raises(PermissionError, match="OUTLAST_CACHE_DIR"):
         cache_folder()
+
+
+def test_an_empty_name_of_the_folder_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OUTLAST_CACHE_DIR", raising=False)
+    usual = cache_folder()
+    monkeypatch.setenv("OUTLAST_CACHE_DIR", "")
+    assert cache_folder() == usual
