@@ -258,6 +258,9 @@ class Activation:
         self._refuse_write(target)
         if isinstance(target, Column):
             self._check_field(target, self._only(statement.index))
+            kind = target.component.columns[target.name].dtype
+            if kind.kind in "iu" and self._of(statement.value) == {FLOATING}:
+                self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
 
     def _check_field(self, target: Column, index: Any) -> None:
         """Refuse a literal column: a system with Offsets touches their fields only, which decides on its order."""

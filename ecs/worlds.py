@@ -276,7 +276,7 @@ class Worlds:
 
 def _check_labels(interpret: Collection[str], systems: schedule.Schedule) -> None:
     known = [system.label for system in systems.systems]
-    for label in interpret:
+    for label in map(str, interpret):
         if label not in known:
             near = difflib.get_close_matches(label, known, 3)
             hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""

@@ -364,3 +364,27 @@ def count_down(place: Any, k: int) -> int:
 
 def counts_down(place: Read[Place]) -> None:
     count_down(place, 3)
+
+
+def cuts_a_float_off(energy: Write[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] -= 1.5
+
+
+def cuts_a_share_off(energy: Write[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] = rows.size / 2
+
+
+def says_that_it_cuts(energy: Write[Energy], rows: Rows[Energy]) -> None:
+    for e in rows:
+        energy.left[e] = np.int32(rows.size / 2)
+
+
+def test_a_float_in_a_column_of_integers_is_said_to_be_cut_off() -> None:
+    for function in (cuts_a_float_off, cuts_a_share_off):
+        with pytest.raises(
+            DeclarationError, match=r"writes a float to Energy\.left, int32, .* as in np\.int32\(\.\.\.\)"
+        ):
+            check_of(function)
+    check_of(says_that_it_cuts)
