@@ -50,11 +50,13 @@ def interpreted() -> Iterator[None]:
 def options_of(function: Any) -> dict[str, Any]:
     """Numba's options for a kernel.
 
-    Outlast's own allocate no memory, and compile faster without reference counts. Others check their indices.
+    Outlast's own allocate no memory, and compile faster without reference counts; but an array that a function returns
+    must be counted, as its caller may. Kernels from outside check their indices.
     """
     if is_outside(function):
         return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba is set
-    return {**OPTIONS, "_nrt": False}
+    returned = str(function.__annotations__.get("return", Any))
+    return OPTIONS if "Any" in returned else {**OPTIONS, "_nrt": False}  # Any: what arrays are annotated with
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]

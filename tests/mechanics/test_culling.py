@@ -1,6 +1,7 @@
 """Culling by AABBs, and the broad phase: nothing is culled that is hit, seen or touched."""
 
 import math
+import sys
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -187,6 +188,18 @@ def test_culling_keeps_all_that_is_hit_or_near(seed: int, grid: bool, ray: tuple
         parted, far = apart(body, shape, e, given_ray)
         assert e not in crossed or not parted
         assert e not in near or not far
+
+
+def test_arrays_that_kernels_return_are_counted() -> None:
+    """A function that hands out a view of an array without counting it has it freed while it is in use."""
+    body, shape, entities = random_bodies(0, grid=False)
+    half_extents, lines = aabb.make_half_extents({"blocks": BLOCKS}), blocks.make_blocks({"blocks": BLOCKS})
+    ray, found = np.zeros(5, F4), np.zeros((3, BLOCKS), np.int32)
+    arrays = [*body, *shape, *entities, half_extents, lines, found]
+    before = [sys.getrefcount(array) for array in arrays]
+    for _ in range(9):
+        _cull(half_extents, lines, body, shape, entities, to_bits([0, 1]), ray, found)
+    assert [sys.getrefcount(array) for array in arrays] == before
 
 
 @SOME
