@@ -50,14 +50,12 @@ class CompiledUnits:
         self._keys |= {label: self._cache_key.key(label, "") for label in runner}
         self._units = {unit.label: unit for unit in units}
         self.compiled: list[str] = []
+        self._found: dict[str, Code] = {}  # what `ready` has read for `load`
 
     @property
     def ready(self) -> bool:
         """Whether all machine code is loaded or lies on disk."""
-        return all(
-            key in ADDRESSES or cache_files.read(cache_files.path_of(label, key)) is not None
-            for label, key in self._keys.items()
-        )
+        return all(key in ADDRESSES or self._read(label) for label, key in self._keys.items())
 
     def load(self) -> None:
         """Load what is not loaded yet, after compiling what lies nowhere. Raises what numba raises."""
@@ -72,6 +70,7 @@ class CompiledUnits:
             found = {label: code for label, code in codes.items() if code}
             for label, address in zip(found, load_code(found.values()), strict=True):
                 ADDRESSES[self._keys[label]] = address
+            self._found.clear()
 
     def address(self, label: str) -> int:
         """Of a unit's function."""
@@ -82,7 +81,9 @@ class CompiledUnits:
         return as_python(self.address(RUNNER))
 
     def _read(self, label: str) -> Code | None:
-        return cache_files.read(cache_files.path_of(label, self._keys[label]))
+        if label not in self._found and (code := cache_files.read(cache_files.path_of(label, self._keys[label]))):
+            self._found[label] = code
+        return self._found.get(label)
 
     def _urgency(self, label: str) -> tuple[bool, int]:
         """Systems from outside of outlast first, as they may have errors; then the large ones."""
