@@ -9,8 +9,8 @@ from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
-from .observation_layout import OWN
-from .rollout_buffer import AgentRolloutBuffer
+from .observation_layout import OWN, ObservationLayout
+from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
@@ -80,10 +80,10 @@ class BehaviourMetrics:
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
 
-    def report(self, rollout: AgentRolloutBuffer) -> dict[str, float]:
+    def report(self, rollout: Rollout, layout: ObservationLayout) -> dict[str, float]:
         """Means over the living agents of the rollout, by tag; tags without a single case are left out."""
-        shape = (rollout.buffer_size, self.base_env.num_worlds, self.base_env.num_agents)
-        views = rollout.layout.views(rollout.observations[:-1].reshape(*shape, -1))
+        shape = (len(rollout.alive), self.base_env.num_worlds, self.base_env.num_agents)
+        views = layout.own_views(rollout.seen.own.numpy().reshape(*shape, layout.own))
         living, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
         found = self.quantities(views, rollout.actions.reshape(*shape, -1), living)
         tags = {"behaviour/alive": float(rollout.alive.mean())}
