@@ -12,7 +12,7 @@ import numpy as np
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
-from ..rollout.mixture import parse_mixture
+from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED, common_scenario, load_saved
 from ..scenarios.renamed import NUMBERS
@@ -76,8 +76,10 @@ def add_common(command: argparse.ArgumentParser, *options: str) -> None:
 
 def policy(text: str) -> str:
     """The name of a policy, or the path of a saved one."""
-    if len(found := list(mixture(text))) != 1 or found != [text]:
-        raise argparse.ArgumentTypeError(f"{text}: one policy is needed, without a weight")
+    try:
+        checked_entries([(text, 1)])
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return text
 
 

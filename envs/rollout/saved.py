@@ -27,7 +27,9 @@ def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
     and networks of presets with "masked" rows ignore those, so all can play where they are "revealed".
     """
     if players and "cameras" in scenario and scenario.numbers()["cameras_mode"] == OMNISCIENT:
-        raise UsageError("cameras_mode is omniscient: saved policies were trained to see what cameras see")
+        raise UsageError(
+            "cameras_mode is omniscient: saved policies were trained to see what cameras see; take another one"
+        )
     fitting = [player.scenario(scenario) for player in players]
     revealed = (each for each in fitting if each.numbers().get("cameras_mode") == REVEALED)
     return next(revealed, fitting[-1] if fitting else scenario)
