@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Death, Item, ItemGiven, Score
+from outlast.components import Death, Item, ItemGiven
 from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.sides import living_sides
 
 from .observation_layout import OWN, ObservationLayout
 from .rollout import Rollout
@@ -152,7 +153,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
-        self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
+        self.totals["life"] += living_sides(self.base_env.worlds)[:, self.sides]
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1

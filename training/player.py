@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.saved import REVEALED
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -90,6 +91,12 @@ class Player:
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
+        trained, here = self.preset.cameras, env.scenario.numbers().get("cameras_mode")
+        if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+            raise TrainingError(
+                f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
+                f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
+            )
 
     def __call__(self, observations: dict[str, Array]) -> Array:
         """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
