@@ -67,8 +67,8 @@ class Extractor(nn.Module):
         query = torch.arange(rows, device=each.device).repeat_interleave(each)
         shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
         key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
-        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).split(width, 1)
-        query_bias, _, value_bias = self.attention.in_proj_bias.split(width)  # the key's moves no weight
+        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).chunk(3, 1)
+        query_bias, _, value_bias = self.attention.in_proj_bias.chunk(3)  # the key's moves no weight
         queries = (queries + query_bias) * (width // heads) ** -0.5
         logits = queries.index_select(0, query) * keys.index_select(0, key)
         logits = logits.view(len(query), heads, width // heads).sum(2)
@@ -81,7 +81,8 @@ class Extractor(nn.Module):
         values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
-        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * (out.bias + out.weight @ value_bias)
+        bias: Tensor = out.bias + out.weight @ value_bias
+        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * bias
 
     def _attend_all(self, padded: PaddedRows) -> Tensor:
         """The leaky form: what is seen attends to every row, and the sum is divided by their number: (batch, width)."""
