@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from .crew import Crew
 from .hyperparameters import Hyperparameters
 from .lane import Lane
 from .loss import advantages
@@ -21,11 +22,17 @@ class Collector:
 
     With one lane, networks and worlds take turns. With two, the worlds of one are stepped in the background while the
     networks are busy with the other.
+
+    Attributes:
+        lanes: Of this process, in order of their worlds.
+        scale: Of the rewards of all processes.
     """
 
-    def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters) -> None:
-        self.lanes, self.numbers = lanes, numbers
-        self.scale = RewardScale(sum(lane.agents for lane in lanes), numbers.gamma)
+    def __init__(self, lanes: Sequence[Lane], numbers: Hyperparameters, crew: Crew) -> None:
+        self.lanes, self.numbers, self.crew = lanes, numbers, crew
+        own = sum(lane.agents for lane in lanes)
+        each = crew.gather_values(own)
+        self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
 
     @torch.inference_mode()
     def collect(self, policies: Sequence[ActorCritic], steps: int, begun: int) -> Rollout:
@@ -52,14 +59,18 @@ class Collector:
         return self._joined([lane.close(policies) for lane in self.lanes])
 
     def _joined(self, parts: Sequence[Any]) -> Rollout:
-        def joined(name: str) -> Array:
-            each = [getattr(part, name) for part in parts]
-            return each[0] if len(each) == 1 else np.concatenate(each, 0 if name == "last" else 1)
+        def joined(name: str, axis: int = 1) -> Array:
+            each = [torch.as_tensor(getattr(part, name)).cpu().numpy() for part in parts]
+            return each[0] if len(each) == 1 else np.concatenate(each, axis)
 
-        numbers, rewards, values, ends = self.numbers, joined("rewards"), joined("values"), joined("ends")
+        def everyones(name: str, axis: int = 1) -> Array:
+            return self.crew.gather(joined(name, axis), axis)
+
+        numbers, rewards, values, ends = self.numbers, everyones("rewards"), everyones("values"), everyones("ends")
         spread = self.scale.update(rewards, ends) if numbers.scale_rewards else 1.0
-        rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * joined("later")
-        found = advantages(rewards, values, ends, joined("last"), numbers.gamma, numbers.gae_lambda)
+        rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
+        found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         seen = concatenated([each for step in zip(*(part.seen for part in parts), strict=True) for each in step])
-        same = ("actions", "log_probs", "learner", "alive", "begins", "memory")
-        return Rollout(seen=seen, values=values, advantages=found, **{name: joined(name) for name in same})
+        own = {name: joined(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
+        learner = everyones("learner")
+        return Rollout(seen=seen, values=values, advantages=found, learner=learner, first=self.first, **own)

@@ -12,6 +12,7 @@ from .presets import DEAD, preset
 from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
+HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
 SELF, PAST = "self", "past"  # opponents that only training has
 
 
@@ -36,6 +37,9 @@ class TrainingConfig:
             training, or the path of a saved one.
         prioritised: Whether opponents are drawn the more often, the more they win.
         snapshots: Updates between past selves.
+        processes: That share the worlds; the numbers are the same, but for rounding.
+        halves: Whether half of the worlds are stepped while the networks are busy with the other half, on a CPU, too;
+            the numbers are the same.
     """
 
     scenario: Scenario
@@ -53,6 +57,8 @@ class TrainingConfig:
     opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
     prioritised: bool = False
     snapshots: int = 10
+    processes: int = 1
+    halves: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -64,11 +70,13 @@ class TrainingConfig:
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
         self.numbers, self.size  # noqa: B018  # they raise
+        if not 1 <= self.processes <= self.size[0]:
+            raise TrainingError(f"processes = {self.processes}: from 1 to {self.size[0]}, the number of worlds, are needed")
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""
         worlds, rollout = self.size
-        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every")}
+        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every", *HOW)}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         if not self.numbers.anneal:  # then a run may go on for longer

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,13 +14,12 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side
 
-from .checkpoint import check_state
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
 from .opponents import Opponents
 from .policy import ActorCritic
-from .rows import Observed, Packer
+from .rows import Observed, Packer, moved
 
 Array = np.ndarray[Any, Any]
 CHUNK = 16  # steps that gradients flow back through a memory
@@ -29,10 +28,11 @@ NOBODY = -1  # the learner of a sample that none is trained on
 
 @dataclass
 class Samples:
-    """What a lane collects: arrays (steps, agents), of `actions` (steps, agents, actions).
+    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions). Tensors are on the networks' device.
 
     Attributes:
-        seen: What was observed, step after step.
+        seen: What was observed, step after step, on the device.
+        own: The agents' own numbers in it, float32 (agents, layout.own) each.
         actions: int64.
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
@@ -44,20 +44,31 @@ class Samples:
         learner: int8, who is trained on the sample, or NOBODY.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
+        games: The step, the opponent, and how many games against it ended then: won by the learners, draws half; all.
     """
 
     seen: list[Observed]
+    own: list[Array]
     actions: Array
-    log_probs: Array
-    values: Array
+    log_probs: Tensor
+    values: Tensor
     rewards: Array
-    later: Array
+    later: Tensor
     ends: Array
     begins: Array
     alive: Array
     learner: Array
-    memory: Array
-    last: Array
+    memory: Tensor
+    last: Tensor
+    games: list[tuple[int, int, float, int]]
+
+
+class Group(NamedTuple):
+    """Agents that one network plays: their indices, or all as a slice, for arrays and for tensors on the device."""
+
+    where: Any
+    there: Any
+    index: Tensor  # int64, on the CPU
 
 
 class Lane:
@@ -100,7 +111,8 @@ class Lane:
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
         self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
-        self.memory, self.begins = np.zeros((self.agents, opponents.memory), np.float32), np.ones(self.agents, bool)
+        self.memory = torch.zeros((self.agents, opponents.memory), device=device)
+        self.begins = np.ones(self.agents, bool)
         self.assign()
         self._draw(np.ones(env.num_worlds, bool))
 
@@ -109,12 +121,15 @@ class Lane:
         shape, chunks = (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
+            own=[],
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
-            **{name: np.zeros(shape, np.float32) for name in ("log_probs", "values", "rewards", "later")},
+            rewards=np.zeros(shape, np.float32),
+            **{name: torch.zeros(shape, device=self.device) for name in ("log_probs", "values", "later")},
             **{name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")},
             learner=np.zeros(shape, np.int8),
-            memory=np.zeros((chunks, self.agents, memory), np.float32),
-            last=np.zeros(self.agents, np.float32),
+            memory=torch.zeros((chunks, self.agents, memory), device=self.device),
+            last=torch.zeros(self.agents, device=self.device),
+            games=[],
         )
 
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
@@ -130,31 +145,39 @@ class Lane:
         """
         env, samples, observations = self.env, self.samples, self.env.observe()
         seen, uniform = self.packer(observations), self.noise(step)
+        samples.own.append(seen.own.numpy())
+        seen, numbers = seen.to(self.device), moved(torch.from_numpy(uniform), self.device)[:, :, None]
         samples.seen.append(seen)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
         if t % CHUNK == 0:
             samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
-        for (index, number), where in self.groups.items():
-            one, some = self.pool.all[index], slice(None) if len(where) == self.agents else where
+        joint = torch.zeros(uniform.shape, dtype=torch.int16, device=self.device)
+        by_function = []
+        for (index, number), group in self.groups.items():
+            one = self.pool.all[index]
             if one.plain is not None:
-                samples.actions[t, some] = one.plain(self._batch(observations, some), uniform[some])
+                by_function.append((one.plain, group.where))
                 continue
             policy = one.policies[number] if index else policies[number]
             if one.packer is not None:
-                part = one.packer(self._batch(observations, some))
+                part = one.packer(self._batch(observations, group.where)).to(self.device)
             else:
-                part = seen if some is not where else seen.select(torch.from_numpy(where))
-            logs, values = self._run(policy, part, some)
-            chosen = policy.choices.draw(logs, torch.from_numpy(uniform[some, :, None]).to(self.device))
-            samples.actions[t, some] = chosen.cpu()
+                part = seen if len(group.index) == self.agents else seen.select(group.index)
+            logs, values = self._run(policy, part, group)
+            chosen = policy.choices.draw(logs, numbers[group.there])
+            joint[group.there] = chosen.to(joint.dtype)
             if not index:
-                samples.values[t, some] = values.cpu()
-                samples.log_probs[t, some] = policy.choices.of(chosen, logs).cpu()
+                samples.values[t, group.there] = values
+                samples.log_probs[t, group.there] = policy.choices.of(chosen, logs)
+        by_name = [(where, one(self._batch(observations, where), uniform[where])) for one, where in by_function]
+        samples.actions[t] = joint.cpu()  # the one place where this process waits for a GPU
+        for where, actions in by_name:
+            samples.actions[t, where] = actions
         self.begins[:] = False
-        joint: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
-        return joint
+        found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
+        return found
 
     def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
         """Keep what came of a step, and begin the next episode of worlds that ended.
@@ -176,9 +199,9 @@ class Lane:
         if done.any():
             goes_on = np.repeat(truncated, env.num_agents) & (living | (self.dead == "keep"))
             if goes_on.any():
-                samples.later[t, goes_on] = self._values(policies)[goes_on]
+                samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
             self.episodes.add(info["statistics"], int(done.sum()))
-            self._record(done)
+            self._record(t, done)
             env.reset(options={"reset_mask": done})
             self._draw(done)
 
@@ -190,60 +213,68 @@ class Lane:
     def tallies(self) -> Tallies:
         """What is measured of the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
-        own = np.stack([seen.own.numpy() for seen in self.samples.seen]).reshape(*shape, layout.own)
+        own = np.stack(self.samples.own).reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
         living = self.samples.alive.reshape(own.shape[:3])
         return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living)
 
-    def state(self) -> dict[str, Tensor]:
-        """Who plays, and what they remember, as tensors by name; the worlds are not in it."""
-        arrays = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": self.memory}
-        return {
-            name: torch.tensor(array) for name, array in (arrays | {"begins": self.begins.astype(np.uint8)}).items()
-        }
+    @property
+    def rows(self) -> slice:
+        """Where its worlds are among those of all lanes of all processes."""
+        return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
 
-    def restore(self, given: Any) -> None:
-        """Go on from what `state` returned. Raises TrainingError for anything else."""
-        check_state(given, self.state(), "lane")
-        opponent, own, life = (given[name].numpy().copy() for name in ("opponent", "own", "life"))
+    def state(self) -> dict[str, Array]:
+        """Who plays, and what they remember, by name, (worlds, ...); the worlds are not in it."""
+        each = self.env.num_worlds, self.env.num_agents
+        memory, begins = self.memory.cpu().numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
+        return {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+
+    def restore(self, given: dict[str, Array]) -> None:
+        """Go on from what `state` returned. Raises TrainingError for players that there are not."""
+        opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
         self.opponent, self.own, self.life = opponent, own, life
-        self.memory, self.begins = given["memory"].numpy().copy(), given["begins"].numpy() > 0
+        self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).to(self.device, copy=True)
+        self.begins = given["begins"].ravel() > 0
         self.assign()
 
-    def _run(self, policy: ActorCritic, part: Observed, some: Any) -> tuple[Tensor, Tensor]:
+    def _run(self, policy: ActorCritic, part: Observed, group: Group) -> tuple[Tensor, Tensor]:
         """Log probabilities and values of a policy for some agents; their memory goes on."""
         memory = begins = None
         if policy.memory:
-            memory = torch.from_numpy(self.memory[some, : policy.memory]).to(self.device)
-            begins = torch.from_numpy(self.begins[some]).to(self.device)
-        logs, values, memory = policy(part.to(self.device), memory, begins)
+            memory = self.memory[group.there, : policy.memory]
+            begins = moved(torch.from_numpy(self.begins[group.where]), self.device)
+        logs, values, memory = policy(part, memory, begins)
         if memory is not None:
-            self.memory[some, : policy.memory] = memory.cpu()
+            self.memory[group.there, : policy.memory] = memory
         return logs, values
 
-    def _values(self, policies: Sequence[ActorCritic]) -> Array:
+    def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
         """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
-        seen, values = self.packer(self.env.observe()), np.zeros(self.agents, np.float32)
-        before = self.memory.copy(), self.begins.copy()
-        for (index, number), where in self.groups.items():
+        seen, values = self.packer(self.env.observe()).to(self.device), torch.zeros(self.agents, device=self.device)
+        before = self.memory.clone()
+        for (index, number), group in self.groups.items():
             if not index:
-                values[where] = self._run(policies[number], seen.select(torch.from_numpy(where)), where)[1].cpu()
-        self.memory[:], self.begins[:] = before  # this was no step
+                values[group.there] = self._run(policies[number], seen.select(group.index), group)[1]
+        self.memory[:] = before  # this was no step
         return values
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
         """The observations of some agents, (some, ...) by key."""
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
 
-    def _record(self, done: Array) -> None:
-        """Tell the pool who won where an opponent was drawn, of the worlds that are done."""
+    def _record(self, t: int, done: Array) -> None:
+        """Note who won where an opponent was drawn, of the worlds that are done: the pool learns it after the rollout,
+
+        so that what is drawn meanwhile does not depend on which worlds are played here.
+        """
         for index in np.unique(self.opponent[done & (self.opponent > 0)]):
             worlds = np.flatnonzero(done & (self.opponent == index))
             own = self.life[worlds, self.own[worlds]]
             others = self._others(worlds)
-            self.pool.record(int(index), float((1 + np.sign(own - others)).sum() / 2), len(worlds))
+            won = float((1 + np.sign(own - others)).sum() / 2)
+            self.samples.games.append((t, int(index), won, len(worlds)))
 
     def _others(self, worlds: Array) -> Array:
         """Ticks that the longest-lived side lived which is not the learners', int (worlds,)."""
@@ -272,4 +303,10 @@ class Lane:
         number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
         self.learner = np.where(index > 0, NOBODY, number).astype(np.int8)
         pairs = np.unique(np.stack([index, number], 1), axis=0)
-        self.groups = {(int(i), int(k)): np.flatnonzero((index == i) & (number == k)) for i, k in pairs}
+        self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
+
+    def _group(self, members: Array) -> Group:
+        index = torch.from_numpy(np.flatnonzero(members))
+        if members.all():
+            return Group(slice(None), slice(None), index)
+        return Group(index.numpy(), moved(index, self.device), index)

@@ -1,19 +1,22 @@
 """A learner: a policy, its optimiser, and updates from rollouts."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .crew import Crew
 from .hyperparameters import Hyperparameters
 from .loss import Loss, normalised, ppo_loss
 from .policy import ActorCritic
 from .rollout import Rollout
+from .rows import moved
 
 Array = np.ndarray[Any, Any]
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
+DIVERGENCE = Loss.TAGS.index("train/approx_kl")
 
 
 class Learner:
@@ -25,7 +28,12 @@ class Learner:
     """
 
     def __init__(
-        self, policy: ActorCritic, numbers: Hyperparameters, generator: torch.Generator, number: int = 0
+        self,
+        policy: ActorCritic,
+        numbers: Hyperparameters,
+        generator: torch.Generator,
+        number: int = 0,
+        crew: Crew | None = None,
     ) -> None:
         """Make an optimiser for a policy.
 
@@ -34,7 +42,10 @@ class Learner:
             numbers: Of PPO.
             generator: Shuffles samples; on the CPU.
             number: Which samples are this learner's, see Rollout.learner.
+            crew: Processes that train together. All have equal policies and generators, and make the same minibatches;
+                each computes gradients of the samples that are its own.
         """
+        self.crew = crew or Crew()
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.parameters = list(policy.parameters())
         self.device = self.parameters[0].device
@@ -67,12 +78,12 @@ class Learner:
             self.epochs += 1
             shuffled = chosen[torch.randperm(len(chosen), generator=self.generator)]
             for part in shuffled.tensor_split(batches):
-                loss = self._loss(samples, part.to(self.device))
-                figures.append(loss.figures())
-                going = not self._diverged(loss)
+                figures.append(self._differentiate(samples, part))
+                going = not self._diverged(figures[-1])
                 if not going:
                     break
-                self._descend(loss.total)
+                nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
+                self.optimizer.step()
                 steps += 1
             if not going:
                 break
@@ -83,12 +94,38 @@ class Learner:
             "train/explained_variance": explained_variance(rollout, chosen.numpy()),
         }
 
-    def _loss(self, samples: "Samples", part: Tensor) -> Loss:
-        """The loss of a minibatch, samples `part`."""
+    def _differentiate(self, samples: "Samples", part: Tensor) -> Tensor:
+        """The figures of the loss of a minibatch, samples `part`; its gradients are left in the parameters."""
+        self.optimizer.zero_grad()
+        where, own = samples.rollout.here(part)
+        if len(own):
+            loss = self._loss(samples, part, where, own)
+            loss.total.backward()  # type: ignore[no-untyped-call]
+            figures = loss.figures()
+        else:  # all are other processes'
+            figures = torch.zeros(len(Loss.TAGS), device=self.device)
+            for parameter in self.parameters:
+                parameter.grad = torch.zeros_like(parameter)
+        self.crew.sum([figures, *(cast(Tensor, parameter.grad) for parameter in self.parameters)])
+        return figures
+
+    def _loss(self, samples: "Samples", part: Tensor, where: Tensor | None, own: Tensor) -> Loss:
+        """This process's share of the loss of a minibatch.
+
+        Args:
+            samples: Of the rollout.
+            part: Numbers of the minibatch's samples among those of all processes.
+            where: Which of these are this process's; None: all.
+            own: Their numbers among its own.
+        """
         choices, numbers = self.policy.choices, self.numbers
-        actions, log_probs, advantages, returns = samples.select(part)
-        logs, values, _ = self.policy(samples.seen.select(part))
-        weights = torch.full_like(returns, 1 / len(part))
+        gained, weights = samples.of_all(part)
+        gained = normalised(gained, weights)
+        if where is not None:
+            index = moved(where, self.device)
+            gained, weights = gained.index_select(0, index), weights.index_select(0, index)
+        actions, log_probs, returns = samples.select(own)
+        logs, values, _ = self.policy(samples.seen.select(own))
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)
         return ppo_loss(
@@ -96,34 +133,37 @@ class Learner:
             values,
             entropy,
             old_log_probs=log_probs,
-            advantages=normalised(advantages, weights),
+            advantages=gained,
             returns=returns,
             weights=weights,
             numbers=numbers,
         )
 
-    def _diverged(self, loss: Loss) -> bool:
-        limit = self.numbers.target_kl
-        return bool(limit and loss.divergence > KL_STOP * limit)
-
-    def _descend(self, total: Tensor) -> None:
-        self.optimizer.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
-        self.optimizer.step()
+    def _diverged(self, figures: Tensor) -> bool:
+        limit = self.numbers.target_kl  # without one, nobody waits for a GPU here
+        return bool(limit and figures[DIVERGENCE] > KL_STOP * limit)
 
 
 class Samples:
     """The samples of a rollout as flat tensors on a device; on the CPU, views of its arrays."""
 
     def __init__(self, rollout: Rollout, device: torch.device) -> None:
-        self.seen = rollout.seen.to(device)
-        arrays = rollout.actions, rollout.log_probs, rollout.advantages, rollout.returns
-        self.flat = [torch.from_numpy(each.reshape(-1, *each.shape[2:])).to(device) for each in arrays]
+        self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
+        returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
+        self.advantages, *self.own = (
+            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device)
+            for each in (rollout.advantages, rollout.actions, rollout.log_probs, returns)
+        )
+
+    def of_all(self, part: Tensor) -> tuple[Tensor, Tensor]:
+        """Advantages of some samples of all processes, numbers on the CPU, and weights: one over how many these are."""
+        found = self.advantages.index_select(0, moved(part, self.device))
+        return found, torch.full_like(found, 1 / len(part))
 
     def select(self, part: Tensor) -> list[Tensor]:
-        """Actions, their old log probabilities, advantages and returns of some samples."""
-        return [each.index_select(0, part) for each in self.flat]
+        """Actions, their old log probabilities and returns of some samples of this process, numbers on the CPU."""
+        index = moved(part, self.device)
+        return [each.index_select(0, index) for each in self.own]
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:

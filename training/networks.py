@@ -63,23 +63,21 @@ class Extractor(nn.Module):
         """
         width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
         embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
-        each = seen.count.index_select(0, seen.agent)  # rows of the agent whose row it is
-        query = torch.arange(rows, device=each.device).repeat_interleave(each)
-        shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
-        key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
+        query, key = seen.pairs
         queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).chunk(3, 1)
         query_bias, _, value_bias = self.attention.in_proj_bias.chunk(3)  # the key's moves no weight
         queries = (queries + query_bias) * (width // heads) ** -0.5
         logits = queries.index_select(0, query) * keys.index_select(0, key)
         logits = logits.view(len(query), heads, width // heads).sum(2)
         with torch.no_grad():  # so that exp cannot overflow
-            highest = torch.segment_reduce(logits, "max", lengths=each, unsafe=True)
+            highest = torch.segment_reduce(logits, "max", lengths=seen.each, unsafe=True)
         weights = (logits - highest.index_select(0, query)).exp()
         total = weights.new_zeros(rows, heads).index_add(0, query, weights)
         weights = weights / total.index_select(0, query)
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
         values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
-        mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
+        total = values.new_zeros(seen.owners, width).index_add(0, seen.agent, values)[:batch]
+        mean = total / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
         bias: Tensor = out.bias + out.weight @ value_bias
         return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * bias

@@ -1,6 +1,6 @@
 """Who plays against the learners: their present and past selves, policies by name, saved files; with ratings."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -148,6 +148,17 @@ class Opponents:
             del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly
         for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
             del self.all[k]
+
+    def record_all(self, games: Iterable[Sequence[Any]]) -> None:
+        """Games of a rollout, in any order: the step in which they ended, against whom, how many were won, of how many.
+
+        Draws count as half won.
+        """
+        sums: dict[tuple[int, int], Array] = {}
+        for step, index, won, played in games:
+            sums[step, index] = sums.get((step, index), np.zeros(2)) + (won, played)
+        for (_, index), (won, played) in sorted(sums.items()):
+            self.record(index, float(won), int(played))
 
     def record(self, index: int, won: float, games: int) -> None:
         """Games against an opponent. won: draws half."""

@@ -16,6 +16,7 @@ from . import run_header
 from .checkpoint import (
     check_fields,
     check_like,
+    check_state,
     header_of,
     load_tensors,
     load_weights,
@@ -34,12 +35,16 @@ WRONG = "rest.pt of the checkpoint is not what a run goes on with"
 
 
 def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
-    """The files of a checkpoint, in memory. header: more for run.json, see TrainingConfig.header."""
+    """The files of a checkpoint, in memory. header: more for run.json, see TrainingConfig.header.
+
+    All processes that train together call it; the first has use for it.
+    """
+    worlds, lanes = trainer.state()
     rest = {
         "learners": [_learner_state(learner) for learner in trainer.learners],
         "updates": trainer.updates,
         "rewards": trainer.collector.scale.state(),
-        "lane": trainer.lane.state(),
+        "lane": {name: torch.from_numpy(values) for name, values in lanes.items()},
         "opponents": trainer.opponents.state(),
     }
     first = {"version": run_header.VERSION, "steps": trainer.steps, "preset": trainer.preset.name}
@@ -55,7 +60,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
         run_header.NAME: json.dumps(first | header | last, indent=1).encode(),
         "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
         "rest.pt": tensor_bytes(rest),
-        "worlds.npz": _state_bytes(trainer.env.get_state()),
+        "worlds.npz": _state_bytes(worlds),
     }
 
 
@@ -73,7 +78,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     if not isinstance(learners, list) or not len(learners) == len(weights) == len(trainer.learners):
         raise TrainingError(f"the checkpoint has {len(weights)} policies; here are {len(trainer.learners)}")
     optimisers = [_checked_learner(*pair) for pair in zip(trainer.learners, learners, strict=True)]
-    trainer.env.set_state(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
+    trainer.restore_worlds(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
     for learner, given, own, optimiser in zip(trainer.learners, learners, weights, optimisers, strict=True):
         load_weights(learner.policy, own)
         learner.policy.rescale(factors)
@@ -86,7 +91,9 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
         trainer.opponents.restore(rest.get("opponents"), trainer.policies)
-        trainer.lane.restore(rest.get("lane"))
+        like = {name: torch.from_numpy(values) for name, values in trainer.state()[1].items()}
+        check_state(rest.get("lane"), like, "lane")
+        trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]
 
 

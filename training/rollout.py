@@ -16,15 +16,16 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents of all worlds, ...).
+    """Samples (steps, agents, ...): of the agents of this process; where it says so, of those of all processes.
 
     Attributes:
         seen: What was observed before each step, steps * agents.
         actions: int64 (steps, agents, actions).
         log_probs: float32, of the actions, when they were chosen.
-        values: float32, of what was observed.
-        advantages: float32.
-        learner: int8, which of the learners is trained on the sample, or NOBODY.
+        values: float32, of what was observed; of all processes.
+        advantages: float32; of all processes.
+        learner: int8, which of the learners is trained on the sample, or NOBODY; of all processes.
+        first: The number of this process's first agent among those of all.
         alive: bool, whether the agent lived when it observed.
         begins: bool, whether the agent's memory begins anew with the step.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
@@ -36,6 +37,7 @@ class Rollout:
     values: Array
     advantages: Array
     learner: Array
+    first: int
     alive: Array
     begins: Array
     memory: Array
@@ -44,6 +46,22 @@ class Rollout:
     def returns(self) -> Array:
         """float32, what values are to become."""
         return self.advantages + self.values
+
+    def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
+        """Which of some samples of all processes are this one's.
+
+        Args:
+            samples: Their numbers, int64 (some,).
+
+        Returns:
+            The indices of those that are here, None for all; and their numbers among the samples of this process.
+        """
+        agents, own = self.learner.shape[1], self.actions.shape[1]
+        if own == agents:
+            return None, samples
+        step, agent = samples // agents, samples % agents - self.first
+        where = torch.nonzero((agent >= 0) & (agent < own)).flatten()
+        return where, (step * own + agent)[where]
 
 
 class RewardScale:

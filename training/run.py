@@ -13,6 +13,7 @@ from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 
 from . import checkpoint, run_header
 from .config import TrainingConfig
+from .crew import Crew, recruit
 from .errors import TrainingError
 from .logs import RunLog
 from .presets import preset
@@ -24,10 +25,38 @@ SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs":
 Progress = Callable[["TrainingRun"], None]
 
 
+def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
+    """The trainer of each process of a run. files: of the checkpoint that it goes on from, if there is one."""
+    threads = config.threads or min(THREADS, max(1, torch.get_num_threads() // crew.size))
+    torch.set_num_threads(threads)
+    trainer = Trainer(config, threads, crew)
+    if files is not None:
+        restore(trainer, files)
+    return trainer
+
+
+def remaining(trainer: Trainer) -> float:
+    """The share of a run that is left."""
+    return 1 - trainer.steps / trainer.config.steps
+
+
+def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
+    """What every process but the first does in a run: the same as that one, without logs and files."""
+    trainer = prepared(config, files, crew)
+    if not trainer.steps:
+        trainer.state()
+    while trainer.steps < config.steps:
+        left, rollout = remaining(trainer), trainer.collect()
+        trainer.report()
+        trainer.update(rollout, left)
+        trainer.state()
+
+
 class TrainingRun:
     """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
 
-    A process that is killed at any moment leaves a run that can be resumed.
+    A process that is killed at any moment leaves a run that can be resumed. Where several processes share the work, this
+    one starts the others, and they end with it.
 
     Attributes:
         done: Agent-steps in updates that are complete.
@@ -48,15 +77,17 @@ class TrainingRun:
         """
         self.config, self.folder = config, folder
         files = self._find_checkpoint(resume)
-        threads = config.threads or min(THREADS, torch.get_num_threads())
-        torch.set_num_threads(threads)
-        self.trainer = Trainer(config, threads)
         if files is not None:
             self._check_plan(checkpoint.header_of(files))
-            restore(self.trainer, files)
-        with self._disk_errors():
-            self._prepare()
-            self.log = RunLog(folder, self.trainer.steps)
+        self.crew = recruit(config.processes, follow, config, files)
+        try:
+            self.trainer = prepared(config, files, self.crew)
+            with self._disk_errors():
+                self._prepare()
+                self.log = RunLog(folder, self.trainer.steps)
+        except BaseException:
+            self.crew.close()
+            raise
         self.saved = self.done = self.trainer.steps
         self.shown: dict[str, str] = {}
 
@@ -67,10 +98,12 @@ class TrainingRun:
             progress: Called after each update, and as each of its epochs begins: the first ones take minutes.
 
         Raises:
-            TrainingError: The disk is full; what is in the folder can be resumed.
+            TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
         """
-        kept = self._capture() if not self.saved else None
+        kept = None
         try:
+            if not self.saved:
+                kept = self._capture()
             while self.trainer.steps < self.config.steps:
                 self._iterate(progress)
                 self.done, self.shown["now"] = self.trainer.steps, "collecting"
@@ -79,6 +112,7 @@ class TrainingRun:
                     self._save(kept)
                 progress(self)
         finally:
+            self.crew.close()
             with self._disk_errors():
                 try:
                     if kept is not None:
@@ -94,12 +128,12 @@ class TrainingRun:
             progress(self)
 
         trainer, times = self.trainer, [time.perf_counter()]
-        left = 1 - trainer.steps / self.config.steps
+        left = remaining(trainer)
         rollout = trainer.collect()
         times.append(time.perf_counter())
         tags = trainer.report() | trainer.update(rollout, left, on_epoch)
         times.append(time.perf_counter())
-        samples, collecting, updating = rollout.alive.size, times[1] - times[0], times[2] - times[1]
+        samples, collecting, updating = rollout.learner.size, times[1] - times[0], times[2] - times[1]
         tags |= {
             "time/env_steps": trainer.steps / trainer.env.num_agents,
             "time/fps": samples / (collecting + updating),

@@ -1,6 +1,6 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,12 @@ import outlast
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.saved import SAVED, common_scenario
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.snapshots.state import State
 
 from .collector import Collector
 from .config import TrainingConfig
+from .crew import Crew
 from .errors import TrainingError
 from .lane import Lane
 from .learner import Learner
@@ -38,49 +41,45 @@ class Trainer:
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
         collector: What plays.
-        steps: Agent-steps collected so far.
+        steps: Agent-steps collected so far, by all processes.
+        crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
-    def __init__(self, config: TrainingConfig, threads: int = 1) -> None:
+    def __init__(self, config: TrainingConfig, threads: int = 1, crew: Crew | None = None) -> None:
         """Make worlds and networks.
 
         Args:
             config: What to train, and how.
             threads: That share the worlds.
+            crew: Of so many processes as the config has; each of them makes a trainer of the same config, and calls the
+                same methods in the same order.
 
         Raises:
             ScenarioError: The scenario cannot be played.
             TrainingError: There is no such device, or an opponent that cannot play.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
-        self.steps, self.updates = 0, 0
-        worlds, rollout = config.size
-        self.rollout_steps = rollout // worlds
+        self.crew, self.steps, self.updates = crew or Crew(), 0, 0
+        self.worlds, rollout = config.size
+        self.rollout_steps = rollout // self.worlds
         players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
         scenario = common_scenario(self.preset.scenario(config.scenario), [*players.values()])
-        self.env = outlast.make_vec(
-            scenario,
-            worlds,
-            seed=config.seed,
-            threads=threads,
-            autoreset_mode="Disabled",
-            copy=False,
-            check_actions=False,
-        )
-        self.env.reset(seed=config.seed)
+        own, halves = self.crew.share(self.worlds), 2 if config.halves or self.device.type != "cpu" else 1
+        parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
+        with self.crew.first_ahead():
+            envs = [self._env(scenario, part, threads) for part in parts if part]
+        self.env = envs[0]
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
-            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number)
+            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew)
             for number in range(self.team.max() + 1)
         ]
         self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
-        packer = Packer(self.layout, leaky=self.preset.leaky)
-        self.lane = Lane(
-            self.env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device
-        )
-        self.collector = Collector([self.lane], numbers)
+        packer, same = Packer(self.layout, leaky=self.preset.leaky), {"seed": config.seed, "dead": config.dead}
+        lanes = [Lane(env, packer, self.team, self.opponents, device=self.device, **same) for env in envs]
+        self.collector = Collector(lanes, numbers, self.crew)
 
     @property
     def policies(self) -> list[ActorCritic]:
@@ -89,9 +88,10 @@ class Trainer:
 
     def collect(self) -> Rollout:
         """Play on and keep the samples."""
-        begun = self.steps // (self.env.num_worlds * self.env.num_agents)
+        begun = self.steps // (self.worlds * self.env.num_agents)
         rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
-        self.steps += rollout.alive.size
+        self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
+        self.steps += rollout.learner.size
         return rollout
 
     def update(
@@ -110,13 +110,53 @@ class Trainer:
         logged = [learner.update(rollout, left, on_epoch) for learner in self.learners]
         self.updates += 1
         if self.updates % self.config.snapshots == 0:
-            playing = {int(index) for lane in self.collector.lanes for index in lane.opponent}
+            playing = set(self._everyones(lambda lane: np.unique(lane.opponent).tolist()))
             self.opponents.remember(self.policies, self.steps, playing)
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
         """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
-        return means(lane.tallies() for lane in self.collector.lanes) | self.opponents.report()
+        return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report()
+
+    def state(self) -> tuple[State, dict[str, Array]]:
+        """The worlds of all processes, and what their lanes are in, (worlds, ...) by name."""
+        lanes = self.collector.lanes
+        states, own = [lane.env.get_state() for lane in lanes], [lane.state() for lane in lanes]
+        worlds = State(states[0].scenario, self._joined([state.arrays for state in states]))
+        return worlds, self._joined(own)
+
+    def restore_worlds(self, worlds: State) -> None:
+        """Go on from the worlds that `state` returned. Raises StateError."""
+        for lane in self.collector.lanes:
+            lane.env.set_state(worlds[lane.rows] if len(worlds) == self.worlds else worlds)
+
+    def restore_lanes(self, lanes: dict[str, Array]) -> None:
+        """Go on from the lanes that `state` returned. Raises TrainingError."""
+        for lane in self.collector.lanes:
+            lane.restore({name: values[lane.rows] for name, values in lanes.items()})
+
+    def _joined(self, parts: Sequence[dict[str, Array]]) -> dict[str, Array]:
+        """Arrays of all lanes of all processes, by name, in order of the worlds."""
+        return {name: self.crew.gather(np.concatenate([part[name] for part in parts])) for name in parts[0]}
+
+    def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
+        """What `get` finds in each lane of all processes, in one list."""
+        own = [each for lane in self.collector.lanes for each in get(lane)]
+        return [each for part in self.crew.gather_values(own) for each in part]
+
+    def _env(self, scenario: Scenario, worlds: range, threads: int) -> SurvivalVectorEnv:
+        env = outlast.make_vec(
+            scenario,
+            len(worlds),
+            seed=self.config.seed,
+            threads=threads,
+            autoreset_mode="Disabled",
+            copy=False,
+            check_actions=False,
+            first_world=worlds.start,
+        )
+        env.reset(seed=self.config.seed)
+        return env
 
     def _policy(self) -> ActorCritic:
         sizes = [int(size) for size in self.env.action_sizes]

@@ -32,12 +32,13 @@ SINGLE = (
     "rollout",
     "policies",
     "snapshots",
+    "processes",
     "dead",
     "device",
     "every",
 )  # options with one value each
 REPEATED = ("set", "ppo")
-FLAGS = ("prioritised",)
+FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
 RESUME = "stopped: go on with --resume"
@@ -66,6 +67,10 @@ def add(commands: Any) -> None:
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
+    text = "that share the worlds; the numbers are the same, but for rounding (default 1)"
+    command.add_argument("--processes", type=positive, default=1, metavar="N", help=text)
+    text = "step half of the worlds while the networks are busy with the other half; a GPU always does"
+    command.add_argument("--halves", action="store_true", help=text)
     command.add_argument(
         "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
     )
@@ -172,7 +177,7 @@ def _train_several(options: argparse.Namespace, variants: Sequence[str]) -> int:
     waiting = [Job(options, variant, seed) for variant, seed in itertools.product(variants, options.seed)]
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
-    at_once, running = options.jobs or os.cpu_count() or 1, list[Job]()
+    at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()
     bar, done, statuses = _bar(options, len(waiting) * options.steps), 0, []
     try:
         while waiting or running:

@@ -1,0 +1,253 @@
+"""Processes that train together: each plays in a share of the worlds, and what they find is summed over all."""
+
+import contextlib
+import json
+import math
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from datetime import timedelta
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch import distributed as dist
+
+from .errors import TrainingError
+
+Array = np.ndarray[Any, Any]
+HOST = "127.0.0.1"
+TIMEOUT = timedelta(minutes=30)  # that a process may be busy alone: compiling, writing files
+POLL, GRACE = 0.02, 5.0  # seconds between looks at processes that begin; that one which failed has to end
+BEGUN, WRONG = "begun {}", "wrong {}"  # what process number {} leaves in the store: that it is there, what failed
+LOST = 75  # exit status of a process whose only fault is that it lost another one
+
+
+class LostError(TrainingError):
+    """A process of the crew has ended."""
+
+
+class Crew:
+    """One process alone: sums are what they were, and nothing is sent.
+
+    Attributes:
+        rank: The number of this process; the first, 0, is the one that logs and writes files.
+        size: How many there are.
+    """
+
+    def __init__(self, rank: int = 0, size: int = 1) -> None:
+        self.rank, self.size = rank, size
+
+    def share(self, count: int) -> range:
+        """Which of so many worlds are this process's."""
+        return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
+
+    def sum(self, tensors: Sequence[Tensor]) -> None:
+        """Replace tensors, of one type, by their sums over all processes."""
+
+    def gather(self, array: Array, axis: int = 0) -> Array:
+        """The arrays of all processes, one behind the other along an axis."""
+        return array
+
+    def gather_values(self, own: Any) -> list[Any]:
+        """What all processes have: numbers, texts, lists and dicts of them (of tuples, as lists)."""
+        return [own]
+
+    @contextlib.contextmanager
+    def first_ahead(self) -> Iterator[None]:
+        """What happens in it, the first process does before all others: it compiles, they load."""
+        yield
+
+    def close(self) -> None:
+        """Leave the others; the first process stops them."""
+
+
+class Member(Crew):
+    """One of several processes."""
+
+    def __init__(self, rank: int, size: int, host: str, store: dist.Store, others: "Others | None" = None) -> None:
+        """Make one, which joins the others when it first sends something.
+
+        Args:
+            rank: Its number.
+            size: How many there are.
+            host: Address of the network between them that this process is reached by.
+            store: Where they find each other.
+            others: Those that this process has started.
+        """
+        super().__init__(rank, size)
+        self._host, self._store, self._others, self._joined = host, store, others, None
+
+    def sum(self, tensors: Sequence[Tensor]) -> None:
+        flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
+        self._run(lambda group: group.allreduce([flat]))
+        for tensor, total in zip(tensors, flat.split([tensor.numel() for tensor in tensors]), strict=True):
+            tensor.copy_(total.view_as(tensor))
+
+    def gather(self, array: Array, axis: int = 0) -> Array:
+        rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
+        lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
+        each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
+        padded = np.zeros(max(lengths) * each, np.uint8)
+        padded[: rows.nbytes] = rows.reshape(-1).view(np.uint8)
+        parts = [part[: length * each] for part, length in zip(self._gather(padded), lengths, strict=True)]
+        joined = np.concatenate(parts).view(rows.dtype).reshape(sum(lengths), *rows.shape[1:])
+        return np.moveaxis(joined, 0, axis)
+
+    def gather_values(self, own: Any) -> list[Any]:
+        lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
+        return [json.loads(line) for line in lines]
+
+    @contextlib.contextmanager
+    def first_ahead(self) -> Iterator[None]:
+        if self.rank:
+            self._gather(np.zeros(1, np.uint8))
+        yield
+        if not self.rank:
+            self._gather(np.zeros(1, np.uint8))
+
+    def close(self) -> None:
+        self._joined = None
+        if self._others is not None:
+            self._others.stop()
+
+    def _gather(self, own: Array) -> Array:
+        """The bytes of all processes, as many of each: uint8 (processes, bytes)."""
+        found = torch.zeros((self.size, len(own)), dtype=torch.uint8)
+        self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
+        gathered: Array = found.numpy()
+        return gathered
+
+    def _run(self, begin: Callable[[Any], Any]) -> None:
+        """Do something together with all processes. Raises TrainingError where one is lost."""
+        try:
+            if self._joined is None:
+                if self._others is not None:
+                    self._others.wait()
+                self._joined = _group(self._store, self.rank, self.size, self._host)
+            begin(self._joined).wait()
+        except RuntimeError as error:
+            reason = self._others.reason() if self._others is not None else ""
+            raise LostError(reason or f"the processes that train together lost each other: {error}") from error
+
+
+class Others(Protocol):
+    """Processes that the first one has started."""
+
+    def wait(self) -> None:
+        """Until all have begun. Raises TrainingError if one ended instead."""
+
+    def reason(self) -> str:
+        """Why one of them ended; nothing if none did."""
+
+    def stop(self) -> None:
+        """End them."""
+
+
+class Children:
+    """Processes on this machine; they end with this one."""
+
+    def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: dist.TCPStore) -> None:
+        self.size, self.store = size, store
+        context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
+        self.processes = [
+            context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
+            for rank in range(1, size)
+        ]
+        with _deaf_to_ctrl_c():
+            for process in self.processes:
+                process.start()
+
+    def wait(self) -> None:
+        while not all(self.store.check([BEGUN.format(rank)]) for rank in range(1, self.size)):
+            if any(not process.is_alive() for process in self.processes):
+                raise TrainingError(self.reason())
+            time.sleep(POLL)
+
+    def reason(self) -> str:
+        end = time.monotonic() + GRACE
+        while time.monotonic() < end:
+            for rank, process in enumerate(self.processes, 1):
+                if self.store.check([WRONG.format(rank)]):
+                    return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
+                if not process.is_alive() and (code := process.exitcode or 0) != LOST:
+                    how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
+                    return f"process {rank + 1} of {self.size} {how}; go on with --resume"
+            time.sleep(POLL)
+        return ""
+
+    def stop(self) -> None:
+        for process in self.processes:
+            process.kill()  # it owns no files, and may be waiting for others
+        for process in self.processes:
+            process.join()
+
+
+def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
+    """A crew of so many processes: this one, and others that are started.
+
+    Args:
+        size: How many; 1 starts none.
+        work: What the others do, called with their crew; a function of a module.
+        arguments: More for it; picklable.
+    """
+    if size == 1:
+        return Crew()
+    store = listening(HOST)
+    return Member(0, size, HOST, store, Children(size, work, arguments, store))
+
+
+def listening(host: str) -> dist.TCPStore:
+    """Where the processes of a crew find each other: a server in this process, at a port of its own choice."""
+    return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)
+
+
+def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
+    """What a process that was started does.
+
+    Args:
+        rank: Its number.
+        size: How many there are.
+        host: The address that it is reached by.
+        first: That of the first process.
+        port: Of its store.
+        work: See `recruit`.
+        arguments: See `recruit`.
+    """
+    store = dist.TCPStore(first, port, is_master=False)
+    store.set(BEGUN.format(rank), "")
+    crew = Member(rank, size, host, store)
+    try:
+        work(crew, *arguments)
+    except LostError:
+        raise SystemExit(LOST) from None
+    except Exception as error:
+        with contextlib.suppress(RuntimeError):  # the first process has ended
+            store.set(WRONG.format(rank), f"{error}" or type(error).__name__)
+        raise SystemExit(1) from None
+    finally:
+        crew.close()
+
+
+def _group(store: dist.Store, rank: int, size: int, host: str) -> Any:
+    """What sends: PyTorch's gloo over TCP, among the processes that have the store."""
+    options = dist.ProcessGroupGloo._Options()
+    options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
+    options._timeout = TIMEOUT
+    return dist.ProcessGroupGloo(store, rank, size, options)
+
+
+@contextlib.contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes that are started in it leave Ctrl-C, which a terminal sends to all, to this one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
