@@ -14,23 +14,20 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
-from .observation_layout import ObservationLayout
+from .rows import PaddedRows
 
 
-def attend(
-    packed: Tensor, layout: ObservationLayout, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention
-) -> Tensor:
-    """What torch.nn.MultiheadAttention makes of the embedded rows, averaged over all rows; outputs of hidden ones are 0.
+def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
+    """What torch.nn.MultiheadAttention makes of embedded rows, averaged over all of them; that of hidden ones is 0.
 
     Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
     Args:
-        packed: Observations, (batch, layout.size).
-        layout: Where masks and rows are in them.
+        padded: What a batch of agents observes.
         weight: Of the layers of all kinds, one below the other, (numbers of all kinds, width).
         bias: Of the same layers, (kinds, width).
-        attention: Its parameters, and how many heads there are.
+        attention: Its parameters are used, and how many heads it has.
 
     Returns:
         (batch, width).
@@ -38,7 +35,7 @@ def attend(
     Raises:
         ValueError: A gradient by the observations is asked for.
     """
-    if packed.requires_grad:
+    if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
     width, heads = attention.embed_dim, attention.num_heads
     query, key, value = attention.in_proj_weight.view(3, heads, -1, width)
@@ -49,10 +46,10 @@ def attend(
     out_bias = functional.linear(value_bias.reshape(width), out.weight, out.bias)
     from_values = torch.bmm(out.weight.view(width, heads, -1).transpose(0, 1), value)  # (heads, width, width)
 
-    order = packed[:, layout.own : layout.own + layout.rows].sum(1).argsort()
-    packed = packed.index_select(0, order)
-    seen = functional.pad(packed[:, layout.own : layout.own + layout.rows], (0, 1), value=1.0)
-    mixed: Tensor = _Mix.apply(packed, seen, layout, weight, bias, to_keys[:, :-1], to_keys[:, -1])
+    order = padded.seen.sum(1).argsort()
+    padded = padded.select(order)
+    seen = functional.pad(padded.seen, (0, 1), value=1.0)
+    mixed: Tensor = _Mix.apply(seen, padded, weight, bias, to_keys[:, :-1], to_keys[:, -1])
     total = mixed @ from_values.transpose(1, 2).reshape(heads * width, width) + seen.sum(1, keepdim=True) * out_bias
     return torch.empty_like(total).index_copy(0, order, total) / seen.shape[1]
 
@@ -60,24 +57,23 @@ def attend(
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    seen: (batch, rows), with the padding row, sorted by how many are visible. wanted, wanted_bias: the linear map from
-    an embedded row to what each head multiplies the others by, (heads * width, width) and (heads * width,).
+    seen: (batch, rows), with the padding row; samples are sorted by how many are visible. to_keys, to_keys_bias: the
+    linear map of an embedded row to what each head multiplies all of them by, (heads * width, width).
     """
 
     @staticmethod
     def forward(
         ctx: Any,
-        packed: Tensor,
         seen: Tensor,
-        layout: ObservationLayout,
+        padded: PaddedRows,
         weight: Tensor,
         bias: Tensor,
         to_keys: Tensor,
         to_keys_bias: Tensor,
     ) -> Tensor:
         (batch, rows), width, heads = seen.shape, weight.shape[1], len(to_keys) // weight.shape[1]
-        inputs = _by_kind(packed, layout)
-        embedded = packed.new_zeros(batch, rows, width)
+        layout, inputs = padded.layout, _by_kind(padded)
+        embedded = seen.new_zeros(batch, rows, width)
         # tanh(x) = 2 sigmoid(2x) - 1, which takes a quarter of the time
         matrices = (2 * weight).split([kind.features for kind in layout.kinds])
         parts = embedded[:, :-1].split([kind.rows for kind in layout.kinds], 1)
@@ -89,8 +85,8 @@ class _Mix(torch.autograd.Function):
         queries = embedded.view(-1, width).index_select(0, where)
         wanted = torch.addmm(to_keys_bias, queries, to_keys.T)
         raised, groups = (1 - seen)[:, None], list(_groups(counts))
-        weights = packed.new_empty(len(where), heads * rows)
-        sums = packed.new_empty(batch, heads * rows)
+        weights = seen.new_empty(len(where), heads * rows)
+        sums = seen.new_empty(batch, heads * rows)
         for samples, chosen, count in groups:
             these = wanted[chosen].view(-1, count * heads, width)
             logits = weights[chosen].view(-1, count * heads, rows)
@@ -100,7 +96,7 @@ class _Mix(torch.autograd.Function):
             torch.sum(weights[chosen].view(-1, count, heads * rows), 1, out=sums[samples])
         ctx.save_for_backward(embedded, where, counts, queries, wanted, weights, sums, to_keys, *inputs)
         ctx.layout, ctx.groups = layout, groups
-        return torch.bmm(sums.view(batch, heads, rows), embedded).view(batch, -1)
+        return torch.bmm(sums.view(batch, heads, rows), embedded).view(batch, heads * width)
 
     @staticmethod
     @once_differentiable  # type: ignore[untyped-decorator]
@@ -109,12 +105,12 @@ class _Mix(torch.autograd.Function):
         embedded, where, counts, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
         (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
         gradient, sums = gradient.view(batch, heads, width), sums.view(batch, heads, rows)
-        by_sums = torch.bmm(gradient, embedded.transpose(1, 2)).view(batch, -1)
+        by_sums = torch.bmm(gradient, embedded.transpose(1, 2)).view(batch, heads * rows)
         by_weights = by_sums.repeat_interleave(counts, 0, output_size=len(where)).view(-1, rows)
         weights = weights.view(-1, rows)
         by_logits = torch.ops.aten._softmax_backward_data(by_weights, weights, 1, weights.dtype)
 
-        by_logits, by_wanted = by_logits.view(len(where), -1), torch.empty_like(wanted)
+        by_logits, by_wanted = by_logits.view(-1, heads * rows), torch.empty_like(wanted)
         by_embedded = torch.bmm(sums.transpose(1, 2), gradient)
         for samples, chosen, count in ctx.groups:
             by_these = by_logits[chosen].view(-1, count * heads, rows)
@@ -130,16 +126,14 @@ class _Mix(torch.autograd.Function):
             by_values = torch.ops.aten.tanh_backward(one, other).reshape(-1, width)
             by_weight.append(numbers.T @ by_values)
             by_bias.append(by_values.sum(0))
-        return None, None, None, torch.cat(by_weight), torch.stack(by_bias), by_wanted.T @ queries, by_wanted.sum(0)
+        return None, None, torch.cat(by_weight), torch.stack(by_bias), by_wanted.T @ queries, by_wanted.sum(0)
 
 
-def _by_kind(packed: Tensor, layout: ObservationLayout) -> list[Tensor]:
+def _by_kind(padded: PaddedRows) -> list[Tensor]:
     """The rows of each kind: (batch * rows, features)."""
-    rows = packed[:, layout.own + layout.rows :].view(len(packed), layout.rows, layout.features)
-    parts = rows.split([kind.rows for kind in layout.kinds], 1)
-    return [
-        part.reshape(-1, layout.features)[:, : kind.features] for part, kind in zip(parts, layout.kinds, strict=True)
-    ]
+    kinds, features = padded.layout.kinds, padded.layout.features
+    parts = padded.rows.split([kind.rows for kind in kinds], 1)
+    return [part.reshape(-1, features)[:, : kind.features] for part, kind in zip(parts, kinds, strict=True)]
 
 
 def _groups(counts: Tensor) -> Iterator[tuple[slice, slice, int]]:
