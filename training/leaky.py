@@ -49,7 +49,7 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
     order = padded.seen.sum(1).argsort()
     padded = padded.select(order)
     seen = functional.pad(padded.seen, (0, 1), value=1.0)
-    mixed: Tensor = _Mix.apply(seen, padded, weight, bias, to_keys[:, :-1], to_keys[:, -1])
+    mixed: Tensor = _Mix.apply(seen, padded, weight, bias, to_keys)
     total = mixed @ from_values.transpose(1, 2).reshape(heads * width, width) + seen.sum(1, keepdim=True) * out_bias
     return torch.empty_like(total).index_copy(0, order, total) / seen.shape[1]
 
@@ -57,20 +57,12 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    seen: (batch, rows), with the padding row; samples are sorted by how many are visible. to_keys, to_keys_bias: the
-    linear map of an embedded row to what each head multiplies all of them by, (heads * width, width).
+    seen: (batch, rows), with the padding row; samples are sorted by how many are visible. to_keys: the linear map of an
+    embedded row to what each head multiplies all of them by, (heads * width, width + 1), the last column its bias.
     """
 
     @staticmethod
-    def forward(
-        ctx: Any,
-        seen: Tensor,
-        padded: PaddedRows,
-        weight: Tensor,
-        bias: Tensor,
-        to_keys: Tensor,
-        to_keys_bias: Tensor,
-    ) -> Tensor:
+    def forward(ctx: Any, seen: Tensor, padded: PaddedRows, weight: Tensor, bias: Tensor, to_keys: Tensor) -> Tensor:
         (batch, rows), width, heads = seen.shape, weight.shape[1], len(to_keys) // weight.shape[1]
         layout, inputs = padded.layout, _by_kind(padded)
         embedded = seen.new_zeros(batch, rows, width)
@@ -83,7 +75,7 @@ class _Mix(torch.autograd.Function):
 
         where, counts = seen.flatten().nonzero().flatten(), seen.count_nonzero(1)
         queries = embedded.view(-1, width).index_select(0, where)
-        wanted = torch.addmm(to_keys_bias, queries, to_keys.T)
+        wanted = torch.addmm(to_keys[:, -1], queries, to_keys[:, :-1].T)
         raised, groups = (1 - seen)[:, None], list(_groups(counts))
         weights = seen.new_empty(len(where), heads * rows)
         sums = seen.new_empty(batch, heads * rows)
@@ -116,7 +108,7 @@ class _Mix(torch.autograd.Function):
             by_these = by_logits[chosen].view(-1, count * heads, rows)
             by_embedded[samples].baddbmm_(by_these.transpose(1, 2), wanted[chosen].view(-1, count * heads, width))
             torch.bmm(by_these, embedded[samples], out=by_wanted[chosen].view(-1, count * heads, width))
-        by_embedded.view(-1, width).index_add_(0, where, by_wanted @ to_keys)
+        by_embedded.view(-1, width).index_add_(0, where, by_wanted @ to_keys[:, :-1])
 
         split = [kind.rows for kind in ctx.layout.kinds]
         by_weight, by_bias = [], []
@@ -126,7 +118,8 @@ class _Mix(torch.autograd.Function):
             by_values = torch.ops.aten.tanh_backward(one, other).reshape(-1, width)
             by_weight.append(numbers.T @ by_values)
             by_bias.append(by_values.sum(0))
-        return None, None, torch.cat(by_weight), torch.stack(by_bias), by_wanted.T @ queries, by_wanted.sum(0)
+        by_to_keys = torch.cat([by_wanted.T @ queries, by_wanted.sum(0)[:, None]], 1)
+        return None, None, torch.cat(by_weight), torch.stack(by_bias), by_to_keys
 
 
 def _by_kind(padded: PaddedRows) -> list[Tensor]:
