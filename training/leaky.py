@@ -1,9 +1,9 @@
 """Attention in the authors' code: every row is attended to, hidden ones too; visible ones and a padding row attend.
 
-Three things make it fast. Samples are sorted by how many rows attend, so that those with equally many are one batched
-product and none is filled up. Linear maps are applied where there are fewest rows: those of keys to queries, those of
-values and outputs behind the sum over queries. And the gradient is written out: a few large products, where autograd
-would keep and copy dozens of tensors.
+Four things make it fast. Samples are sorted by how many rows attend, so that those with equally many are one batched
+product, and none is filled up. Linear maps are applied where there are fewest rows: those of keys to queries, those of
+values and outputs behind the sum over queries. All rows of a kind are embedded in one product. And the gradient is
+written out: a few large products, where autograd would make and keep dozens of tensors.
 """
 
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
     out_bias = functional.linear(value_bias.reshape(width), out.weight, out.bias)
     from_values = torch.bmm(out.weight.view(width, heads, -1).transpose(0, 1), value)  # (heads, width, width)
 
-    order = padded.seen.sum(1).argsort()
+    order = padded.seen.count_nonzero(1).argsort()
     padded = padded.select(order)
     seen = functional.pad(padded.seen, (0, 1), value=1.0)
     mixed: Tensor = _Mix.apply(seen, padded, weight, bias, to_keys)
@@ -96,7 +96,7 @@ class _Mix(torch.autograd.Function):
         """Gradients by the arguments of forward."""
         embedded, where, counts, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
         (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
-        gradient, sums = gradient.view(batch, heads, width), sums.view(batch, heads, rows)
+        gradient, sums = gradient.reshape(batch, heads, width), sums.view(batch, heads, rows)
         by_sums = torch.bmm(gradient, embedded.transpose(1, 2)).view(batch, heads * rows)
         by_weights = by_sums.repeat_interleave(counts, 0, output_size=len(where)).view(-1, rows)
         weights = weights.view(-1, rows)
