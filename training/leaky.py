@@ -46,25 +46,24 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
     out_bias = functional.linear(value_bias.reshape(width), out.weight, out.bias)
     from_values = torch.bmm(out.weight.view(width, heads, -1).transpose(0, 1), value)  # (heads, width, width)
 
-    order = padded.seen.count_nonzero(1).argsort()
-    padded = padded.select(order)
-    seen = functional.pad(padded.seen, (0, 1), value=1.0)
-    mixed: Tensor = _Mix.apply(seen, padded, weight, bias, to_keys)  # type: ignore[no-untyped-call]
-    total = mixed @ from_values.transpose(1, 2).reshape(heads * width, width) + seen.sum(1, keepdim=True) * out_bias
-    return torch.empty_like(total).index_copy(0, order, total) / seen.shape[1]
+    visible, order = padded.seen.count_nonzero(1).sort()
+    counts = visible + 1  # with the padding row
+    mixed: Tensor = _Mix.apply(padded.select(order), counts, weight, bias, to_keys)  # type: ignore[no-untyped-call]
+    total = mixed @ from_values.transpose(1, 2).reshape(heads * width, width) + counts[:, None] * out_bias
+    return torch.empty_like(total).index_copy(0, order, total) / (padded.layout.rows + 1)
 
 
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    seen: (batch, rows), with the padding row; samples are sorted by how many are visible. to_keys: the linear map of an
+    counts: (batch,), of visible rows with the padding row; samples are sorted by it. to_keys: the linear map of an
     embedded row to what each head multiplies all of them by, (heads * width, width + 1), the last column its bias.
     """
 
     @staticmethod
-    def forward(ctx: Any, seen: Tensor, padded: PaddedRows, weight: Tensor, bias: Tensor, to_keys: Tensor) -> Tensor:
+    def forward(ctx: Any, padded: PaddedRows, counts: Tensor, weight: Tensor, bias: Tensor, to_keys: Tensor) -> Tensor:
+        layout, inputs, seen = padded.layout, _by_kind(padded), functional.pad(padded.seen, (0, 1), value=1.0)
         (batch, rows), width, heads = seen.shape, weight.shape[1], len(to_keys) // weight.shape[1]
-        layout, inputs = padded.layout, _by_kind(padded)
         embedded = seen.new_zeros(batch, rows, width)
         # tanh(x) = 2 sigmoid(2x) - 1, which takes a quarter of the time
         matrices = torch.split(2 * weight, [kind.features for kind in layout.kinds])
@@ -73,20 +72,19 @@ class _Mix(torch.autograd.Function):
             torch.sigmoid(torch.addmm(doubled, numbers, matrix).view_as(part), out=part)
         embedded[:, :-1].mul_(2).sub_(1)
 
-        where, counts = seen.flatten().nonzero().flatten(), seen.count_nonzero(1)
+        where = seen.flatten().nonzero().flatten()
+        sample = where.div(rows, rounding_mode="floor")
         queries = embedded.view(-1, width).index_select(0, where)
         wanted = torch.addmm(to_keys[:, -1], queries, to_keys[:, :-1].T)
         raised, groups = (1 - seen)[:, None], list(_groups(counts))
         weights = seen.new_empty(len(where), heads * rows)
-        sums = seen.new_empty(batch, heads * rows)
         for samples, chosen, count in groups:
             these = wanted[chosen].view(-1, count * heads, width)
             logits = weights[chosen].view(-1, count * heads, rows)
             torch.baddbmm(raised[samples], these, embedded[samples].transpose(1, 2), out=logits)
         weights = weights.view(-1, rows).softmax(1).view_as(weights)
-        for samples, chosen, count in groups:
-            torch.sum(weights[chosen].view(-1, count, heads * rows), 1, out=sums[samples])
-        ctx.save_for_backward(embedded, where, counts, queries, wanted, weights, sums, to_keys, *inputs)
+        sums = seen.new_zeros(batch, heads * rows).index_add_(0, sample, weights)
+        ctx.save_for_backward(embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs)
         ctx.layout, ctx.groups = layout, groups
         return torch.bmm(sums.view(batch, heads, rows), embedded).view(batch, heads * width)
 
@@ -94,11 +92,11 @@ class _Mix(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients by the arguments of forward."""
-        embedded, where, counts, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
+        embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
         (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
         gradient, sums = gradient.reshape(batch, heads, width), sums.view(batch, heads, rows)
         by_sums = torch.bmm(gradient, embedded.transpose(1, 2)).view(batch, heads * rows)
-        by_weights = by_sums.repeat_interleave(counts, 0, output_size=len(where)).view(-1, rows)
+        by_weights = by_sums.index_select(0, sample).view(-1, rows)
         weights = weights.view(-1, rows)
         by_logits = torch.ops.aten._softmax_backward_data(by_weights, weights, 1, weights.dtype)
 
