@@ -6,7 +6,9 @@ import difflib
 import logging
 import os
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TextIO
+
+from tqdm import tqdm
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
@@ -101,7 +103,7 @@ def load_policy(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy
 @contextlib.contextmanager
 def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") -> Iterator[None]:
     """Meanwhile show on stderr what the logger of that name and those below it get, except for deaths below it."""
-    logger, handler = logging.getLogger(name), logging.StreamHandler()
+    logger, handler = logging.getLogger(name), _BesideBars()
     level = logger.level
     handler.setFormatter(logging.Formatter(form))
     handler.addFilter(lambda record: record.name == name or record.name != "outlast.deaths")
@@ -112,6 +114,15 @@ def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") ->
     finally:
         logger.removeHandler(handler)
         logger.setLevel(level)
+
+
+class _BesideBars(logging.StreamHandler[TextIO]):
+    """Writes messages above progress bars, which would else be written over."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a message."""
+        with tqdm.external_write_mode(file=self.stream):
+            super().emit(record)
 
 
 def printable(path: str) -> str:
