@@ -182,9 +182,14 @@ def _get(rest: dict[str, Any], *names: str) -> Any:
     return found
 
 
+def checkpoints(folder: Path) -> list[Path]:
+    """The checkpoints in the folder of a run, by their steps."""
+    return sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
+
+
 def newest(folder: Path) -> Path:
     """The checkpoint with the most steps in the folder of a run."""
-    found = sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
+    found = checkpoints(folder)
     if not found:
         raise TrainingError(f"there is nothing to resume in {folder}")
     return found[-1]

@@ -15,8 +15,9 @@ logger = logging.getLogger(__name__)
 def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:
     """Film the beginning of an episode that a checkpoint's policy plays with itself. Takes a second or two.
 
-    Nothing that a training run goes by is touched: no global random numbers, no number of threads. Whatever goes wrong,
-    as on a full disk, is logged, as a run is worth more than its films. Ctrl-C is raised; there is a whole film or none.
+    Nothing that a training run goes by is touched: no global random numbers, no number of threads. Whatever goes
+    wrong, as on a full disk, is logged, as a run is worth more than its films. Ctrl-C is raised. There is a whole film
+    or none.
 
     Args:
         checkpoint: The file of the checkpoint.

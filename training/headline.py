@@ -5,8 +5,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from .log_file import Points
-
 
 @dataclass(frozen=True)
 class Figure:
@@ -83,14 +81,3 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
             of = "" if games is None else f" of {large(games)}"
             found.append(Figure("wins", name, share, f"{100 * share:.0f} %{of}"))
     return sorted(found, key=lambda figure: GROUPS.index(figure.group))
-
-
-def by_step(points: Points, most: int) -> dict[int, dict[str, float]]:
-    """The values by tag of each step of a log in order of steps; if there are more than `most`, of about so many."""
-    steps = sorted({step for rows in points.values() for step, _ in rows})
-    kept: dict[int, dict[str, float]] = {step: {} for step in [*steps[:: -(-len(steps) // most) or 1], *steps[-1:]]}
-    for tag, rows in points.items():
-        for step, value in rows:
-            if step in kept:
-                kept[step][tag] = value
-    return kept

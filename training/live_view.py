@@ -1,11 +1,12 @@
 """What the terminal shows while a run goes on: a bar and a few lines below it, or now and then a line in a log."""
 
 import math
+import os
 import shutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from typing import TextIO
+from typing import Any, TextIO
 
 from tqdm import tqdm
 
@@ -100,14 +101,14 @@ class _Block(tqdm):  # type: ignore[misc]  # mypy does not follow it
         self.groups: list[tuple[str, list[Figure]]] = []
         self.height = 0  # lines that were drawn last
         self.closing = False
-        super().__init__(file=file, initial=done, total=total, unit=" steps", unit_scale=True, dynamic_ncols=True)
+        super().__init__(file=file, initial=done, total=total, unit=" steps", unit_scale=True)
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """Draw everything, in as many rows and columns as the terminal has. tqdm calls it, too."""
         if self.closing:
             return False
-        columns, rows = shutil.get_terminal_size()
-        self.bar_format = BAR if columns >= WIDE else NARROW
+        columns, rows = _size(self.fp)
+        self.ncols, self.bar_format = columns - 1, BAR if columns >= WIDE else NARROW
         lines = [str(self)[: columns - 1]]
         lines += [fitted(name, figures, columns - 1) for name, figures in self.groups[: max(0, rows - BESIDE)]]
         self.height = len(lines)
@@ -131,8 +132,18 @@ class _Block(tqdm):  # type: ignore[misc]  # mypy does not follow it
         super().close()
 
 
+def _size(file: Any) -> tuple[int, int]:
+    """Columns and rows of the terminal behind a file, at least one each."""
+    try:
+        columns, rows = os.get_terminal_size(file.fileno())
+    except (OSError, ValueError):
+        columns, rows = 0, 0
+    usual = shutil.get_terminal_size()  # some terminals do not know their size
+    return columns or usual.columns, rows or usual.lines
+
+
 def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
-    """A line of figures in so many characters: as many figures as there is room for, and of the first at least a part."""
+    """A line of as many figures as there is room for in so many characters, at least a part of the first one."""
     text = name.ljust(NAME)
     for k, figure in enumerate(figures):
         more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"

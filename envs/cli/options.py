@@ -5,6 +5,8 @@ import contextlib
 import difflib
 import logging
 import os
+import threading
+import webbrowser
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
@@ -47,6 +49,20 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
     """An option for an integer. default: the number, or words for what it is without the option."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
+
+
+def add_page(command: argparse.ArgumentParser) -> None:
+    """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
+    text = "port of 127.0.0.1 (default: 0, one that is free)"
+    command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
+    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+
+
+def announce(options: argparse.Namespace, text: str, address: str) -> None:
+    """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
+    print(text, flush=True)
+    if not options.no_browser:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
 
 
 def add_common(command: argparse.ArgumentParser, *options: str) -> None:
@@ -133,6 +149,13 @@ def printable(path: str) -> str:
 def positive(text: str) -> int:
     """An integer of at least 1."""
     return _integer(text, 1)
+
+
+def port(text: str) -> int:
+    """A port, or 0."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
+    return int(text)
 
 
 def nonnegative(text: str) -> int:
