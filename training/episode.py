@@ -12,6 +12,7 @@ from outlast.ecs import Worlds
 from outlast.envs.scenarios import renamed
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.serialize import check_repetitions, planned
 from outlast.envs.scenarios.variants import variant
 
 from . import run_header
@@ -94,8 +95,10 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
         if given.get("code"):
             raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
         numbers = renamed.current(given["numbers"], renamed.NUMBERS)
+        check_repetitions(numbers)
         known = {name: value for name, value in numbers.items() if name in plain.numbers()}
         made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+        planned(made)
     except ValueError as error:
         raise TrainingError(f"the scenario {given['name']!r} cannot be made from a checkpoint: {error}") from error
-    return made, difference(given, fingerprint(made))
+    return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name

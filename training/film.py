@@ -34,6 +34,8 @@ def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with episode(checkpoint, seed=seed, most=MOST, scenario=scenario) as played:
+            if played.differs:
+                logger.warning("%s: %s is not quite what it was: %s", checkpoint, played.scenario.name, played.differs)
             write_film(target, footage(played.worlds, played.ticks, [0], size=SIZE, every=EVERY), FPS)
     except Exception as error:  # of the disk, the encoder, the world, the policy
         logger.warning("there is no film of %s: %s", checkpoint, str(error) or type(error).__name__)

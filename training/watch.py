@@ -68,11 +68,13 @@ class RunWatcher:
 
     def record(self, stop: threading.Event) -> None:
         """Record episodes whenever there is something new to see, until `stop`."""
-        for number in itertools.count(1):
-            while (source := self._wanted()) is None:
-                if stop.wait(POLL):
-                    return
-            self._record(source, number, stop)
+        number = 0
+        while not stop.is_set():
+            if (source := self._wanted()) is None:
+                stop.wait(POLL)
+            else:
+                number += 1
+                self._record(source, number, stop)
 
     def _wanted(self) -> tuple[Path, int] | None:
         """The checkpoint to record an episode of now, if any."""
@@ -88,14 +90,15 @@ class RunWatcher:
                 ticks = _until(stop, played.ticks)
                 data = pack(played.scenario.name, record_ticks(played.worlds, ticks, [0]))
         except Exception as error:  # whatever is in the file, and in the world: older ones may do
-            why = str(error) or type(error).__name__
+            why = (str(error) or type(error).__name__).replace(str(path), "it")
             self.broken[source] = f"{path.name} cannot be played: {why}."
             logger.warning("%s cannot be played: %s", path, why)
             return
         if stop.is_set():
             return
-        self.differs = f"It is played in today's {played.scenario.name}: {played.differs}." if played.differs else ""
-        known = {"number": number, "steps": played.steps, "game": played.scenario.name}
+        game, differs = played.scenario.name, played.differs
+        self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
+        known = {"number": number, "steps": played.steps, "game": game}
         self.recorded = known | {"data": base64.b64encode(data).decode()}
         self.source, self.taken = source, False
 
