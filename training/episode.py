@@ -26,14 +26,12 @@ class Episode:
     Attributes:
         worlds: The world, which is reset when the first of the ticks is asked for.
         ticks: Each item that is asked for is one more tick, until the episode ends; the first one is the reset.
-        steps: Agent-steps that the policy was trained for.
         scenario: What is played.
         differs: How that differs from what the policy was trained in; "" if it does not.
     """
 
     worlds: Worlds
     ticks: Iterator[int]
-    steps: int
     scenario: Scenario
     differs: str
 
@@ -53,7 +51,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
     Raises:
         TrainingError: The checkpoint is broken, of another game, or of one that it does not say enough of.
     """
-    header, _ = run_header.read_checkpoint(path, (), ("steps", "scenario"))
+    header, _ = run_header.read_checkpoint(path, (), ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
     import torch  # here, as the command line must not wait for it
 
@@ -74,7 +72,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
     with contextlib.closing(env):
         player.check(env)
-        yield Episode(env.worlds, ticks(), header["steps"], game, differs)
+        yield Episode(env.worlds, ticks(), game, differs)
 
 
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:

@@ -43,11 +43,12 @@ class RunWatcher:
         self.lock = threading.Lock()  # of the log
 
     def status(self) -> Json:
-        """The state of the run: a message, the newest checkpoint, the number of the newest episode, and figures."""
+        """The state of the run: a message, the newest checkpoint, what the newest episode is of, and figures."""
         self.asked = time.monotonic()
         found = self._checkpoints()
         with self.lock:
             figures, wrong = self._figures()
+        made = self.recorded
         newest, messages = None, [self._waiting(bool(found))]
         if found:
             path, written = found[0]
@@ -56,7 +57,7 @@ class RunWatcher:
         return {
             "message": " ".join(filter(None, (*messages, wrong))),
             "newest": newest,
-            "episode": self.recorded and self.recorded["number"],
+            "episode": made and {"number": made["number"], "steps": made["steps"]},
             "figures": figures,
         }
 
@@ -98,7 +99,7 @@ class RunWatcher:
             return
         game, differs = played.scenario.name, played.differs
         self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
-        known = {"number": number, "steps": played.steps, "game": game}
+        known = {"number": number, "steps": _steps(path), "game": game}
         self.recorded = known | {"data": base64.b64encode(data).decode()}
         self.source, self.taken = source, False
 

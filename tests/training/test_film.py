@@ -49,7 +49,7 @@ def test_an_episode_is_played_to_its_end_and_is_the_same_again(policy: Path) -> 
         with episode(policy, seed=seed, most=5000) as played:
             places = [played.worlds[Body].x[0].copy() for _ in played.ticks]
         paths.append(np.array(places))
-        assert (played.steps, played.scenario.name, played.differs) == (0, "teams_3", "")
+        assert (played.scenario.name, played.differs) == ("teams_3", "")
     assert 10 < len(paths[0]) < 5000
     assert np.array_equal(paths[0], paths[1])
     assert not np.array_equal(paths[0][:5], paths[2][:5])

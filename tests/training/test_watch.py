@@ -97,20 +97,20 @@ def test_it_waits_for_the_first_checkpoint_and_plays_it(watched: RunWatcher, fol
     assert 0 <= status["newest"]["age"] < 60
     found = watched.episode()
     assert found is not None
-    assert (found["steps"], found["game"]) == (0, "teams_3")  # in the file; its name is for people
+    assert (found["steps"], found["game"]) == (1024, "teams_3")
     assert base64.b64decode(found["data"])[:2] == b"\x1f\x8b"
 
 
 def test_another_episode_is_played_when_one_was_taken(watched: RunWatcher, folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
-    first = until(watched, lambda status: bool(status["episode"]))["episode"]
+    first = until(watched, lambda status: bool(status["episode"]))["episode"]["number"]
     time.sleep(0.3)
-    assert watched.status()["episode"] == first  # nobody took it
+    assert watched.status()["episode"]["number"] == first  # nobody took it
     one, again = watched.episode(), watched.episode()
     assert one is not None
     assert again is not None
     assert one["number"] == first
-    until(watched, lambda status: status["episode"] > first)
+    until(watched, lambda status: status["episode"]["number"] > first)
     other = watched.episode()
     assert other is not None
     assert other["data"] != one["data"]
@@ -118,10 +118,10 @@ def test_another_episode_is_played_when_one_was_taken(watched: RunWatcher, folde
 
 def test_a_newer_checkpoint_takes_its_place(watched: RunWatcher, folder: Path, policy: Path) -> None:
     add(folder, 1024, policy)
-    first = until(watched, lambda status: bool(status["episode"]))["episode"]
+    first = until(watched, lambda status: bool(status["episode"]))["episode"]["number"]
     add(folder, 2048, policy)
-    status = until(watched, lambda status: status["episode"] > first)
-    assert status["newest"]["steps"] == 2048
+    status = until(watched, lambda status: status["episode"]["number"] > first)
+    assert status["newest"]["steps"] == status["episode"]["steps"] == 2048
     assert watched.source is not None
     assert watched.source[0].name == NAME.format(2048)
 

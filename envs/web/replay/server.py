@@ -27,7 +27,7 @@ class Feed(Protocol):
     """What the page shows. Its methods are called from several threads."""
 
     def status(self) -> Json:
-        """The state of the run, see watch.js: message, newest {steps, age}, episode, figures."""
+        """The state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
 
     def episode(self) -> Json | None:
         """The newest episode, {number, steps, game, data: base64 of `pack`}; None without any."""

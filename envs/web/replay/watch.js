@@ -25,7 +25,7 @@
 
   // ---- the run
 
-  let player = null, shown = null, busy = false, timer = 0;
+  let player = null, shown = null, status = null, busy = false, timer = 0;
 
   async function get(name) {
     const answer = await fetch(name, { cache: "no-store" });
@@ -37,8 +37,8 @@
     clearTimeout(timer);
     if (!document.hidden) {
       try {
-        const status = await get("status.json");
-        describe(status);
+        status = await get("status.json");
+        describe();
         if (!player && status.episode) await next();
       } catch (error) {
         say(LOST);
@@ -57,10 +57,10 @@
       else {
         if (player) await player.load(episode.data);
         else await begin(episode.data);
-        shown = episode;
-        skip.hidden = true;
+        shown = status.episode = episode;
         Dom.write(playing, `${steps(shown.steps)} agent-steps`);
         Dom.write($("title"), `${shown.game}: ${run}`);
+        compare();
       }
     } catch (error) {
       say(player ? LOST : `This episode cannot be played here: ${error.message}. A current browser is needed.`);
@@ -95,13 +95,20 @@
     message.hidden = !text;
   }
 
-  function describe({ message, newest, figures }) {
-    say(message);
+  // What is played, beside the newest checkpoint.
+  function compare() {
+    const { newest, episode } = status;
     if (newest) {
       const same = shown && shown.steps === newest.steps;
       Dom.write(about, same ? `saved ${ago(newest.age)}` : `newest: ${steps(newest.steps)}, ${ago(newest.age)}`);
-      skip.hidden = !shown || same;
     }
+    skip.hidden = !shown || !episode || episode.steps === shown.steps;
+  }
+
+  function describe() {
+    const { message, figures } = status;
+    say(message);
+    compare();
     const charted = figures.filter(({ points }) => points).map((figure) => [`${figure.group} ${figure.name}`, figure]);
     for (const [key, cell] of cells) if (!charted.some(([other]) => other === key)) { cell.remove(); cells.delete(key); }
     for (const [key, figure] of charted) write(key, figure);
