@@ -23,9 +23,10 @@ from outlast.envs.storage.atomic_write import atomic_write
 
 from . import run_header, safe_torch
 from .errors import TrainingError
+from .learner import Learner
 from .observation_layout import Array, ObservationLayout, earlier_scales, field_table, scales
 from .policy import ActorCritic
-from .ppo import SharedPPO
+from .trainer import Trainer
 
 HEAVIEST = 1000  # weight: with larger ones sums may overflow, and what is not a number chooses no action
 LAST = 2**53  # updates, which are counted in float32
@@ -33,25 +34,26 @@ GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random num
 NAME = "steps_{:010d}.zip"
 
 
-def capture(model: SharedPPO, header: dict[str, Any]) -> dict[str, bytes]:
+def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
     """The files of a checkpoint, in memory. header: more for run.json, see TrainingConfig.header."""
     rest = {
-        "optimiser": model.policy.optimizer.state_dict(),
-        "random": {"actions": model.generator.get_state(), "minibatches": model.shuffler.get_state()},
-        "updates": model._n_updates,  # Stable-Baselines3 has no other name for it
+        "optimiser": trainer.learner.optimizer.state_dict(),
+        "random": {"actions": trainer.generator.get_state(), "minibatches": trainer.learner.generator.get_state()},
+        "updates": trainer.learner.epochs,
+        "rewards": trainer.collector.scale.state(),
     }
-    first = {"version": run_header.VERSION, "steps": model.num_timesteps, "preset": model.preset.name}
+    first = {"version": run_header.VERSION, "steps": trainer.steps, "preset": trainer.preset.name}
     last = {
-        "scenario": fingerprint(model.base_env.scenario),
-        "observations": model.policy.layout.shapes,
-        "fields": field_table(model.base_env.fields),
-        "actions": [int(size) for size in model.base_env.action_sizes],
+        "scenario": fingerprint(trainer.env.scenario),
+        "observations": trainer.layout.shapes,
+        "fields": field_table(trainer.env.fields),
+        "actions": [int(size) for size in trainer.env.action_sizes],
     }
     return {
         run_header.NAME: json.dumps(first | header | last, indent=1).encode(),
-        "policy.pt": _tensor_bytes(model.policy.state_dict()),
+        "policy.pt": _tensor_bytes(trainer.policy.state_dict()),
         "rest.pt": _tensor_bytes(rest),
-        "worlds.npz": _state_bytes(model.base_env.get_state()),
+        "worlds.npz": _state_bytes(trainer.env.get_state()),
     }
 
 
@@ -73,28 +75,39 @@ def header_of(files: dict[str, bytes]) -> run_header.Header:
     return {"plan": {}, **run_header.parse_header(Path(run_header.NAME), files[run_header.NAME], ())}
 
 
-def restore(model: SharedPPO, files: dict[str, bytes]) -> None:
-    """Make a new model of the same preset go on from a checkpoint.
+def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
+    """Make a new trainer of the same preset go on from a checkpoint.
 
     Raises StateError if it is of another scenario, TrainingError if what is in it is of something else, or broken.
     """
-    header = header_of(files)
-    check_fields(header, model.base_env)
-    factors = recorded_scales(header, model.policy.layout)
-    rest, random = _load(files, "rest.pt"), {"actions": model.generator, "minibatches": model.shuffler}
+    header, learner = header_of(files), trainer.learner
+    check_fields(header, trainer.env)
+    factors = recorded_scales(header, trainer.layout)
+    rest, random = _load(files, "rest.pt"), {"actions": trainer.generator, "minibatches": learner.generator}
     if not isinstance(rest, dict) or type(rest.get("updates")) is not int:
         raise TrainingError("rest.pt of the checkpoint is not what a run goes on with")
     for name, generator in random.items():
         _check_random(generator, _get(rest, "random", name))
-    optimiser = _optimiser(model.policy, _get(rest, "optimiser", "state"))
-    model.start()
-    model.base_env.set_state(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
-    load_weights(model.policy, files)
-    model.policy.rescale(factors)
-    model.policy.optimizer.load_state_dict(optimiser)
+    optimiser = _optimiser(learner, _get(rest, "optimiser", "state"))
+    if "rewards" in rest:
+        _check_rewards(trainer, rest["rewards"])
+    trainer.env.set_state(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
+    load_weights(trainer.policy, files)
+    trainer.policy.rescale(factors)
+    learner.optimizer.load_state_dict(optimiser)
     for name, generator in random.items():
         generator.set_state(rest["random"][name].clone())
-    model.num_timesteps, model._n_updates = header["steps"], rest["updates"]
+    if "rewards" in rest:  # files of outlast 0.1 have none, and scale none
+        trainer.collector.scale.restore(rest["rewards"])
+    trainer.steps, learner.epochs = header["steps"], rest["updates"]
+
+
+def _check_rewards(trainer: Trainer, given: Any) -> None:
+    for name, own in trainer.collector.scale.state().items():
+        value = _get({"rewards": given}, "rewards", name)
+        _check_like(value, own, f"{name} of rewards in rest.pt")
+        if not torch.isfinite(value).all() or (name in ("count", "variance") and value < 0):
+            raise TrainingError(f"{name} of rewards in rest.pt of the checkpoint cannot be {value}")
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
@@ -137,12 +150,12 @@ def load_weights(policy: ActorCritic, files: dict[str, bytes]) -> None:
     policy.load_state_dict(weights)
 
 
-def _optimiser(policy: ActorCritic, moments: Any) -> dict[str, Any]:
-    """The state that the policy's optimiser goes on with, given the moments of all its parameters (or of none yet).
+def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
+    """The state that the learner's optimiser goes on with, given the moments of all its parameters (or of none yet).
 
     Its numbers are its own: the learning rate is set ahead of each update, the others are the same for all policies.
     """
-    parameters = list(policy.parameters())
+    parameters = learner.parameters
     if not isinstance(moments, dict) or moments.keys() not in (set(), set(range(len(parameters)))):
         raise TrainingError("rest.pt of the checkpoint is not of an optimiser of this policy")
     for k, kept in moments.items():
@@ -156,7 +169,7 @@ def _optimiser(policy: ActorCritic, moments: Any) -> dict[str, Any]:
         if not 0 <= float(kept["step"]) <= LAST:
             raise TrainingError(f"step of parameter {k} in rest.pt of the checkpoint is {float(kept['step'])}")
     copies = {k: {name: value.clone() for name, value in kept.items()} for k, kept in moments.items()}
-    return {"state": copies, "param_groups": policy.optimizer.state_dict()["param_groups"]}
+    return {"state": copies, "param_groups": learner.optimizer.state_dict()["param_groups"]}
 
 
 def _check_like(given: Any, own: Tensor, name: str) -> None:

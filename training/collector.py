@@ -1,4 +1,4 @@
-"""Filling a rollout from the worlds, without a loop over agents or worlds."""
+"""Collecting a rollout from the worlds, without a loop over agents or worlds."""
 
 from typing import Any
 
@@ -8,72 +8,70 @@ import torch
 from outlast.envs.core.agents import alive
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 
+from .hyperparameters import Hyperparameters
+from .loss import advantages
 from .metrics import BehaviourMetrics, EpisodeMetrics
 from .policy import ActorCritic
-from .rollout_buffer import AgentRolloutBuffer
+from .rollout import RewardScale, Rollout
+from .rows import Packer, concatenated
 
 Array = np.ndarray[Any, Any]
 
 
 class Collector:
-    """Plays a policy in all worlds and writes the samples into a rollout.
+    """Plays a policy in all worlds and keeps the samples.
 
     base_env: worlds with autoreset DISABLED, which the collector resets. dead = "keep": an agent's samples go on until
     its world ends. "drop": they end with its death.
     """
 
-    def __init__(self, base_env: SurvivalVectorEnv, dead: str) -> None:
-        self.base_env, self.dead = base_env, dead
+    def __init__(
+        self, base_env: SurvivalVectorEnv, packer: Packer, numbers: Hyperparameters, dead: str, device: torch.device
+    ) -> None:
+        self.base_env, self.packer, self.numbers, self.dead, self.device = base_env, packer, numbers, dead, device
+        self.agents = base_env.num_worlds * base_env.num_agents
+        self.scale = RewardScale(self.agents, numbers.gamma)
         self.episodes, self.behaviour = EpisodeMetrics(base_env), BehaviourMetrics(base_env)
 
-    def fill(self, rollout: AgentRolloutBuffer, policy: ActorCritic, generator: torch.Generator) -> None:
-        """Fill a rollout, with advantages and returns. generator: of sampled actions."""
-        rollout.reset()
-        self._observe(rollout, 0)
-        starts = np.zeros(rollout.n_envs, np.float32)
-        with torch.inference_mode():
-            for t in range(rollout.buffer_size):
-                rollout.episode_starts[t] = starts
-                starts = self._step(rollout, t, policy, generator)
-            last = policy.predict_values(self._packed(rollout, rollout.buffer_size))
-        rollout.pos, rollout.full = rollout.buffer_size, True
-        rollout.compute_returns_and_advantage(last, starts)
+    @torch.inference_mode()
+    def collect(self, policy: ActorCritic, steps: int, generator: torch.Generator) -> Rollout:
+        """Play on from where the worlds are, and keep what happens.
 
-    def _step(self, rollout: AgentRolloutBuffer, t: int, policy: ActorCritic, generator: torch.Generator) -> Array:
-        """One step of all worlds, written into row `t`; returns 1 for each agent whose samples start anew after it."""
-        rollout.alive[t] = alive(self.base_env.worlds).ravel()
-        actions, values, logs = policy(self._packed(rollout, t), generator)
-        rollout.actions[t], rollout.values[t], rollout.log_probs[t] = actions.cpu(), values.cpu(), logs.cpu()
-        joint = rollout.actions[t].reshape(self.base_env.num_worlds, self.base_env.num_agents, -1)
-        _, rewards, terminated, truncated, info = self.base_env.step(joint)
-        rollout.rewards[t] = rewards.ravel()
-        done = terminated | truncated
-        ended = np.repeat(done, self.base_env.num_agents)
-        if self.dead == "drop":
-            ended |= ~alive(self.base_env.worlds).ravel()
-        self.behaviour.after_step()
-        if done.any():
-            self._bootstrap(rollout, t, policy, truncated)
-            self.episodes.add(info["statistics"], int(done.sum()))
-            self.base_env.reset(options={"reset_mask": done})
-        self._observe(rollout, t + 1)
-        return ended.astype(np.float32)
+        Args:
+            policy: Of all agents.
+            steps: Of each world.
+            generator: Of sampled actions, on the device.
+        """
+        env, shape = self.base_env, (steps, self.agents)
+        actions = np.empty((*shape, len(env.action_sizes)), np.int64)
+        log_probs, values, rewards = (np.empty(shape, np.float32) for _ in range(3))
+        cut_off, ends, living = np.zeros(shape, np.float32), np.empty(shape, bool), np.empty(shape, bool)
+        seen = []
+        for t in range(steps):
+            seen.append(self.packer(env.observe()))
+            living[t] = alive(env.worlds).ravel()
+            logs, now = policy(seen[t].to(self.device))
+            chosen = policy.choices.draw(logs, generator)
+            actions[t], values[t] = chosen.cpu(), now.cpu()
+            log_probs[t] = policy.choices.of(chosen, logs).cpu()
+            joint = actions[t].reshape(env.num_worlds, env.num_agents, -1)
+            _, reward, terminated, truncated, info = env.step(joint)
+            rewards[t], ends[t] = reward.ravel(), np.repeat(terminated | truncated, env.num_agents)
+            self.behaviour.after_step()
+            if self.dead == "drop":
+                ends[t] |= ~info["alive"].ravel()
+            if (done := terminated | truncated).any():
+                goes_on = np.repeat(truncated, env.num_agents) & (info["alive"].ravel() | (self.dead == "keep"))
+                cut_off[t, goes_on] = self._values(policy)[goes_on] if goes_on.any() else 0
+                self.episodes.add(info["statistics"], int(done.sum()))
+                env.reset(options={"reset_mask": done})
+        spread = self.scale.update(rewards, ends) if self.numbers.scale_rewards else 1.0
+        rewards = rewards / np.float32(spread) + np.float32(self.numbers.gamma) * cut_off
+        found = advantages(rewards, values, ends, self._values(policy), self.numbers.gamma, self.numbers.gae_lambda)
+        learner = np.where(living | (self.dead == "keep"), 0, -1).astype(np.int8)
+        return Rollout(concatenated(seen), actions, log_probs, values, found, learner, living)
 
-    def _bootstrap(self, rollout: AgentRolloutBuffer, t: int, policy: ActorCritic, truncated: Array) -> None:
-        """Add the value of what would have come to the last reward of truncated episodes."""
-        if not truncated.any():
-            return
-        self._observe(rollout, t + 1)
-        rows = np.repeat(truncated, self.base_env.num_agents)
-        if self.dead == "drop":
-            rows &= alive(self.base_env.worlds).ravel()
-        values = policy.predict_values(self._packed(rollout, t + 1)).cpu().numpy()
-        rollout.rewards[t, rows] += np.float32(rollout.gamma) * values[rows]
-
-    def _observe(self, rollout: AgentRolloutBuffer, t: int) -> None:
-        packed = rollout.observations[t].reshape(self.base_env.num_worlds, self.base_env.num_agents, -1)
-        self.base_env.observe(out=rollout.layout.views(packed))
-
-    @staticmethod
-    def _packed(rollout: AgentRolloutBuffer, t: int) -> torch.Tensor:
-        return torch.from_numpy(rollout.observations[t]).to(rollout.device)
+    def _values(self, policy: ActorCritic) -> Array:
+        """Of the worlds as they are, float32 (agents,)."""
+        values: Array = policy.values(self.packer(self.base_env.observe()).to(self.device)).cpu().numpy()
+        return values

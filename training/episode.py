@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast.ecs import Worlds
+from outlast.envs.rollout.memory import told
 from outlast.envs.scenarios import renamed
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
@@ -62,10 +63,11 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
     env = outlast.make_vec(game, 1, seed=seed, autoreset_mode=mode, copy=False, check_actions=False)
 
     def ticks() -> Iterator[int]:
+        act = told(player, env)
         observations, _ = env.reset()
         yield 0
         for tick in range(1, most + 1):
-            observations, _, terminated, truncated, _ = env.step(player(observations))
+            observations, _, terminated, truncated, _ = env.step(act(observations))
             yield tick
             if terminated[0] or truncated[0]:
                 break

@@ -1,24 +1,54 @@
 """PPO's hyperparameters in the authors' runs, and the ranges that others may be from."""
 
+import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 
 from .errors import TrainingError
 
-ROLLOUT = 16384  # environment steps
-PAPER: dict[str, Any] = {
-    "learning_rate": 3e-4,
-    "batch_size": 512,
-    "n_epochs": 400,  # a cap; the divergence ends most updates
-    "gamma": 0.99,
-    "gae_lambda": 0.95,
-    "clip_range": 0.2,
-    "ent_coef": 0.0,
-    "vf_coef": 0.5,
-    "max_grad_norm": 0.5,
-    "target_kl": 0.01,  # Stable-Baselines3 stops at 1.5 times that
-}
+TRUTHS = {"true": True, "1": True, "false": False, "0": False}
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """The numbers of PPO; the defaults are those of the authors' runs.
+
+    Attributes:
+        learning_rate: Of Adam.
+        anneal: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
+        batch_size: Samples of a minibatch, about; those of a rollout are shared out evenly.
+        n_epochs: How often every sample is used, at most.
+        gamma: Discount of a step.
+        gae_lambda: How far advantages look ahead, from 0 to 1.
+        clip_range: How far the ratio of probabilities may move away from 1 before it is clipped.
+        ent_coef: Weight of the entropy in the loss.
+        vf_coef: Weight of the values in the loss.
+        max_grad_norm: Length that gradients are cut to.
+        target_kl: The update ends before a minibatch whose divergence is above 1.5 times that; 0: never.
+        scale_rewards: Whether rewards are divided by the running standard deviation of their discounted sums.
+    """
+
+    learning_rate: float = 3e-4
+    anneal: bool = False
+    batch_size: int = 512
+    n_epochs: int = 400  # a cap; the divergence ends most updates
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    ent_coef: float = 0.0
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+    target_kl: float = 0.01
+    scale_rewards: bool = False
+
+    def __post_init__(self) -> None:
+        """Raises TrainingError where a number is out of its range."""
+        for name, (words, fits) in RANGES.items():
+            value = getattr(self, name)
+            if not (fits(value) and value < math.inf):
+                raise TrainingError(f"{name}={value}: a finite number {words} is needed")
+
 
 Range = tuple[str, Callable[[float], bool]]  # in words, and as a rule
 POSITIVE: Range = ("above 0", lambda value: value > 0)
@@ -34,33 +64,24 @@ RANGES: dict[str, Range] = {
     "ent_coef": NOT_NEGATIVE,
     "vf_coef": NOT_NEGATIVE,
     "max_grad_norm": POSITIVE,
-    "target_kl": POSITIVE,
+    "target_kl": NOT_NEGATIVE,
 }
-
-
-def check_ranges(hyperparameters: Mapping[str, Any]) -> None:
-    """Refuse hyperparameters that are out of range. What is no number is Stable-Baselines3's to judge.
-
-    Raises:
-        TrainingError: One is out of its range.
-    """
-    for name, value in hyperparameters.items():
-        if name in RANGES and isinstance(value, (int, float)):
-            words, fits = RANGES[name]
-            if not (fits(value) and value < math.inf):
-                raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
 
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, float]:
     """Hyperparameters out of texts like "gamma=0.999". Raises TrainingError."""
+    known = {each.name: type(each.default) for each in fields(Hyperparameters)}
     numbers: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
-        if name not in PAPER:
-            raise TrainingError(f"PPO has no number '{name}'; it has: {', '.join(PAPER)}")
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise TrainingError(f"PPO has no number '{name}'; {hint}it has: {', '.join(known)}")
         try:
-            numbers[name] = type(PAPER[name])(value)
-        except ValueError as error:
-            raise TrainingError(f"{text}: a number like {PAPER[name]} is needed") from error
-    check_ranges(numbers)
+            numbers[name] = TRUTHS[value.lower()] if known[name] is bool else known[name](value)
+        except (ValueError, KeyError) as error:
+            example = "true or false" if known[name] is bool else f"a number like {getattr(Hyperparameters, name)}"
+            raise TrainingError(f"{text}: {example} is needed") from error
+    Hyperparameters(**numbers)
     return numbers

@@ -6,10 +6,10 @@ import itertools
 import os
 import socket
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3.common.logger import KVWriter, Logger
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
@@ -20,7 +20,7 @@ FORMAT = "brain.Event:2"  # the first event of a file says so
 _numbers = itertools.count()  # of event files that one process makes, perhaps in one second
 
 
-class CsvLog(KVWriter):  # type: ignore[misc]  # mypy does not follow it
+class CsvLog:
     """Appends rows tag,step,value to a file; step counts agent-steps."""
 
     def __init__(self, path: Path) -> None:
@@ -28,11 +28,11 @@ class CsvLog(KVWriter):  # type: ignore[misc]  # mypy does not follow it
         if self.file.tell() == 0:
             self.file.write(",".join(log_file.HEADER) + "\n")
 
-    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+    def write(self, values: Mapping[str, float], step: int) -> None:
         """One row for each tag, in order of tags, written at once."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
-        rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(key_values.items()))
+        rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(values.items()))
         self.file.write(text.getvalue())
         self.file.flush()
 
@@ -41,7 +41,7 @@ class CsvLog(KVWriter):  # type: ignore[misc]  # mypy does not follow it
         self.file.close()
 
 
-class TensorBoardLog(KVWriter):  # type: ignore[misc]
+class TensorBoardLog:
     """Writes scalars for TensorBoard; those of an earlier part of the run after `step` are hidden.
 
     Events are in the file when `write` returns, or it raises OSError: TensorBoard's own writer has a thread for it.
@@ -55,9 +55,9 @@ class TensorBoardLog(KVWriter):  # type: ignore[misc]
         self._add(session_log=SessionLog(status=SessionLog.START), step=step + 1)
         self.file.flush()
 
-    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+    def write(self, values: Mapping[str, float], step: int) -> None:
         """All values, as scalars."""
-        for tag, value in key_values.items():
+        for tag, value in values.items():
             self._add(summary=Summary(value=[Summary.Value(tag=tag, simple_value=float(value))]), step=step)
         self.file.flush()
 
@@ -69,8 +69,20 @@ class TensorBoardLog(KVWriter):  # type: ignore[misc]
         self.records.write(Event(wall_time=time.time(), **event).SerializeToString())
 
 
-def open_logs(folder: Path, steps: int) -> Logger:
+class RunLog:
     """The logs of a run that has done so many agent-steps, without what they held of later ones."""
-    path = folder / log_file.NAME
-    log_file.truncate_log(path, steps)
-    return Logger(str(folder), [CsvLog(path), TensorBoardLog(folder, steps)])
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        path = folder / log_file.NAME
+        log_file.truncate_log(path, steps)
+        self.logs = [CsvLog(path), TensorBoardLog(folder, steps)]
+
+    def write(self, values: Mapping[str, float], step: int) -> None:
+        """Log values by tag at an agent-step."""
+        for log in self.logs:
+            log.write(values, step)
+
+    def close(self) -> None:
+        """Close the files."""
+        for log in self.logs:
+            log.close()

@@ -4,13 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Death, Item, ItemGiven, Score
+from outlast.components import Death, Item, ItemGiven
 from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.sides import living_sides
 
-from .observation_layout import OWN
-from .rollout_buffer import AgentRolloutBuffer
+from .observation_layout import OWN, ObservationLayout
+from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
@@ -80,10 +81,10 @@ class BehaviourMetrics:
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
 
-    def report(self, rollout: AgentRolloutBuffer) -> dict[str, float]:
+    def report(self, rollout: Rollout, layout: ObservationLayout) -> dict[str, float]:
         """Means over the living agents of the rollout, by tag; tags without a single case are left out."""
-        shape = (rollout.buffer_size, self.base_env.num_worlds, self.base_env.num_agents)
-        views = rollout.layout.views(rollout.observations[:-1].reshape(*shape, -1))
+        shape = (len(rollout.alive), self.base_env.num_worlds, self.base_env.num_agents)
+        views = layout.own_views(rollout.seen.own.numpy().reshape(*shape, layout.own))
         living, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
         found = self.quantities(views, rollout.actions.reshape(*shape, -1), living)
         tags = {"behaviour/alive": float(rollout.alive.mean())}
@@ -152,7 +153,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
-        self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
+        self.totals["life"] += living_sides(self.base_env.worlds)[:, self.sides]
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1

@@ -1,7 +1,7 @@
 """The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
 Attention is computed as the average of its output is needed: linear maps of the rows are moved behind the average, and
-only visible rows are queries. The numbers are those of torch.nn.MultiheadAttention followed by the average.
+only what is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average.
 """
 
 import math
@@ -13,14 +13,14 @@ from torch.nn import functional
 
 from .observation_layout import ObservationLayout
 from .presets import Preset
+from .rows import Observed, PaddedRows, Rows
 
 ACTIVATIONS = {"tanh": torch.tanh, "relu": torch.relu}
-NEVER = -1e9  # a logit that softmax makes 0; infinity would make NaN where there is nothing else
 GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
-    """Packed rows (batch, size) to features (batch, 2 * width): half of the agent's own numbers, half of entities."""
+    """What agents observe to features (batch, 2 * width): half of the agent's own numbers, half of entities."""
 
     kind: Tensor
     cells: Tensor
@@ -50,45 +50,55 @@ class Extractor(nn.Module):
             self.own_scale.copy_(own)
             self.scale.copy_(kinds[:, None])
 
-    def forward(self, packed: Tensor) -> Tensor:
-        """(batch, size) to (batch, 2 * width)."""
-        own, seen, rows = self._split(packed)
-        own = functional.linear(own, self.own.weight * self.own_scale, self.own.bias)
-        return torch.cat([self._active(own), self._entities(seen, rows)], 1)
+    def forward(self, seen: Observed) -> Tensor:
+        """What a batch of agents observes to features, float32 (batch, 2 * width)."""
+        own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
+        entities = self._attend_seen(seen) if isinstance(seen, Rows) else self._attend_all(seen)
+        return torch.cat([self._active(own), entities], 1)
 
-    def _split(self, packed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Own numbers, masks (batch, rows), rows (batch, rows, features); with the padding entity if there is one."""
-        own, count = self.layout.own, self.layout.rows
-        seen = packed[:, own : own + count]
-        rows = packed[:, own + count :].view(len(packed), count, self.layout.features)
+    def _attend_seen(self, seen: Rows) -> Tensor:
+        """The average of the outputs of attention among the rows of each agent, 0 where it sees none: (batch, width).
+
+        Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
+        """
+        width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
+        embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
+        each = seen.count.index_select(0, seen.agent)  # rows of the agent whose row it is
+        query = torch.arange(rows, device=each.device).repeat_interleave(each)
+        shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
+        key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
+        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).split(width, 1)
+        query_bias, _, value_bias = self.attention.in_proj_bias.split(width)  # the key's moves no weight
+        queries = (queries + query_bias) * (width // heads) ** -0.5
+        logits = queries.index_select(0, query) * keys.index_select(0, key)
+        logits = logits.view(len(query), heads, width // heads).sum(2)
+        with torch.no_grad():  # so that exp cannot overflow
+            highest = torch.segment_reduce(logits, "max", lengths=each, unsafe=True)
+        weights = (logits - highest.index_select(0, query)).exp()
+        total = weights.new_zeros(rows, heads).index_add(0, query, weights)
+        weights = weights / total.index_select(0, query)
+        weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
+        values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
+        mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
+        out = self.attention.out_proj
+        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * (out.bias + out.weight @ value_bias)
+
+    def _attend_all(self, padded: PaddedRows) -> Tensor:
+        """The leaky form: what is seen attends to every row, and the sum is divided by their number: (batch, width)."""
+        rows, seen = padded.rows, padded.seen
         if self.preset.padded:
-            seen, rows = functional.pad(seen, (0, 1), value=1.0), functional.pad(rows, (0, 0, 0, 1))
-        return packed[:, :own], seen, rows
-
-    def _entities(self, seen: Tensor, rows: Tensor) -> Tensor:
-        """Masked self-attention, averaged: (batch, width)."""
+            rows, seen = functional.pad(rows, (0, 0, 0, 1)), functional.pad(seen, (0, 1), value=1.0)
         if not seen.shape[1]:  # a world of one agent and no items
             return seen.new_zeros(len(seen), self.preset.width)
-        count = seen.sum(1, keepdim=True)
-        valid, where = seen.topk(max(1, int(count.max())), 1)
-        if self.preset.leaky:
-            rows = self._embed_all(rows)
-            return self._attend(_chosen(rows, where), valid, rows, 1 - seen) / seen.shape[1]
-        queries = self._embed(_chosen(rows, where), self.kind[where])
-        return self._attend(queries, valid, queries, (1 - valid) * NEVER) / count.clamp(min=1)
+        valid, where = seen.topk(max(1, int(seen.sum(1).max())), 1)
+        rows = self._embed_all(rows)
+        return self._attend(_chosen(rows, where), valid, rows, 1 - seen) / seen.shape[1]
 
     def _embed_all(self, rows: Tensor) -> Tensor:
         """Every row (batch, rows, features) through the layer of its kind: a matrix for each row."""
         matrices = self._matrices().index_select(0, self.kind)
         biases = self._biases().index_select(0, self.kind)[:, None]
         return self._active(torch.baddbmm(biases, rows.transpose(0, 1), matrices)).transpose(0, 1)
-
-    def _embed(self, rows: Tensor, kinds: Tensor) -> Tensor:
-        """A few rows (batch, some, features) of these kinds (batch, some): one matrix for all kinds side by side."""
-        chosen = functional.one_hot(kinds, len(self.bias) + 1).float()
-        inputs = torch.cat([(chosen[..., None] * rows[:, :, None]).flatten(2), chosen], 2)
-        weight = torch.cat([self._matrices().flatten(0, 1), self._biases()])
-        return self._active(inputs @ weight)
 
     def _matrices(self) -> Tensor:
         """The weights of each kind, (kinds + 1, features, width); those of features that it has not are arbitrary."""
@@ -154,7 +164,11 @@ class Tower(nn.Module):
 
     def inner(self, features: Tensor) -> Tensor:
         """Before the last layer: (batch, hidden)."""
-        return self.activation(self.second(self.activation(self.first(features))))
+        return self.behind_first(self.activation(self.first(features)))
+
+    def behind_first(self, first: Tensor) -> Tensor:
+        """From the output of the first layer to before the last: (batch, hidden)."""
+        return self.activation(self.second(first))
 
 
 def _chosen(rows: Tensor, where: Tensor) -> Tensor:

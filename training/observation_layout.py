@@ -37,7 +37,7 @@ class ObservationLayout:
 
     own: numbers that belong to no entity, by key in `alone`, the agent itself first. rows: entities, kind after kind.
     features: numbers of the widest kind, which every row of a narrower one is filled up to with zeros. size: own + rows
-    + rows * features.
+    + rows * features. columns: of an entity that is not padded, see Rows: the numbers of all kinds, and one for each kind.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
@@ -49,13 +49,19 @@ class ObservationLayout:
         self.own, self.rows = sum(self.alone.values()), sum(kind.rows for kind in self.kinds)
         self.features = max((kind.features for kind in self.kinds), default=0)
         self.size = self.own + self.rows * (1 + self.features)
+        self.columns = sum(kind.features for kind in self.kinds) + len(self.kinds)
 
-    def views(self, packed: Array) -> dict[str, Array]:
-        """Views of a packed array (worlds, agents, size) by key, to be filled by SurvivalVectorEnv.observe(out=)."""
+    def own_views(self, own: Array) -> dict[str, Array]:
+        """Views of the numbers that belong to no entity, (..., own), by key."""
         views, start = {}, 0
         for key, width in self.alone.items():
-            views[key] = packed[..., start : start + width]
+            views[key] = own[..., start : start + width]
             start += width
+        return views
+
+    def views(self, packed: Array) -> dict[str, Array]:
+        """Views of a packed array (..., size), by key."""
+        views = self.own_views(packed)
         masks = packed[..., self.own : self.own + self.rows]
         cells = packed[..., self.own + self.rows :].reshape(*packed.shape[:-1], self.rows, self.features)
         start = 0

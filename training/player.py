@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.saved import REVEALED
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -22,6 +23,7 @@ from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
 from .policy import ActorCritic
 from .presets import preset
+from .rows import Packer
 
 Array = np.ndarray[Any, Any]
 THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
@@ -59,6 +61,7 @@ class Player:
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout, self.preset = ObservationLayout(self.shapes), preset(self.header["preset"])
+        self.packer = Packer(self.layout, leaky=self.preset.leaky)
         try:
             with one_thread():
                 self.policy = self._make_policy(files)
@@ -73,7 +76,7 @@ class Player:
         if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) > len(files["policy.pt"]):
             raise TrainingError("policy.pt is too small for the observations and actions in run.json")
         sizes = checkpoint.recorded_scales(self.header, layout)
-        policy = ActorCritic(actions, lambda _: 0.0, layout=layout, preset=self.preset, scales=sizes)
+        policy = ActorCritic(actions, layout=layout, preset=self.preset, scales=sizes)
         checkpoint.load_weights(policy, files)
         return policy
 
@@ -88,18 +91,19 @@ class Player:
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
+        trained, here = self.preset.cameras, env.scenario.numbers().get("cameras_mode")
+        if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+            raise TrainingError(
+                f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
+                f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
+            )
 
     def __call__(self, observations: dict[str, Array]) -> Array:
         """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
         self._check(observations)
-        batch = observations[OWN].shape[:-1]
-        packed = np.zeros((*batch, self.layout.size), np.float32)
-        for key, view in self.layout.views(packed).items():
-            view[...] = observations[key].reshape(view.shape)
         with one_thread(), torch.inference_mode():
-            rows = torch.from_numpy(packed).view(-1, self.layout.size)
-            actions: Array = self.policy.act(rows, self.generator).numpy()
-        return actions.reshape(*batch, -1)
+            actions: Array = self.policy.act(self.packer(observations), self.generator).numpy()
+        return actions.reshape(*observations[OWN].shape[:-1], -1)
 
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}

@@ -1,16 +1,18 @@
-"""Policy and value networks with several independent actions, in the form that Stable-Baselines3's PPO asks for."""
+"""Policy and value networks with several independent actions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .networks import NEVER, Extractor, Tower
+from .networks import Extractor, Tower
 from .observation_layout import ObservationLayout
 from .presets import Preset
+from .rows import Observed
 
+NEVER = -1e9  # a logit that softmax makes 0; infinity would make NaN where there is nothing else
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
 
 
@@ -50,56 +52,50 @@ class MultiCategorical(nn.Module):
 
     @staticmethod
     def draw(logs: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Sampled joint actions (batch, actions), int64: the value with the first of as many exponential clocks."""
-        clocks = torch.empty_like(logs).exponential_(generator=generator)
-        return (logs.exp() / clocks).argmax(2)
+        """Sampled joint actions (batch, actions), int64, from one uniform number for each action."""
+        below = logs.exp().cumsum(2)[:, :, :-1]  # without the last, which rounding may leave below 1
+        uniform = torch.rand((*logs.shape[:2], 1), generator=generator, device=logs.device)
+        return (uniform >= below).sum(2)
 
 
 class ActorCritic(nn.Module):
-    """Policy and value networks of a preset, and their optimiser.
-
-    Packed observations, float32 (batch, layout.size), go in; actions are int64 (batch, actions).
-    """
-
-    entropy_gradients = False  # they cost time, and are of use only where the loss has a term for entropy
+    """Policy and value networks of a preset. Actions are int64 (batch, actions)."""
 
     def __init__(
-        self,
-        sizes: Sequence[int],
-        lr_schedule: Callable[[float], float],
-        *,
-        layout: ObservationLayout,
-        preset: Preset,
-        scales: tuple[Any, Any],
+        self, sizes: Sequence[int], *, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]
     ) -> None:
-        """sizes: how many values each action has. lr_schedule: the learning rate, given the share that is left."""
+        """Make networks with random weights.
+
+        Args:
+            sizes: How many values each action has.
+            layout: Of the observations.
+            preset: What the networks are like.
+            scales: Of inputs, see observation_layout.scales.
+        """
         super().__init__()
         self.layout, self.preset = layout, preset
         self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
         self.actor, self.critic = Tower(preset, sum(sizes), GAIN), Tower(preset, 1, 1.0)
         self.choices = MultiCategorical(sizes)
-        self.optimizer = torch.optim.Adam(self.parameters(), lr_schedule(1), eps=1e-5, fused=True)
 
-    def forward(self, packed: Tensor, generator: torch.Generator | None = None) -> tuple[Tensor, Tensor, Tensor]:
-        """Sampled actions, values (batch,), and log probabilities of the actions (batch,)."""
-        logs, values = self._both(packed)
-        actions = self.choices.draw(logs, generator)
-        return actions, values, self.choices.of(actions, logs)
+    def forward(self, seen: Observed) -> tuple[Tensor, Tensor]:
+        """Log probabilities of all values of all actions (batch, actions, values), and values (batch,)."""
+        features = [extractor(seen) for extractor in self.extractors]
+        if len(features) == 2:
+            return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten()
+        actor, critic = self.actor, self.critic  # the first layers of both as one product
+        weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
+        both = actor.activation(functional.linear(features[0], weight, bias)).chunk(2, 1)
+        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
-    def evaluate_actions(self, packed: Tensor, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Values, log probabilities of given actions, entropies, (batch,) each."""
-        logs, values = self._both(packed)
-        entropy = self.choices.entropy(logs if self.entropy_gradients else logs.detach())
-        return values, self.choices.of(actions, logs), entropy
-
-    def predict_values(self, packed: Tensor) -> Tensor:
+    def values(self, seen: Observed) -> Tensor:
         """Values alone, (batch,)."""
-        values: Tensor = self.critic(self.extractors[-1](packed)).flatten()
+        values: Tensor = self.critic(self.extractors[-1](seen)).flatten()
         return values
 
-    def act(self, packed: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def act(self, seen: Observed, generator: torch.Generator | None = None) -> Tensor:
         """Actions alone: sampled, or without a generator the likeliest."""
-        logs = self._logs(self.extractors[0](packed))
+        logs = self._logs(self.actor.inner(self.extractors[0](seen)))
         return logs.argmax(2) if generator is None else self.choices.draw(logs, generator)
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
@@ -107,13 +103,5 @@ class ActorCritic(nn.Module):
         for extractor in self.extractors:
             cast(Extractor, extractor).set_scales(scales)
 
-    def set_training_mode(self, mode: bool) -> None:
-        """Nothing here behaves differently in training."""
-        self.train(mode)
-
-    def _both(self, packed: Tensor) -> tuple[Tensor, Tensor]:
-        features = [extractor(packed) for extractor in self.extractors]
-        return self._logs(features[0]), self.critic(features[-1]).flatten()
-
-    def _logs(self, features: Tensor) -> Tensor:
-        return self.choices.log_probabilities(self.actor.inner(features), self.actor.last)
+    def _logs(self, inner: Tensor) -> Tensor:
+        return self.choices.log_probabilities(inner, self.actor.last)

@@ -1,4 +1,4 @@
-"""The networks to choose from: the paper's as in its text, as in its authors' code, and one with scaled inputs."""
+"""What can be trained: the paper's networks and numbers as in its text, as in its authors' code, and faster ones."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -6,35 +6,73 @@ from typing import Any
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.scenario import Scenario
 
+from .errors import TrainingError
+from .hyperparameters import Hyperparameters
+
+WORLDS, ROLLOUT = 64, 16384  # that share a rollout; environment steps of it, as in the paper, where one world has all
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Collector
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Numbers and choices of a network.
+    """Networks, numbers of PPO, and the size of a rollout.
 
-    shared: policy and value have one extractor; otherwise one each. padded: an entity of zeros that is always visible.
-    leaky: a hidden entity is attended to, with its logit raised by 1, and rows are averaged over their full number, as
-    in the authors' code. Otherwise hidden ones are left out of both. scaled: inputs are brought to about -1 to 1.
-    cameras: the value of cameras_mode, that is what the rows of hidden entities hold.
+    Attributes:
+        name: By which it is asked for.
+        activation: "tanh" or "relu".
+        shared: Whether policy and value have one extractor, or one each.
+        padded: Whether there is an entity of zeros that is always visible.
+        leaky: Whether a hidden entity is attended to, with its logit raised by 1, and rows are averaged over their full
+            number, as in the authors' code. Otherwise hidden ones are left out of both.
+        scaled: Whether inputs are brought to about -1 to 1.
+        cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
+        width: Of every embedding.
+        heads: Of the attention.
+        hidden: Width of both layers behind the extractor.
+        numbers: Of PPO, unless others are asked for.
+        agents: Of all worlds together, unless the number of worlds is given; 0: there are WORLDS worlds.
+        steps: Of each world in a rollout; 0: all worlds share ROLLOUT.
     """
 
     name: str
-    activation: str  # "tanh" or "relu"
+    activation: str
     shared: bool
     padded: bool
     leaky: bool
     scaled: bool = False
     cameras: str = "masked"
-    width: int = 32  # of every embedding
+    width: int = 32
     heads: int = 4
-    hidden: int = 64  # of both layers behind the extractor
+    hidden: int = 64
+    numbers: Hyperparameters = Hyperparameters()
+    agents: int = 0
+    steps: int = 0
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario with the observations of this preset. A scenario without cameras stays as it is."""
         return scenario.replace(cameras_mode=self.cameras) if "cameras" in scenario else scenario
 
+    def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
+        """How many worlds, and how many environment steps of all of them together a rollout has.
 
+        Args:
+            agents: Of a world.
+            worlds: How many are asked for; 0: as the preset has it.
+            rollout: Environment steps that are asked for; 0: as the preset has it.
+
+        Raises:
+            TrainingError: The worlds cannot share the steps evenly.
+        """
+        worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
+        rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)
+        if rollout % worlds:
+            raise TrainingError(f"a rollout of {rollout} steps cannot be shared evenly by {worlds} worlds")
+        return worlds, rollout
+
+
+FAST = Hyperparameters(
+    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
+)
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
 PRESETS = {
     preset.name: preset
@@ -42,6 +80,7 @@ PRESETS = {
         Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
         PAPER,
         replace(PAPER, name="scaled", scaled=True),
+        replace(PAPER, name="fast", scaled=True, shared=True, agents=512, steps=128, numbers=FAST),
     )
 }
 

@@ -4,62 +4,23 @@ import contextlib
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 
 from . import checkpoint, run_header
+from .config import TrainingConfig
 from .errors import TrainingError
-from .hyperparameters import ROLLOUT
-from .logs import open_logs
-from .ppo import SharedPPO
+from .logs import RunLog
 from .presets import preset
+from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
 SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs": "epochs"}
 Progress = Callable[["TrainingRun"], None]
-
-
-@dataclass(frozen=True)
-class TrainingConfig:
-    """What to train, and how.
-
-    Attributes:
-        scenario: What is played.
-        preset: Name of the networks, see PRESETS.
-        steps: Agent-steps to train for.
-        seed: The same seed gives the same numbers.
-        worlds: How many share a rollout.
-        rollout: Environment steps of a rollout.
-        dead: What becomes of the samples of dead agents: "keep" or "drop".
-        device: Of PyTorch.
-        threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
-        every: Agent-steps between checkpoints.
-        settings: Hyperparameters of PPO other than the paper's.
-    """
-
-    scenario: Scenario
-    preset: str = "original"
-    steps: int = 10_000_000
-    seed: int = 0
-    worlds: int = 64
-    rollout: int = ROLLOUT
-    dead: str = "keep"
-    device: str = "cpu"
-    threads: int = 0
-    every: int = 1_000_000
-    settings: dict[str, Any] = field(default_factory=dict)
-
-    def header(self) -> run_header.Header:
-        """The part of run.json that decides which numbers come out."""
-        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "steps", "every")}
-        return {"plan": kept, "scenario": fingerprint(self.scenario)}
 
 
 class TrainingRun:
@@ -88,26 +49,14 @@ class TrainingRun:
         files = self._find_checkpoint(resume)
         threads = config.threads or min(THREADS, torch.get_num_threads())
         torch.set_num_threads(threads)
-        self.model = SharedPPO(
-            config.scenario,
-            preset(config.preset),
-            worlds=config.worlds,
-            steps=config.rollout,
-            seed=config.seed,
-            dead=config.dead,
-            device=config.device,
-            threads=threads,
-            **config.settings,
-        )
-        if files is None:
-            self.model.start()
-        else:
+        self.trainer = Trainer(config, threads)
+        if files is not None:
             self._check_plan(checkpoint.header_of(files))
-            checkpoint.restore(self.model, files)
+            checkpoint.restore(self.trainer, files)
         with self._disk_errors():
             self._prepare()
-            self.model.set_logger(open_logs(folder, self.model.num_timesteps))
-        self.saved = self.done = self.model.num_timesteps
+            self.log = RunLog(folder, self.trainer.steps)
+        self.saved = self.done = self.trainer.steps
         self.shown: dict[str, str] = {}
 
     def train(self, progress: Progress = lambda run: None) -> None:
@@ -119,19 +68,13 @@ class TrainingRun:
         Raises:
             TrainingError: The disk is full; what is in the folder can be resumed.
         """
-
-        def on_epoch(epoch: int) -> None:
-            self.shown["now"] = f"epoch {epoch}"
-            progress(self)
-
-        self.model.rollout_buffer.on_epoch = on_epoch
         kept = self._capture() if not self.saved else None
         try:
-            while self.model.num_timesteps < self.config.steps:
-                self._iterate()
-                self.done, self.shown["now"] = self.model.num_timesteps, "collecting"
+            while self.trainer.steps < self.config.steps:
+                self._iterate(progress)
+                self.done, self.shown["now"] = self.trainer.steps, "collecting"
                 kept = self._capture()
-                if self.model.num_timesteps // self.config.every > self.saved // self.config.every:
+                if self.trainer.steps // self.config.every > self.saved // self.config.every:
                     self._save(kept)
                 progress(self)
         finally:
@@ -140,35 +83,35 @@ class TrainingRun:
                     if kept is not None:
                         self._save(kept)
                 finally:
-                    self.model.logger.close()
+                    self.log.close()
 
-    def _iterate(self) -> None:
+    def _iterate(self, progress: Progress) -> None:
         """Collect a rollout, update from it, and log both."""
-        model, times = self.model, [time.perf_counter()]
-        model.collect()
+
+        def on_epoch(epoch: int) -> None:
+            self.shown["now"] = f"epoch {epoch}"
+            progress(self)
+
+        trainer, times = self.trainer, [time.perf_counter()]
+        left = 1 - trainer.steps / self.config.steps
+        rollout = trainer.collect()
         times.append(time.perf_counter())
-        tags = model.collector.episodes.report() | model.collector.behaviour.report(model.rollout_buffer)
-        model._update_current_progress_remaining(model.num_timesteps, self.config.steps)
-        model.train()
+        tags = trainer.report(rollout) | trainer.update(rollout, left, on_epoch)
         times.append(time.perf_counter())
-        samples = model.rollout_buffer.alive.size
-        collecting, updating = times[1] - times[0], times[2] - times[1]
+        samples, collecting, updating = rollout.alive.size, times[1] - times[0], times[2] - times[1]
         tags |= {
-            "time/env_steps": model.num_timesteps / model.base_env.num_agents,
-            "time/fps": samples / (times[2] - times[0]),
+            "time/env_steps": trainer.steps / trainer.env.num_agents,
+            "time/fps": samples / (collecting + updating),
             "time/collected_per_second": samples / collecting,
-            "time/updated_per_second": samples * model.logger.name_to_value["train/epochs"] / updating,
+            "time/updated_per_second": samples * tags.get("train/epochs", 0) / updating,
         }
-        for tag, value in tags.items():
-            model.logger.record(tag, value)
-        shown = model.logger.name_to_value
-        self.shown |= {name: f"{shown[tag]:.1f}" for tag, name in SHOWN.items() if tag in shown}
+        self.shown |= {name: f"{tags[tag]:.1f}" for tag, name in SHOWN.items() if tag in tags}
         with self._disk_errors():
-            model.logger.dump(model.num_timesteps)
+            self.log.write(tags, trainer.steps)
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
         with self._disk_errors():  # of a temporary file for the worlds
-            return self.model.num_timesteps, checkpoint.capture(self.model, self.config.header())
+            return self.trainer.steps, checkpoint.capture(self.trainer, self.config.header())
 
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
         steps, files = kept
@@ -202,7 +145,7 @@ class TrainingRun:
         for path in filter(is_temporary, list(self.folder.iterdir())):
             remove(path)
         if not (self.folder / run_header.NAME).exists():
-            header = self.config.header() | {"scenario": fingerprint(self.model.base_env.scenario)}
+            header = self.config.header() | {"scenario": fingerprint(self.trainer.env.scenario)}
             with atomic_write(self.folder / run_header.NAME) as place:
                 place.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
 

@@ -14,25 +14,21 @@ from outlast.components import Body
 from outlast.envs.rendering import video
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from tests.helpers.kept_policies import RESULTS, kept_policy
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
 from outlast.training import film, run_header  # noqa: E402
 from outlast.training.episode import episode, recorded_scenario  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.film import film_checkpoint  # noqa: E402
-from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-RESULTS = sorted((Path(__file__).parents[2] / "docs" / "results").glob("*.zip"))
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("run") / "steps_0000001024.zip"
-    saved(path)
-    return path
+    return kept_policy(tmp_path_factory.mktemp("run") / "steps_0000001024.zip")
 
 
 @pytest.fixture(autouse=True)
@@ -74,8 +70,8 @@ def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
     assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
 
 
-def test_what_differs_from_an_earlier_version_is_reported(policy: Path) -> None:
-    header = run_header.read_checkpoint(RESULTS[0], (), ())[0]
+def test_what_differs_from_an_earlier_version_is_reported() -> None:
+    header = run_header.read_checkpoint(RESULTS / "ffa_1-original-0.zip", (), ())[0]
     made, differs = recorded_scenario(header)
     assert made.name == "ffa_1"
     assert differs == "give_last_passes_on is not there there and True here"
@@ -120,11 +116,11 @@ def test_a_film_leaves_random_numbers_and_threads_alone(policy: Path, tmp_path: 
     assert states() == before
 
 
-def test_films_of_one_seed_begin_in_the_same_world(policy: Path, tmp_path: Path) -> None:
+def test_films_of_one_seed_begin_in_the_same_world(tmp_path: Path) -> None:
     firsts = []
-    for name in ("steps_1.zip", "steps_2.zip"):
-        saved(tmp_path / name, "paper" if "2" in name else "original")
-        read = cv2.VideoCapture(str(film_checkpoint(tmp_path / name, tmp_path)[0]))
+    for k in range(2):
+        path = kept_policy(tmp_path / f"steps_{k}.zip", f"ffa_2-original-{k}")
+        read = cv2.VideoCapture(str(film_checkpoint(path, tmp_path)[0]))
         firsts.append(read.read()[1])
     assert np.array_equal(*firsts)
 

@@ -74,6 +74,37 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
     assert rewards.tolist() == [1, 1, 1]
 
 
+def test_files_play_in_mixtures(tmp_path: Path) -> None:
+    """As the players that they hold, by path in a text or mapping; each draws numbers of its own."""
+    for name in ("a.zip", "b.zip"):
+        saved(tmp_path / name)
+    text = f"{tmp_path}/a.zip:1,scripted:1,{tmp_path}/b.zip:2"
+    mapping = {tmp_path / "a.zip": 1, "scripted": 1, load_policy(tmp_path / "b.zip", 2): 2}
+    played = []
+    for others in (text, mapping):
+        env = gymnasium.make_vec("outlast/Teams-v1", 8, scenario="teams_3", cameras_mode="revealed", others=others)
+        env.reset(seed=0)
+        played.append([env.step(np.ones((8, 6), int))[0]["own"] for _ in range(5)])
+    assert np.array_equal(*played)
+    lone: Any = gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="revealed", others=text)
+    lone.reset(seed=0)
+    lone.step(np.ones(6, int))
+
+
+def test_other_cameras_than_in_training_are_refused(tmp_path: Path) -> None:
+    """But "masked" policies, which ignore the rows of hidden entities, play where they are revealed."""
+    saved(tmp_path / "a.zip")
+    saved(tmp_path / "b.zip", "paper")
+    words = r"trained with cameras_mode = 'revealed', here it is 'masked'; make .* with cameras_mode='revealed'"
+    for others in (str(tmp_path / "a.zip"), Player(tmp_path / "a.zip"), {"noop": 1, tmp_path / "a.zip": 1}):
+        with pytest.raises(TrainingError, match=words):
+            gymnasium.make("outlast/Teams-v1", scenario="teams_3", others=others)
+    both = f"{tmp_path}/a.zip,{tmp_path}/b.zip"
+    gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="revealed", others=both)
+    with pytest.raises(TrainingError, match="'masked', here it is 'omniscient'"):
+        gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="omniscient", others=tmp_path / "b.zip")
+
+
 def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -> None:
     """Those are for the networks of its opponents, also where something goes wrong."""
     saved(tmp_path / "a.zip")

@@ -19,10 +19,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.helpers.kept_policies import kept_policy
 from tests.web.clients import answer
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
 from outlast.envs.errors import PlayError  # noqa: E402
 from outlast.training import watch  # noqa: E402
@@ -31,16 +31,13 @@ from outlast.training.cli import watch as command  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import HEADER, read_log  # noqa: E402
 from outlast.training.watch import RunWatcher, figures  # noqa: E402
-from tests.training.test_player import saved  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("policy") / "policy.zip"
-    saved(path)
-    return path
+    return kept_policy(tmp_path_factory.mktemp("policy") / "policy.zip")
 
 
 @pytest.fixture

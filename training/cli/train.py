@@ -18,8 +18,9 @@ from outlast.envs.cli.options import add_scenario, positive, scenario, seed
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
+from ..config import TrainingConfig
 from ..errors import TrainingError
-from ..hyperparameters import ROLLOUT, parse_hyperparameters
+from ..hyperparameters import parse_hyperparameters
 from ..presets import DEAD, PRESETS
 
 SINGLE = ("preset", "steps", "worlds", "rollout", "dead", "device", "every")  # options with one value each
@@ -38,8 +39,8 @@ def add(commands: Any) -> None:
     command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
     command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
-    command.add_argument("--worlds", type=positive, default=64, help="that share a rollout (default 64; the paper: 1)")
-    command.add_argument("--rollout", type=positive, default=ROLLOUT, help="environment steps of it (default 16384)")
+    command.add_argument("--worlds", type=positive, default=0, help="that share a rollout (the paper: 1)")
+    command.add_argument("--rollout", type=positive, default=0, help="environment steps of it (the paper: 16384)")
     command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="of PPO: gamma=0.999")
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
@@ -75,7 +76,7 @@ def count(text: str) -> int:
 def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str, Any]) -> int:
     """Train in this process, behind a progress bar; the exit status."""
     try:
-        from ..run import TrainingConfig, TrainingRun
+        from ..run import TrainingRun
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
     (own,), numbers = options.seed, {name: getattr(options, name) for name in SINGLE}
@@ -97,7 +98,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     finally:
         bar.close()
     seconds, done = time.perf_counter() - start, training.saved
-    print(f"{done:,} agent-steps = {done // training.model.base_env.num_agents:,} environment steps in {folder}")
+    print(f"{done:,} agent-steps = {done // training.trainer.env.num_agents:,} environment steps in {folder}")
     print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
     return status
 
@@ -111,7 +112,8 @@ class Job:
         self.words = [sys.executable, "-m", "outlast", "train", variant, "--quiet", "--out", str(self.folder)]
         self.words += ["--seed", str(seed), "--threads", str(options.threads or 1)]
         for name in SINGLE:
-            self.words += [f"--{name}", str(getattr(options, name))]
+            if value := getattr(options, name):
+                self.words += [f"--{name}", str(value)]
         for name in REPEATED:
             self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
         if options.resume and self.folder.exists():  # one that had not begun begins

@@ -3,7 +3,7 @@
 import io
 import zipfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,12 @@ from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
 from ..errors import TrainingError
-from ..hyperparameters import PAPER, ROLLOUT
-from ..presets import preset
+from ..hyperparameters import Hyperparameters
+from ..presets import ROLLOUT, preset
 from .curves import NEEDED, PAPER_STEPS, Curves, curves_of_log, format_curves, is_known, published_curves, read_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
-DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **PAPER}  # as in the paper
+DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 POLICY = "policy.pt"
 MISSING, USUAL = "not there", "as usual"
 
@@ -57,7 +57,8 @@ class RunResult:
     def settings(self) -> dict[str, Any]:
         """Everything that runs of a group have in common."""
         common = {key: value for key, value in self.plan.items() if key not in (*FREE, "settings")}
-        return {"variant": self.variant, **common, **PAPER, **self.plan.get("settings", {}), **self.changed}
+        numbers = asdict(preset(self.plan["preset"]).numbers)
+        return {"variant": self.variant, **common, **numbers, **self.plan.get("settings", {}), **self.changed}
 
     @property
     def unlike(self) -> dict[str, Any]:

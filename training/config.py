@@ -1,0 +1,73 @@
+"""What to train, and how: everything that decides which numbers come out of a run."""
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+
+from .errors import TrainingError
+from .hyperparameters import Hyperparameters
+from .presets import DEAD, preset
+from .run_header import Header
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """What to train, and how.
+
+    Attributes:
+        scenario: What is played.
+        preset: Name of the networks, see PRESETS.
+        steps: Agent-steps to train for.
+        seed: The same seed gives the same numbers.
+        worlds: How many share a rollout; 0: as the preset has it.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
+        dead: What becomes of the samples of dead agents: "keep" or "drop".
+        device: Of PyTorch.
+        threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
+        every: Agent-steps between checkpoints.
+        settings: Hyperparameters of PPO other than the preset's.
+    """
+
+    scenario: Scenario
+    preset: str = "original"
+    steps: int = 10_000_000
+    seed: int = 0
+    worlds: int = 0
+    rollout: int = 0
+    dead: str = "keep"
+    device: str = "cpu"
+    threads: int = 0
+    every: int = 1_000_000
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be.
+
+        Raises:
+            ScenarioError: There is no such preset.
+            TrainingError: Another value is not what it can be.
+        """
+        if self.dead not in DEAD:
+            raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
+        self.numbers, self.size  # noqa: B018  # they raise
+
+    def header(self) -> Header:
+        """The part of run.json that decides which numbers come out."""
+        worlds, rollout = self.size
+        kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every")}
+        kept |= {"worlds": worlds, "rollout": rollout}
+        if not self.numbers.anneal:  # then a run may go on for longer
+            del kept["steps"]
+        return {"plan": kept, "scenario": fingerprint(self.scenario)}
+
+    @property
+    def numbers(self) -> Hyperparameters:
+        """Of PPO. Raises TrainingError if one is out of range."""
+        return replace(preset(self.preset).numbers, **self.settings)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Worlds, and environment steps of a rollout."""
+        return preset(self.preset).size(self.scenario.numbers()["agents_count"], self.worlds, self.rollout)

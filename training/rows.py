@@ -1,0 +1,143 @@
+"""Observations as rows for the networks: one flat list of the entities that the agents of a batch see.
+
+An agent sees one or two entities of the 17 to 36 that there are, so only those are kept, embedded and attended to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .observation_layout import MASK, OWN, ObservationLayout
+
+Array = np.ndarray[Any, Any]
+
+
+class Rows:
+    """What a batch of agents observes.
+
+    Attributes:
+        own: float32 (batch, layout.own), each agent's own numbers.
+        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
+            columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
+        count: int64 (batch,), how many of the rows are each agent's.
+    """
+
+    def __init__(self, own: Tensor, entities: Tensor, count: Tensor) -> None:
+        self.own, self.entities, self.count = own, entities, count
+
+    def __len__(self) -> int:
+        return len(self.own)
+
+    @cached_property
+    def start(self) -> Tensor:
+        """int64 (batch,), where each agent's rows begin."""
+        return self.count.cumsum(0) - self.count
+
+    @cached_property
+    def agent(self) -> Tensor:
+        """int64 (rows,), whose row each one is."""
+        batch = torch.arange(len(self), device=self.count.device)
+        return batch.repeat_interleave(self.count, output_size=len(self.entities))
+
+    def select(self, index: Tensor) -> Rows:
+        """Those of some agents, int64 (some,)."""
+        count = self.count.index_select(0, index)
+        shift = self.start.index_select(0, index) - (count.cumsum(0) - count)
+        rows = shift.repeat_interleave(count)
+        rows += torch.arange(len(rows), device=rows.device)
+        return Rows(self.own.index_select(0, index), self.entities.index_select(0, rows), count)
+
+    def to(self, device: torch.device) -> Rows:
+        """The same on a device."""
+        return Rows(*(each.to(device, non_blocking=True) for each in (self.own, self.entities, self.count)))
+
+
+class PaddedRows:
+    """What a batch of agents observes, with a row for each entity that there may be, seen or not.
+
+    Attributes:
+        packed: float32 (batch, layout.size).
+        layout: What is where in it.
+    """
+
+    def __init__(self, packed: Tensor, layout: ObservationLayout) -> None:
+        self.packed, self.layout = packed, layout
+
+    def __len__(self) -> int:
+        return len(self.packed)
+
+    @property
+    def own(self) -> Tensor:
+        """float32 (batch, layout.own), each agent's own numbers."""
+        return self.packed[:, : self.layout.own]
+
+    @property
+    def seen(self) -> Tensor:
+        """float32 (batch, layout.rows), 1 for each entity that is seen."""
+        return self.packed[:, self.layout.own : self.layout.own + self.layout.rows]
+
+    @property
+    def rows(self) -> Tensor:
+        """float32 (batch, layout.rows, layout.features), the entities, filled up with zeros."""
+        return self.packed[:, self.layout.own + self.layout.rows :].view(-1, self.layout.rows, self.layout.features)
+
+    def select(self, index: Tensor) -> PaddedRows:
+        """Those of some agents, int64 (some,)."""
+        return PaddedRows(self.packed.index_select(0, index), self.layout)
+
+    def to(self, device: torch.device) -> PaddedRows:
+        """The same on a device."""
+        return PaddedRows(self.packed.to(device, non_blocking=True), self.layout)
+
+
+Observed = Rows | PaddedRows
+
+
+class Packer:
+    """Packs observations, by key and kind, as the networks of a preset take them."""
+
+    def __init__(self, layout: ObservationLayout, *, leaky: bool) -> None:
+        """leaky: with the rows of what is hidden."""
+        self.layout, self.leaky = layout, leaky
+
+    def __call__(self, observations: Mapping[str, Array]) -> Observed:
+        """Pack the observations of a batch of agents.
+
+        Args:
+            observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch.
+        """
+        return self._padded(observations) if self.leaky else self._rows(observations)
+
+    def _padded(self, observations: Mapping[str, Array]) -> PaddedRows:
+        batch = observations[OWN].size // self.layout.shapes[OWN][0]
+        packed = np.zeros((batch, self.layout.size), np.float32)
+        for key, view in self.layout.views(packed).items():
+            view[...] = observations[key].reshape(view.shape)
+        return PaddedRows(torch.from_numpy(packed), self.layout)
+
+    def _rows(self, observations: Mapping[str, Array]) -> Rows:
+        own = np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
+        seen = {kind: np.flatnonzero(observations[kind.key + MASK]) for kind in self.layout.kinds}
+        agent = np.concatenate([rows // kind.rows for kind, rows in seen.items()] or [np.zeros(0, np.int64)])
+        entities, row, column = np.zeros((len(agent), self.layout.columns), np.float32), 0, 0
+        for k, (kind, rows) in enumerate(seen.items()):
+            here = entities[row : row + len(rows)]
+            here[:, column : column + kind.features] = observations[kind.key].reshape(-1, kind.features)[rows]
+            here[:, k - len(seen)] = 1
+            row, column = row + len(rows), column + kind.features
+        order, count = np.argsort(agent, kind="stable"), np.bincount(agent, minlength=len(own))
+        return Rows(torch.from_numpy(own), torch.from_numpy(entities[order]), torch.from_numpy(count))
+
+
+def concatenated(parts: Sequence[Observed]) -> Observed:
+    """The batches one behind the other."""
+    if isinstance(first := parts[0], PaddedRows):
+        return PaddedRows(torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)]), first.layout)
+    rows = cast(Sequence[Rows], parts)
+    return Rows(*(torch.cat([getattr(part, name) for part in rows]) for name in ("own", "entities", "count")))
