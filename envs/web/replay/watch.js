@@ -11,17 +11,17 @@
   const section = Dom.make("section", "run");
   document.querySelector("aside").prepend(section);
   const line = Dom.make("p", "checkpoint", section);
-  const playing = Dom.make("b", "", line, "–"), about = Dom.make("span", "", line);
+  const playing = Dom.make("b", "", line), about = Dom.make("span", "", line);
   const skip = Dom.make("button", "", section, "Play the newest now");
   const message = Dom.make("p", "message", section);
   message.id = "message";
   message.setAttribute("role", "status");
   const charts = Dom.make("dl", "charts", section), numbers = Dom.make("p", "numbers", section), cells = new Map();
   const run = $("title").textContent;
-  const empty = Dom.make("p", "empty", $("stage").parentElement, "Waiting for a checkpoint …");
+  Dom.make("p", "empty", $("stage").parentElement, "Waiting …");
   skip.hidden = true;
   message.hidden = true;
-  document.querySelector("footer").hidden = true;
+  document.body.className = "waiting"; // for the first episode: the player's own parts are of no use yet
 
   // ---- the run
 
@@ -35,16 +35,15 @@
 
   async function look() {
     clearTimeout(timer);
-    if (!document.hidden) {
-      try {
-        status = await get("status.json");
-        describe();
-        if (!player && status.episode) await next();
-      } catch (error) {
-        say(LOST);
-      }
+    try {
+      const found = document.hidden ? null : await get("status.json").catch(() => say(LOST));
+      if (!found) return;
+      status = found;
+      describe();
+      if (!player && status.episode) await next();
+    } finally {
+      timer = setTimeout(look, EVERY);
     }
-    timer = setTimeout(look, EVERY);
   }
 
   // The newest episode, or if there is no other one yet, the same again.
@@ -70,8 +69,7 @@
   }
 
   async function begin(data) {
-    document.querySelector("footer").hidden = false;
-    empty.hidden = true;
+    document.body.className = "";
     player = await Player.start(data);
   }
 
