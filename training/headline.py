@@ -60,7 +60,7 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
-WINS, GAMES = "wins/", "games/"  # by opponent: the share that was won, 0 to 1; of how many
+WINS, GAMES = "wins/", "games/"  # by opponent: the share of late that was won, 0 to 1; how many games in all
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
@@ -78,6 +78,6 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
     for tag, share in finite.items():
         if tag.startswith(WINS):
             name, games = tag.removeprefix(WINS), finite.get(tag.replace(WINS, GAMES, 1))
-            of = "" if games is None else f" of {large(games)}"
+            of = "" if games is None else f" ({large(games)})"
             found.append(Figure("wins", name, share, f"{100 * share:.0f} %{of}"))
     return sorted(found, key=lambda figure: GROUPS.index(figure.group))

@@ -3,7 +3,8 @@
 import difflib
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from .errors import TrainingError
 
@@ -68,10 +69,10 @@ RANGES: dict[str, Range] = {
 }
 
 
-def parse_hyperparameters(texts: Iterable[str]) -> dict[str, float]:
+def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
     """Hyperparameters out of texts like "gamma=0.999". Raises TrainingError."""
-    known = {each.name: type(each.default) for each in fields(Hyperparameters)}
-    numbers: dict[str, float] = {}
+    known = {name: type(value) for name, value in asdict(Hyperparameters()).items()}
+    numbers: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
         if name not in known:

@@ -87,7 +87,7 @@ class Learner:
         """The loss of a minibatch, samples `part`."""
         choices, numbers = self.policy.choices, self.numbers
         actions, log_probs, advantages, returns = samples.select(part)
-        logs, values = self.policy(samples.seen.select(part))
+        logs, values, _ = self.policy(samples.seen.select(part))
         weights = torch.full_like(returns, 1 / len(part))
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)
@@ -108,7 +108,7 @@ class Learner:
 
     def _descend(self, total: Tensor) -> None:
         self.optimizer.zero_grad()
-        total.backward()
+        total.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
         self.optimizer.step()
 

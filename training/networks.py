@@ -15,7 +15,7 @@ from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed, PaddedRows, Rows
 
-ACTIVATIONS = {"tanh": torch.tanh, "relu": torch.relu}
+ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
 GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
@@ -67,21 +67,20 @@ class Extractor(nn.Module):
         query = torch.arange(rows, device=each.device).repeat_interleave(each)
         shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
         key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
-        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).split(width, 1)
-        query_bias, _, value_bias = self.attention.in_proj_bias.split(width)  # the key's moves no weight
-        queries = (queries + query_bias) * (width // heads) ** -0.5
+        into = self.attention
+        queries, keys, values = functional.linear(embedded, into.in_proj_weight, into.in_proj_bias).chunk(3, 1)
         logits = queries.index_select(0, query) * keys.index_select(0, key)
-        logits = logits.view(len(query), heads, width // heads).sum(2)
+        logits = logits.view(len(query), heads, width // heads).sum(2) * (width // heads) ** -0.5
         with torch.no_grad():  # so that exp cannot overflow
             highest = torch.segment_reduce(logits, "max", lengths=each, unsafe=True)
         weights = (logits - highest.index_select(0, query)).exp()
         total = weights.new_zeros(rows, heads).index_add(0, query, weights)
         weights = weights / total.index_select(0, query)
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
-        values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
+        values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
-        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * (out.bias + out.weight @ value_bias)
+        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
 
     def _attend_all(self, padded: PaddedRows) -> Tensor:
         """The leaky form: what is seen attends to every row, and the sum is divided by their number: (batch, width)."""

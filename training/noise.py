@@ -35,4 +35,5 @@ class ActionNoise:
         """The numbers of a step, float32 (agents of all worlds, actions), from 0 to below 1."""
         place = np.arange(step * self._actions, (step + 1) * self._actions, dtype=np.uint64)
         words = mix64(self._start + place * GOLDEN)
-        return (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
+        numbers: Array = (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
+        return numbers

@@ -13,6 +13,12 @@ WORLDS, ROLLOUT = 64, 16384  # that share a rollout; environment steps of it, as
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Collector
 
 
+PAPER_NUMBERS = Hyperparameters()
+FAST = Hyperparameters(
+    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
+)
+
+
 @dataclass(frozen=True)
 class Preset:
     """Networks, numbers of PPO, and the size of a rollout.
@@ -44,7 +50,7 @@ class Preset:
     width: int = 32
     heads: int = 4
     hidden: int = 64
-    numbers: Hyperparameters = Hyperparameters()
+    numbers: Hyperparameters = PAPER_NUMBERS
     agents: int = 0
     steps: int = 0
 
@@ -70,9 +76,6 @@ class Preset:
         return worlds, rollout
 
 
-FAST = Hyperparameters(
-    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
-)
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
 PRESETS = {
     preset.name: preset

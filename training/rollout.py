@@ -1,13 +1,14 @@
 """A rollout: what the agents of all worlds observed, did and got in a number of steps."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
+from .checkpoint import check_state
+from .errors import TrainingError
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
@@ -23,8 +24,10 @@ class Rollout:
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
         advantages: float32.
-        learner: int8, which of the learners is trained on the sample; -1: none.
+        learner: int8, which of the learners is trained on the sample, or NOBODY.
         alive: bool, whether the agent lived when it observed.
+        begins: bool, whether the agent's memory begins anew with the step.
+        memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
     """
 
     seen: Observed
@@ -34,6 +37,8 @@ class Rollout:
     advantages: Array
     learner: Array
     alive: Array
+    begins: Array
+    memory: Array
 
     @property
     def returns(self) -> Array:
@@ -78,7 +83,10 @@ class RewardScale:
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
 
-    def restore(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Go on from what `state` returned."""
-        self.sums = state["sums"].numpy().copy()
-        self.count, self.mean, self.variance = (float(state[name]) for name in ("count", "mean", "variance"))
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        check_state(given, self.state(), "rewards")
+        if given["count"] < 0 or given["variance"] < 0:
+            raise TrainingError("rewards in rest.pt of the checkpoint cannot vary less than not at all")
+        self.sums = given["sums"].numpy().copy()
+        self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))

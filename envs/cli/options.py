@@ -39,13 +39,13 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
 
 
 def add_policy(command: argparse.ArgumentParser, default: str) -> None:
-    """--policy; `scenario_and_policies` reads it."""
+    """--policy; `scenario_and_policy` reads it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
     command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
 def add_others(command: argparse.ArgumentParser, default: str | None, text: str) -> None:
-    """--others, weights by name or path; `scenario_and_policies` reads them. text: what they do."""
+    """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
     text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
     given = None if default is None else {default: 1.0}
     command.add_argument(

@@ -79,7 +79,7 @@ def test_figures_are_those_of_the_tags_in_order() -> None:
         ("return", "410.0"),
         ("kills", "0.75"),
         ("heals used", "2.70"),
-        ("scripted", "12 % of 310"),
+        ("scripted", "12 % (310)"),
         ("past", "55 %"),
         ("epochs", "3.2"),
         ("KL", "0.0113"),
@@ -126,7 +126,7 @@ def test_the_terminal_shows_a_bar_and_a_line_for_each_group(terminal: Terminal) 
     assert lines == [
         "speed     collecting 90.1k/s · updating 36.5k/s",
         "episodes  length 812 · return 410.0 · kills 0.75 · heals used 2.70",
-        "wins      scripted 12 % of 310 · past 55 %",
+        "wins      scripted 12 % (310) · past 55 %",
         "learning  epochs 3.2 · KL 0.0113 · entropy 4.21",
     ]
     assert terminal.row == 0
@@ -204,7 +204,7 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None
     assert [line.split()[0] for line in lines] == ["1.10M", "1.40M", "1.70M"]  # and nothing twice
     assert lines[0] == (
         "1.10M of 2.00M agent-steps; 10.0k/s, 01:30 left; speed: collecting 90.1k/s, updating 36.5k/s; "
-        "episodes: length 812, return 410.0, kills 0.75, heals used 2.70; wins: scripted 12 % of 310, past 55 %; "
+        "episodes: length 812, return 410.0, kills 0.75, heals used 2.70; wins: scripted 12 % (310), past 55 %; "
         "learning: epochs 3.2, KL 0.0113, entropy 4.21"
     )
     assert "\x1b" not in file.getvalue()

@@ -25,7 +25,7 @@ FIGURES = [
     {"group": "speed", "name": "collecting", "text": "90.1k/s", "points": None},
     {"group": "episodes", "name": "length", "text": "812", "points": [[1000, 300.0], [2000, 500.0], [4000, 812.0]]},
     {"group": "episodes", "name": "kills", "text": "0.00", "points": [[1000, 0.0], [2000, 0.0]]},
-    {"group": "wins", "name": "scripted", "text": "12 % of 310", "points": [[1000, 0.12]]},
+    {"group": "wins", "name": "scripted", "text": "12 % (310)", "points": [[1000, 0.12]]},
     {"group": "learning", "name": "KL", "text": "0.0113", "points": None},
 ]
 
@@ -224,7 +224,7 @@ def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
     page = opened()
     page.wait_for_selector(".charts div")
     cells = [(cell.inner_text().split("\n"), cell.locator("svg").count()) for cell in page.locator(".charts div").all()]
-    assert cells == [(["length", "812"], 1), (["kills", "0.00"], 1), (["wins v scripted", "12 % of 310"], 0)]
+    assert cells == [(["length", "812"], 1), (["kills", "0.00"], 1), (["wins v scripted", "12 % (310)"], 0)]
     assert page.inner_text(".numbers") == "collecting 90.1k/s · KL 0.0113"
     first = page.locator(".charts svg").nth(0)
     assert first.get_attribute("aria-label") == "300 to 812, from 1,000 to 4,000 agent-steps"
