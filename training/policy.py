@@ -19,8 +19,8 @@ GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baseline
 class MultiCategorical(nn.Module):
     """Independent categorical distributions, given the logits of all of them in one row.
 
-    Log probabilities are (values, actions, batch): PyTorch's softmax is several times as fast along the first axis. Actions
-    with fewer values than others are filled up with values of probability 0.
+    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Actions with fewer values than others are filled up with values of probability 0.
     """
 
     where: Tensor
@@ -59,7 +59,7 @@ class MultiCategorical(nn.Module):
     def draw(logs: Tensor, uniform: Tensor) -> Tensor:
         """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
         below = logs.exp().cumsum(0)[:-1]  # without the last, which rounding may leave below 1
-        return (uniform.T >= below).sum(0).T
+        return (below <= uniform.T).sum(0).T
 
 
 class ActorCritic(nn.Module):
