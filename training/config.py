@@ -13,6 +13,7 @@ from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
 SELF, PAST = "self", "past"  # opponents that only training has
+SNAPSHOTS = 10  # updates between past selves
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class TrainingConfig:
     policies: str = "shared"
     opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
     prioritised: bool = False
-    snapshots: int = 10
+    snapshots: int = SNAPSHOTS
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -63,7 +64,13 @@ class TrainingConfig:
         """
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
-        self.numbers, self.size  # noqa: B018  # they raise
+        if self.policies not in POLICIES:
+            raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
+        if self.prioritised and self.opponents.keys() <= {SELF}:
+            raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
+        if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
+            raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
+        _ = self.numbers, self.size  # they raise
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""

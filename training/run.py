@@ -78,17 +78,17 @@ class TrainingRun:
                 self._iterate(progress)
                 self.done, self.now = self.trainer.steps, "collecting"
                 kept = self._capture()
-                if self.trainer.steps // self.config.every > self.saved // self.config.every:
+                last = self.done >= self.config.steps
+                if last or self.done // self.config.every > self.saved // self.config.every:
                     self._save(kept)
                     if self.film:
-                        film_checkpoint(
-                            self.folder / checkpoint.NAME.format(self.saved), self.folder, self.config.scenario
-                        )
+                        newest = self.folder / checkpoint.NAME.format(self.saved)
+                        film_checkpoint(newest, self.folder, self.config.scenario)
                 progress(self)
         finally:
             with self._disk_errors():
                 try:
-                    if kept is not None and kept[0] != self.saved:
+                    if kept is not None:
                         self._save(kept)
                 finally:
                     self.log.close()

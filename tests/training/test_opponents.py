@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.lane import NOBODY  # noqa: E402
-from outlast.training.opponents import SNAPSHOTS, Opponent, Opponents  # noqa: E402
+from outlast.training.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
 from outlast.training.resume import capture, restore  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 
@@ -70,7 +70,7 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     for step in range(1, 41):
         opponents.remember(trainer.policies, step, {0})
     at = [int(opponents.all[k].name.partition("@")[2]) for k in opponents.past]
-    assert len(at) == SNAPSHOTS
+    assert len(at) == PAST_SELVES
     assert (at[0], at[-1]) == (1, 40)
     assert max(np.diff(at)) < 40 / 2
     assert {k for k, one in opponents.all.items() if one.past} == set(opponents.past)

@@ -20,7 +20,7 @@ from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
-from ..config import PAST, POLICIES, SELF, TrainingConfig
+from ..config import PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -63,7 +63,9 @@ def add(commands: Any) -> None:
     command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
     text = "draw opponents the more often, the more they win"
     command.add_argument("--prioritised", action="store_true", help=text)
-    command.add_argument("--snapshots", type=positive, default=10, help="updates between past selves (default 10)")
+    command.add_argument(
+        "--snapshots", type=positive, default=SNAPSHOTS, help="updates between past selves (default 10)"
+    )
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
