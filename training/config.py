@@ -14,6 +14,7 @@ from .run_header import Header
 POLICIES = ("shared", "side", "agent")
 HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
 SELF, PAST = "self", "past"  # opponents that only training has
+SNAPSHOTS = 10  # updates between past selves
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class TrainingConfig:
     policies: str = "shared"
     opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
     prioritised: bool = False
-    snapshots: int = 10
+    snapshots: int = SNAPSHOTS
     processes: int = 1
     halves: bool = False
 
@@ -69,9 +70,16 @@ class TrainingConfig:
         """
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
-        self.numbers, self.size  # noqa: B018  # they raise
-        if not 1 <= self.processes <= self.size[0]:
-            raise TrainingError(f"processes = {self.processes}: from 1 to {self.size[0]}, the number of worlds, are needed")
+        if self.policies not in POLICIES:
+            raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
+        if self.prioritised and self.opponents.keys() <= {SELF}:
+            raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
+        if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
+            raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
+        _ = self.numbers, self.size  # they raise
+        most = self.size[0]
+        if not 1 <= self.processes <= most:
+            raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""

@@ -82,12 +82,14 @@ class Member(Crew):
         self._host, self._store, self._others, self._joined = host, store, others, None
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
+        """As one tensor, so that one message goes each way. From a GPU it comes over the CPU."""
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
         for tensor, total in zip(tensors, flat.split([tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
+        """As bytes, filled up to the longest."""
         rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
         lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
         each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
@@ -98,11 +100,13 @@ class Member(Crew):
         return np.moveaxis(joined, 0, axis)
 
     def gather_values(self, own: Any) -> list[Any]:
+        """As JSON: nothing that comes from elsewhere is executed."""
         lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
         return [json.loads(line) for line in lines]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
+        """The others wait for a message."""
         if self.rank:
             self._gather(np.zeros(1, np.uint8))
         yield
@@ -110,6 +114,7 @@ class Member(Crew):
             self._gather(np.zeros(1, np.uint8))
 
     def close(self) -> None:
+        """Leave the others, and stop those that this process has started."""
         self._joined = None
         if self._others is not None:
             self._others.stop()
@@ -138,7 +143,7 @@ class Others(Protocol):
     """Processes that the first one has started."""
 
     def wait(self) -> None:
-        """Until all have begun. Raises TrainingError if one ended instead."""
+        """Until all have begun. Raises LostError if one ended instead."""
 
     def reason(self) -> str:
         """Why one of them ended; nothing if none did."""
@@ -162,12 +167,14 @@ class Children:
                 process.start()
 
     def wait(self) -> None:
+        """Until all have begun. Raises LostError if one ended instead."""
         while not all(self.store.check([BEGUN.format(rank)]) for rank in range(1, self.size)):
             if any(not process.is_alive() for process in self.processes):
-                raise TrainingError(self.reason())
+                raise LostError(self.reason())
             time.sleep(POLL)
 
     def reason(self) -> str:
+        """What one of them says that went wrong, or how it ended; waits a little for that."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
             for rank, process in enumerate(self.processes, 1):
@@ -180,8 +187,9 @@ class Children:
         return ""
 
     def stop(self) -> None:
+        """Kill them: they own no files, and may be waiting for each other."""
         for process in self.processes:
-            process.kill()  # it owns no files, and may be waiting for others
+            process.kill()
         for process in self.processes:
             process.join()
 

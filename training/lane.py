@@ -28,7 +28,7 @@ NOBODY = -1  # the learner of a sample that none is trained on
 
 @dataclass
 class Samples:
-    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions). Tensors are on the networks' device.
+    """What a lane collects: (steps, agents), of `actions` (steps, agents, actions). Tensors are on the device.
 
     Attributes:
         seen: What was observed, step after step, on the device.
@@ -146,7 +146,7 @@ class Lane:
         env, samples, observations = self.env, self.samples, self.env.observe()
         seen, uniform = self.packer(observations), self.noise(step)
         samples.own.append(seen.own.numpy())
-        seen, numbers = seen.to(self.device), moved(torch.from_numpy(uniform), self.device)[:, :, None]
+        seen, numbers = seen.to(self.device), moved(torch.from_numpy(uniform), self.device)
         samples.seen.append(seen)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
@@ -265,9 +265,9 @@ class Lane:
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
 
     def _record(self, t: int, done: Array) -> None:
-        """Note who won where an opponent was drawn, of the worlds that are done: the pool learns it after the rollout,
+        """Note who won where an opponent was drawn, of the worlds that are done.
 
-        so that what is drawn meanwhile does not depend on which worlds are played here.
+        The pool learns it after the rollout: what is drawn until then must not depend on the worlds of this process.
         """
         for index in np.unique(self.opponent[done & (self.opponent > 0)]):
             worlds = np.flatnonzero(done & (self.opponent == index))
