@@ -68,7 +68,7 @@ class Crew:
 class Member(Crew):
     """One of several processes."""
 
-    def __init__(self, rank: int, size: int, host: str, store: dist.Store, others: "Others | None" = None) -> None:
+    def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
         """Make one, which joins the others when it first sends something.
 
         Args:
@@ -85,7 +85,7 @@ class Member(Crew):
         """As one tensor, so that one message goes each way. From a GPU it comes over the CPU."""
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
-        for tensor, total in zip(tensors, flat.split([tensor.numel() for tensor in tensors]), strict=True):
+        for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
@@ -155,7 +155,7 @@ class Others(Protocol):
 class Children:
     """Processes on this machine; they end with this one."""
 
-    def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: dist.TCPStore) -> None:
+    def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: Any) -> None:
         self.size, self.store = size, store
         context = multiprocessing.get_context("spawn")  # a fork would share PyTorch's threads
         self.processes = [
@@ -208,9 +208,11 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
     return Member(0, size, HOST, store, Children(size, work, arguments, store))
 
 
-def listening(host: str) -> dist.TCPStore:
+def listening(host: str) -> Any:
     """Where the processes of a crew find each other: a server in this process, at a port of its own choice."""
-    return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)
+    if not dist.is_available():
+        raise TrainingError("this PyTorch was built without torch.distributed, which several processes need")
+    return dist.TCPStore(host, 0, is_master=True, wait_for_workers=False)  # type: ignore[attr-defined]
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
@@ -225,7 +227,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
         work: See `recruit`.
         arguments: See `recruit`.
     """
-    store = dist.TCPStore(first, port, is_master=False)
+    store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
     store.set(BEGUN.format(rank), "")
     crew = Member(rank, size, host, store)
     try:
@@ -240,9 +242,9 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
         crew.close()
 
 
-def _group(store: dist.Store, rank: int, size: int, host: str) -> Any:
+def _group(store: Any, rank: int, size: int, host: str) -> Any:
     """What sends: PyTorch's gloo over TCP, among the processes that have the store."""
-    options = dist.ProcessGroupGloo._Options()
+    options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
     options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
     options._timeout = TIMEOUT
     return dist.ProcessGroupGloo(store, rank, size, options)

@@ -68,7 +68,7 @@ class Group(NamedTuple):
 
     where: Any
     there: Any
-    index: Tensor  # int64, on the CPU
+    members: Tensor  # their indices, int64, on the CPU
 
 
 class Lane:
@@ -124,8 +124,12 @@ class Lane:
             own=[],
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
             rewards=np.zeros(shape, np.float32),
-            **{name: torch.zeros(shape, device=self.device) for name in ("log_probs", "values", "later")},
-            **{name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")},
+            log_probs=torch.zeros(shape, device=self.device),
+            values=torch.zeros(shape, device=self.device),
+            later=torch.zeros(shape, device=self.device),
+            ends=np.zeros(shape, bool),
+            begins=np.zeros(shape, bool),
+            alive=np.zeros(shape, bool),
             learner=np.zeros(shape, np.int8),
             memory=torch.zeros((chunks, self.agents, memory), device=self.device),
             last=torch.zeros(self.agents, device=self.device),
@@ -164,7 +168,7 @@ class Lane:
             if one.packer is not None:
                 part = one.packer(self._batch(observations, group.where)).to(self.device)
             else:
-                part = seen if len(group.index) == self.agents else seen.select(group.index)
+                part = seen if len(group.members) == self.agents else seen.select(group.members)
             logs, values = self._run(policy, part, group)
             chosen = policy.choices.draw(logs, numbers[group.there])
             joint[group.there] = chosen.to(joint.dtype)
@@ -256,7 +260,7 @@ class Lane:
         before = self.memory.clone()
         for (index, number), group in self.groups.items():
             if not index:
-                values[group.there] = self._run(policies[number], seen.select(group.index), group)[1]
+                values[group.there] = self._run(policies[number], seen.select(group.members), group)[1]
         self.memory[:] = before  # this was no step
         return values
 

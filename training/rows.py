@@ -110,7 +110,8 @@ class Rows:
         if device == self.own.device:
             return self
         here = self if device.type == "cpu" else self.filled()
-        return Rows(*(moved(each, device) for each in (here.own, here.entities, here.count)), self.known, here.room)
+        own, entities, count = (moved(each, device) for each in (here.own, here.entities, here.count))
+        return Rows(own, entities, count, self.known, here.room)
 
     def _counts(self, size: int) -> Tensor:
         """int64 (owners,), how many of so many rows are each agent's, and nobody's."""
@@ -207,7 +208,7 @@ def concatenated(parts: Sequence[Observed]) -> Observed:
     entities = torch.cat([part.entities[: int(part.known.sum())] for part in rows])
     own, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "count"))
     joined = Rows(own, entities, count, known)
-    return joined if cast(Rows, first).room is None else joined.filled()
+    return joined if rows[0].room is None else joined.filled()
 
 
 def _filled(size: int) -> int:

@@ -77,8 +77,11 @@ class Trainer:
             for number in range(self.team.max() + 1)
         ]
         self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
-        packer, same = Packer(self.layout, leaky=self.preset.leaky), {"seed": config.seed, "dead": config.dead}
-        lanes = [Lane(env, packer, self.team, self.opponents, device=self.device, **same) for env in envs]
+        packer = Packer(self.layout, leaky=self.preset.leaky)
+        lanes = [
+            Lane(env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device)
+            for env in envs
+        ]
         self.collector = Collector(lanes, numbers, self.crew)
 
     @property
