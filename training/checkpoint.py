@@ -30,6 +30,7 @@ from .trainer import Trainer
 
 HEAVIEST = 1000  # weight: with larger ones sums may overflow, and what is not a number chooses no action
 LAST = 2**53  # updates, which are counted in float32
+DEAREST = 1e30  # reward, or sum of rewards: float32, also when it is squared in float64
 GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers that it draws at once
 NAME = "steps_{:010d}.zip"
 
@@ -103,11 +104,15 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
 
 
 def _check_rewards(trainer: Trainer, given: Any) -> None:
-    for name, own in trainer.collector.scale.state().items():
-        value = _get({"rewards": given}, "rewards", name)
-        _check_like(value, own, f"{name} of rewards in rest.pt")
-        if not torch.isfinite(value).all() or (name in ("count", "variance") and value < 0):
-            raise TrainingError(f"{name} of rewards in rest.pt of the checkpoint cannot be {value}")
+    """Check what rewards are divided by. Raises TrainingError."""
+    own = trainer.collector.scale.state()
+    if not isinstance(given, dict) or given.keys() != own.keys():
+        raise TrainingError("rest.pt of the checkpoint has rewards that no run has")
+    for name, like in own.items():
+        _check_like(given[name], like, f"{name} of rewards in rest.pt")
+        low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
+        if not ((given[name] >= low) & (given[name] <= high)).all():  # NaN, too
+            raise TrainingError(f"{name} of rewards in rest.pt of the checkpoint is beyond {low:g} to {high:g}")
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:

@@ -1,6 +1,6 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -64,8 +64,8 @@ class TrainingConfig:
 
     @property
     def numbers(self) -> Hyperparameters:
-        """Of PPO. Raises TrainingError if one is out of range."""
-        return replace(preset(self.preset).numbers, **self.settings)
+        """Of PPO. Raises TrainingError if one is not there, or out of range."""
+        return preset(self.preset).numbers.changed(self.settings)
 
     @property
     def size(self) -> tuple[int, int]:

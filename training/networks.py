@@ -67,8 +67,8 @@ class Extractor(nn.Module):
         query = torch.arange(rows, device=each.device).repeat_interleave(each)
         shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
         key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
-        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).split(width, 1)
-        query_bias, _, value_bias = self.attention.in_proj_bias.split(width)  # the key's moves no weight
+        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).chunk(3, 1)
+        query_bias, _, value_bias = self.attention.in_proj_bias.chunk(3)  # the key's moves no weight
         queries = (queries + query_bias) * (width // heads) ** -0.5
         logits = queries.index_select(0, query) * keys.index_select(0, key)
         logits = logits.view(-1, heads, width // heads).sum(2)
@@ -78,7 +78,7 @@ class Extractor(nn.Module):
         total = weights.new_zeros(rows, heads).index_add(0, query, weights)
         weights = weights / total.index_select(0, query)
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
-        values = (values.view(rows, heads, -1) * weights[:, :, None]).view(rows, width)
+        values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
         return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * (out.bias + out.weight @ value_bias)
@@ -88,7 +88,7 @@ class Extractor(nn.Module):
         rows, seen = padded.rows, padded.seen
         if self.preset.padded:
             rows, seen = functional.pad(rows, (0, 0, 0, 1)), functional.pad(seen, (0, 1), value=1.0)
-        if not seen.shape[1]:  # a world of one agent and no items
+        if not seen.numel():  # a world of one agent and no items, or a batch of no agent
             return seen.new_zeros(len(seen), self.preset.width)
         valid, where = seen.topk(max(1, int(seen.sum(1).max())), 1)
         rows = self._embed_all(rows)
@@ -120,9 +120,8 @@ class Extractor(nn.Module):
         folded = torch.bmm(key.transpose(1, 2), query).view(heads * width, width)
         folded_bias = torch.bmm(query_bias[:, None], key).view(heads * width)
         wanted = functional.linear(queries, folded, folded_bias).view(batch, -1, width)
-        weights = torch.baddbmm(bias[:, None], wanted, rows.transpose(1, 2)).softmax(
-            2
-        )  # (batch, queries * heads, rows)
+        logits = torch.baddbmm(bias[:, None], wanted, rows.transpose(1, 2))  # (batch, queries * heads, rows)
+        weights = logits.softmax(2)
         weights = torch.bmm(valid[:, None], weights.view(batch, valid.shape[1], -1)).view(batch, heads, -1)
         mixed = torch.bmm(torch.bmm(weights, rows).transpose(0, 1), value.transpose(1, 2))  # (heads, batch, each)
         count = valid.sum(1, keepdim=True)

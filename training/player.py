@@ -96,7 +96,7 @@ class Player:
         self._check(observations)
         with one_thread(), torch.inference_mode():
             actions: Array = self.policy.act(self.packer(observations), self.generator).numpy()
-        return actions.reshape(*observations[OWN].shape[:-1], -1)
+        return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}

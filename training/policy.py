@@ -21,24 +21,25 @@ class MultiCategorical(nn.Module):
 
     where: Tensor
     never: Tensor
+    beyond: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
         """sizes: how many values each action has. Shorter ones are filled up with values of probability 0."""
         super().__init__()
-        self.count, longest, start = len(sizes), max(sizes), 0
-        where = torch.zeros(self.count, longest, dtype=torch.long)
-        never = torch.full((self.count, longest), NEVER)
+        self.shape, start = (len(sizes), max(sizes)), 0
+        where, never = torch.zeros(self.shape, dtype=torch.long), torch.full(self.shape, NEVER)
         for k, size in enumerate(sizes):
             where[k, :size] = torch.arange(start, start + size)
             never[k, :size] = 0
             start += size
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
+        self.register_buffer("beyond", torch.arange(1, max(sizes)) >= torch.tensor(sizes)[:, None], persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
         """(batch, actions, values) of all values, given the features that the head makes logits of."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
-        return functional.linear(features, weight, bias).view(len(features), self.count, -1).log_softmax(2)
+        return functional.linear(features, weight, bias).view(-1, *self.shape).log_softmax(2)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
@@ -50,10 +51,9 @@ class MultiCategorical(nn.Module):
         """(batch,), of the joint actions."""
         return -(logs.exp() * logs).sum((1, 2))
 
-    @staticmethod
-    def draw(logs: Tensor, generator: torch.Generator | None) -> Tensor:
+    def draw(self, logs: Tensor, generator: torch.Generator | None) -> Tensor:
         """Sampled joint actions (batch, actions), int64, from one uniform number for each action."""
-        below = logs.exp().cumsum(2)[:, :, :-1]  # without the last, which rounding may leave below 1
+        below = logs.exp().cumsum(2)[:, :, :-1] + self.beyond  # rounding may leave the sum of all values below 1
         uniform = torch.rand((*logs.shape[:2], 1), generator=generator, device=logs.device)
         return (uniform >= below).sum(2)
 

@@ -1,6 +1,6 @@
 """What can be trained: the paper's networks and numbers as in its text, as in its authors' code, and faster ones."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from outlast.envs.errors import ScenarioError
@@ -44,7 +44,7 @@ class Preset:
     width: int = 32
     heads: int = 4
     hidden: int = 64
-    numbers: Hyperparameters = Hyperparameters()
+    numbers: Hyperparameters = field(default_factory=Hyperparameters)
     agents: int = 0
     steps: int = 0
 

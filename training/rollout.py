@@ -49,6 +49,7 @@ class RewardScale:
     """
 
     MEMORY = 50.0
+    LEAST = 1e-8  # where nothing is paid for long, the deviation falls without end
 
     def __init__(self, agents: int, gamma: float) -> None:
         """agents: of all worlds. gamma: discount of a step."""
@@ -71,7 +72,7 @@ class RewardScale:
         self.variance += share * (sums.var() - self.variance + (1 - share) * apart**2)
         self.mean += share * apart
         self.count = kept + sums.size
-        return math.sqrt(self.variance) or 1.0
+        return max(math.sqrt(self.variance), self.LEAST)
 
     def state(self) -> dict[str, torch.Tensor]:
         """What a run goes on with: float64 tensors by name."""

@@ -15,17 +15,14 @@ from outlast import variant
 from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from stable_baselines3.common.logger import Logger  # noqa: E402
-
 from outlast.training import checkpoint  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
-from outlast.training.ppo import SharedPPO  # noqa: E402
-from outlast.training.presets import preset  # noqa: E402
 from outlast.training.safe_torch import BROKEN, load_tensors  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
 from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -33,19 +30,16 @@ Files = dict[str, bytes]
 
 
 @pytest.fixture(scope="module")
-def model() -> SharedPPO:
-    model = SharedPPO(variant("teams_3"), preset("scaled"), worlds=2, steps=16, batch_size=16, n_epochs=1)
-    model.start()
-    return model
+def trainer() -> Trainer:
+    settings = {"batch_size": 16, "n_epochs": 1, "scale_rewards": True}
+    return Trainer(TrainingConfig(variant("teams_3"), "scaled", worlds=2, rollout=16, settings=settings))
 
 
 @pytest.fixture(scope="module")
-def files(model: SharedPPO) -> Files:
+def files(trainer: Trainer) -> Files:
     """The files of a checkpoint after one update."""
-    model.set_logger(Logger(None, []))
-    model.collect()
-    model.train()
-    return checkpoint.capture(model, {"plan": {"seed": 0}})
+    trainer.update(trainer.collect())
+    return checkpoint.capture(trainer, {"plan": {"seed": 0}})
 
 
 # ---- tensors
@@ -147,6 +141,10 @@ def moment(rest: Any, name: str, value: Any) -> None:
     rest["optimiser"]["state"][0][name] = value
 
 
+def rewards(rest: Any, **values: Any) -> None:
+    rest["rewards"].update({name: torch.tensor(value, dtype=torch.float64) for name, value in values.items()})
+
+
 def random_at(rest: Any, left: int, place: int) -> None:
     state = rest["random"]["actions"].numpy()
     state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
@@ -164,23 +162,47 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "a parameter": (lambda rest: rest["optimiser"]["state"].pop(1), "is not of an optimiser of this policy"),
     "a generator": (lambda rest: random_at(rest, 624, 624), "in a state that cannot be"),
     "left": (lambda rest: random_at(rest, -1, 5), "in a state that cannot be"),
+    "no rewards": (lambda rest: rest.update(rewards=None), "has rewards that no run has"),
+    "rewards": (lambda rest: rest.update(rewards=[1.0]), "has rewards that no run has"),
+    "more rewards": (lambda rest: rewards(rest, more=1.0), "has rewards that no run has"),
+    "fewer rewards": (lambda rest: rest["rewards"].pop("mean"), "has rewards that no run has"),
+    "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"sums of rewards .* \(7,\): .* \(8,\) is needed"),
+    "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "sums of rewards in rest.pt .* is no tensor"),
+    "a kind of mean": (lambda rest: rest["rewards"].update(mean=torch.tensor(0.0)), "mean .* is torch.float32"),
+    "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"mean of rewards .* \(2,\): .* \(\) is needed"),
+    "a large sum": (lambda rest: rewards(rest, sums=[0.0] * 7 + [1e300]), "sums of rewards .* beyond -1e\\+30 to"),
+    "an endless sum": (lambda rest: rewards(rest, sums=[np.inf] * 8), "sums of rewards .* beyond -1e\\+30 to"),
+    "no number": (lambda rest: rewards(rest, mean=np.nan), "mean of rewards .* beyond -1e\\+30 to 1e\\+30"),
+    "variance": (lambda rest: rewards(rest, variance=-1.0), "variance of rewards .* beyond 0 to 1e\\+60"),
+    "a large variance": (lambda rest: rewards(rest, variance=1e61), "variance of rewards .* beyond 0 to 1e\\+60"),
+    "count": (lambda rest: rewards(rest, count=-1.0), "count of rewards .* beyond 0 to 1e\\+60"),
     "size": (lambda rest: rest["random"].update(actions=torch.zeros(9, dtype=torch.uint8)), r"uint8 \(9,\): .*5056"),
 }
 
 
 @pytest.mark.parametrize("what", RESTS)
-def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files, what: str) -> None:
-    before = [weight.clone() for weight in model.policy.parameters()], model.generator.get_state()
+def test_a_run_does_not_go_on_with_what_cannot_be(trainer: Trainer, files: Files, what: str) -> None:
+    before = [weight.clone() for weight in trainer.policy.parameters()], trainer.generator.get_state()
     (change, reason), whole = RESTS[what], what in ("nothing", "a list")
     with pytest.raises(TrainingError, match=reason):
-        checkpoint.restore(model, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
-    assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
-    assert torch.equal(before[1], model.generator.get_state())
-    checkpoint.restore(model, files)
-    assert model.num_timesteps == checkpoint.header_of(files)["steps"]
+        checkpoint.restore(trainer, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
+    assert all(torch.equal(*pair) for pair in zip(before[0], trainer.policy.parameters(), strict=True))
+    assert torch.equal(before[1], trainer.generator.get_state())
+    checkpoint.restore(trainer, files)
+    assert trainer.steps == checkpoint.header_of(files)["steps"]
 
 
-def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -> None:
+@pytest.mark.parametrize(
+    "extreme", [{"sums": [1e30] * 8}, {"variance": 1e60}, {"variance": 0.0}, {"count": 1e60}, {"mean": -1e30}]
+)
+def test_a_run_goes_on_with_rewards_at_their_limits(trainer: Trainer, files: Files, extreme: dict[str, Any]) -> None:
+    checkpoint.restore(trainer, rest_with(files, lambda rest: rewards(rest, **extreme)))
+    rollout = trainer.collect()
+    assert np.isfinite(rollout.advantages).all()
+    checkpoint.restore(trainer, files)
+
+
+def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -> None:
     weights = torch.load(io.BytesIO(files["policy.pt"]))
     for changed, reason in (
         ({"x": torch.zeros(3)}, "does not hold the weights of this policy"),
@@ -191,9 +213,9 @@ def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -
         (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
     ):
         with pytest.raises(TrainingError, match=reason):
-            checkpoint.restore(model, files | {"policy.pt": saved(changed)})
+            checkpoint.restore(trainer, files | {"policy.pt": saved(changed)})
     with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
-        checkpoint.restore(model, files | {"worlds.npz": b"x"})
+        checkpoint.restore(trainer, files | {"worlds.npz": b"x"})
 
 
 HEADERS: dict[str, tuple[dict[str, Any], str]] = {
