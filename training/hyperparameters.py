@@ -48,7 +48,7 @@ class Hyperparameters:
         for name, kind in KINDS.items():
             value: Any = getattr(self, name)
             words, fits = RANGES.get(name, ANY)
-            kinds = (float, int) if kind is float else (kind,)
+            kinds: Any = (float, int) if kind is float else kind
             if not isinstance(value, kinds) or isinstance(value, bool) != (kind is bool):
                 raise TrainingError(f"{name}={value}: {example(name)} is needed")
             if not (fits(value) and value < math.inf):
