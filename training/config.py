@@ -11,6 +11,9 @@ from .hyperparameters import Hyperparameters
 from .presets import DEAD, preset
 from .run_header import Header
 
+POLICIES = ("shared", "side", "agent")
+SELF, PAST = "self", "past"  # opponents that only training has
+
 
 @dataclass(frozen=True)
 class TrainingConfig:
@@ -28,6 +31,11 @@ class TrainingConfig:
         threads: Of the networks and the worlds; 0: one for each core, up to THREADS.
         every: Agent-steps between checkpoints.
         settings: Hyperparameters of PPO other than the preset's.
+        policies: "shared": one for all agents. "side", "agent": one for each of them.
+        opponents: Who the learners play against, with weights: "self", "past", the name of a policy that needs no
+            training, or the path of a saved one.
+        prioritised: Whether opponents are drawn the more often, the more they win.
+        snapshots: Updates between past selves.
     """
 
     scenario: Scenario
@@ -41,6 +49,10 @@ class TrainingConfig:
     threads: int = 0
     every: int = 1_000_000
     settings: dict[str, Any] = field(default_factory=dict)
+    policies: str = "shared"
+    opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
+    prioritised: bool = False
+    snapshots: int = 10
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -57,7 +69,8 @@ class TrainingConfig:
         """The part of run.json that decides which numbers come out."""
         worlds, rollout = self.size
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every")}
-        kept |= {"worlds": worlds, "rollout": rollout}
+        opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
+        kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         if not self.numbers.anneal:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}

@@ -88,7 +88,7 @@ class Learner:
         """The loss of a minibatch, samples `part`."""
         choices, numbers = self.policy.choices, self.numbers
         actions, log_probs, advantages, returns = samples.select(part)
-        logs, values = self.policy(samples.seen.select(part))
+        logs, values, _ = self.policy(samples.seen.select(part))
         weights = torch.full_like(returns, 1 / len(part))
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)

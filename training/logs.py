@@ -75,7 +75,7 @@ class RunLog:
     def __init__(self, folder: Path, steps: int) -> None:
         path = folder / log_file.NAME
         log_file.truncate_log(path, steps)
-        self.logs: tuple[CsvLog, TensorBoardLog] = (CsvLog(path), TensorBoardLog(folder, steps))
+        self.logs: list[CsvLog | TensorBoardLog] = [CsvLog(path), TensorBoardLog(folder, steps)]
 
     def write(self, values: Mapping[str, float], step: int) -> None:
         """Log values by tag at an agent-step."""

@@ -1,18 +1,20 @@
 """What is measured of episodes and of the agents in them, beside rewards."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from outlast.components import Death, Item, ItemGiven, Score
+from outlast.components import Death, Item, ItemGiven
 from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.sides import living_sides
 
-from .observation_layout import OWN, ObservationLayout
-from .rollout import Rollout
+from .observation_layout import OWN
 
 Array = np.ndarray[Any, Any]
+Tallies = dict[str, tuple[float, float]]  # a sum, and how many cases it is of, by tag
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
 
 
@@ -40,16 +42,16 @@ class EpisodeMetrics:
         for key, values in statistics.items():
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
-    def report(self) -> dict[str, float]:
-        """Means since the last report, by tag. A team's return is that of its first agent, as all have the same."""
-        tags = {"rollout/episodes": float(self.count)}
+    def tallies(self) -> Tallies:
+        """Of the episodes since the last call, by tag. A team's return is that of its first agent."""
+        tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
-            mean, name = total / self.count, "rollout/" + PAPER_NAMES.get(key, key)
-            if mean.ndim == 0:
-                tags[name] = float(mean)
+            name = "rollout/" + PAPER_NAMES.get(key, key)
+            if total.ndim == 0:
+                tags[name] = float(total), self.count
             else:
-                each = mean[first_of_sides(self.base_env)] if key == "return" else mean
-                tags |= {f"{name}{k}": float(value) for k, value in enumerate(each)}
+                each = total[first_of_sides(self.base_env)] if key == "return" else total
+                tags |= {f"{name}{k}": (float(value), self.count) for k, value in enumerate(each)}
         self.clear()
         return tags
 
@@ -80,19 +82,22 @@ class BehaviourMetrics:
         np.add.at(given, (where, givers - self.agents.start), worlds[Entity].alive[where, givers])
         return given
 
-    def report(self, rollout: Rollout, layout: ObservationLayout) -> dict[str, float]:
-        """Means over the living agents of the rollout, by tag; tags without a single case are left out."""
-        shape = (len(rollout.alive), self.base_env.num_worlds, self.base_env.num_agents)
-        views = layout.own_views(rollout.seen.own.numpy().reshape(*shape, layout.own))
-        living, count = rollout.alive.reshape(shape), max(1, int(rollout.alive.sum()))
-        found = self.quantities(views, rollout.actions.reshape(*shape, -1), living)
-        tags = {"behaviour/alive": float(rollout.alive.mean())}
-        tags |= {f"behaviour/{name}": _mean(values, where) for name, (values, where) in found.items()}
+    def tallies(self, own: dict[str, Array], actions: Array, living: Array) -> Tallies:
+        """Of the living agents of a rollout, by tag.
+
+        Args:
+            own: Observations that belong to no entity, by key, (steps, worlds, agents, ...).
+            actions: Integers (steps, worlds, agents, actions).
+            living: Who lived when it observed, bool (steps, worlds, agents).
+        """
+        tags: Tallies = {"behaviour/alive": (float(living.sum()), living.size)}
+        for name, (values, where) in self.quantities(own, actions, living).items():
+            tags[f"behaviour/{name}"] = float(values[where].sum(dtype=np.float64)), int(where.sum())
         if self.heals is not None:
-            tags["behaviour/heals_held"] = self.held / count
-            tags["behaviour/heals_given"] = 1000 * self.given / count  # in 1000 agent-steps
+            tags["behaviour/heals_held"] = self.held, int(living.sum())
+            tags["behaviour/heals_given"] = 1000 * self.given, int(living.sum())  # in 1000 agent-steps
         self.held = self.given = 0
-        return {tag: value for tag, value in tags.items() if not np.isnan(value)}
+        return tags
 
     def quantities(self, views: dict[str, Array], actions: Array, living: Array) -> dict[str, tuple[Array, Array]]:
         """What agents do, by name: values (..., worlds, agents), and for which agents they count, bool of that shape.
@@ -152,7 +157,7 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
-        self.totals["life"] += self.base_env.worlds[Score].alive[:, self.sides] > 0
+        self.totals["life"] += living_sides(self.base_env.worlds)[:, self.sides]
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1
@@ -165,9 +170,16 @@ class AgentMetrics:
             sums[where] = 0
 
 
-def _mean(values: Array, where: Array) -> float:
-    """NaN where there is nothing."""
-    return float(values[where].mean()) if where.any() else float("nan")
+def means(tallies: Iterable[Tallies]) -> dict[str, float]:
+    """The means over all tallies, by tag; tags without a single case are left out."""
+    sums: dict[str, Array] = {}
+    for tally in tallies:
+        for tag, pair in tally.items():
+            sums[tag] = sums.get(tag, np.zeros(2)) + pair
+    means = {tag: float(total / count) for tag, (total, count) in sums.items() if count}
+    if "rollout/episodes" in sums:  # a count, of all tallies together
+        means["rollout/episodes"] = float(sums["rollout/episodes"][0])
+    return means
 
 
 def _length(vectors: Array) -> Array:

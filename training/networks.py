@@ -71,7 +71,7 @@ class Extractor(nn.Module):
         query_bias, _, value_bias = self.attention.in_proj_bias.chunk(3)  # the key's moves no weight
         queries = (queries + query_bias) * (width // heads) ** -0.5
         logits = queries.index_select(0, query) * keys.index_select(0, key)
-        logits = logits.view(-1, heads, width // heads).sum(2)
+        logits = logits.view(len(query), heads, width // heads).sum(2)
         with torch.no_grad():  # so that exp cannot overflow
             highest = torch.segment_reduce(logits, "max", lengths=each, unsafe=True)
         weights = (logits - highest.index_select(0, query)).exp()
@@ -81,7 +81,8 @@ class Extractor(nn.Module):
         values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
-        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * (out.bias + out.weight @ value_bias)
+        bias: Tensor = out.bias + out.weight @ value_bias
+        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * bias
 
     def _attend_all(self, padded: PaddedRows) -> Tensor:
         """The leaky form: what is seen attends to every row, and the sum is divided by their number: (batch, width)."""

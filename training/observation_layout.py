@@ -37,7 +37,7 @@ class ObservationLayout:
 
     own: numbers that belong to no entity, by key in `alone`, the agent itself first. rows: entities, kind after kind.
     features: numbers of the widest kind, which every row of a narrower one is filled up to with zeros. size: own + rows
-    + rows * features. columns: of an entity that is not padded, see Rows: the numbers of all kinds, and one for each.
+    + rows * features. columns: of an entity in Rows, the numbers of all kinds, and one for each kind.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:

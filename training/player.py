@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.saved import REVEALED
 from outlast.envs.scenarios.scenario import Scenario
 
 try:
@@ -22,7 +23,7 @@ from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
 from .policy import ActorCritic
 from .presets import preset
-from .rows import Packer
+from .rows import Observed, Packer
 
 Array = np.ndarray[Any, Any]
 THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
@@ -63,21 +64,28 @@ class Player:
         self.packer = Packer(self.layout, leaky=self.preset.leaky)
         try:
             with one_thread():
-                self.policy = self._make_policy(files)
+                self.policies = self._make_policies(files)
         except TrainingError as error:
             raise TrainingError(f"{path} is broken: {error}") from None
         self.generator = None if seed is None else torch.Generator().manual_seed(seed)
 
-    def _make_policy(self, files: dict[str, bytes]) -> ActorCritic:
-        """The policy in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
-        layout, actions = self.layout, self.header["actions"]
+    def _make_policies(self, files: dict[str, bytes]) -> list[ActorCritic]:
+        """The policies in the files of a checkpoint. Sizes in run.json are checked against the weights first."""
+        layout, actions, weights = self.layout, self.header["actions"], checkpoint.policies_in(files)
+        self.team = np.array(self.header.get("team", [0]))
+        self.id = list(self.header.get("fields", {}).get(OWN, {"id": 1})).index("id") if len(weights) > 1 else 0
+        if not 0 <= self.team.min() <= self.team.max() < len(weights):
+            raise TrainingError(f"run.json has a team of other policies than the {len(weights)} in policy.pt")
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
-        if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) > len(files["policy.pt"]):
+        if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) * len(weights) > len(
+            files["policy.pt"]
+        ):
             raise TrainingError("policy.pt is too small for the observations and actions in run.json")
-        sizes = checkpoint.recorded_scales(self.header, layout)
-        policy = ActorCritic(actions, layout=layout, preset=self.preset, scales=sizes)
-        checkpoint.load_weights(policy, files)
-        return policy
+        sizes, policies = checkpoint.recorded_scales(self.header, layout), []
+        for own in weights:
+            policies.append(ActorCritic(actions, layout=layout, preset=self.preset, scales=sizes))
+            checkpoint.load_weights(policies[-1], own)
+        return policies
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario with the observations that this policy was trained with."""
@@ -90,13 +98,31 @@ class Player:
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
             raise TrainingError(f"the policy chooses among {known} actions; here are {asked}")
+        trained, here = self.preset.cameras, env.scenario.numbers().get("cameras_mode")
+        if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+            raise TrainingError(
+                f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
+                f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
+            )
 
     def __call__(self, observations: dict[str, Array]) -> Array:
         """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
         self._check(observations)
         with one_thread(), torch.inference_mode():
-            actions: Array = self.policy.act(self.packer(observations), self.generator).numpy()
+            actions = self._act(self.packer(observations))
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
+
+    def _act(self, seen: Observed) -> Array:
+        """Actions of a batch of agents, int64 (batch, actions)."""
+        if len(self.policies) == 1:
+            actions: Array = self.policies[0].act(seen, self.generator).numpy()
+            return actions
+        actions = np.zeros((len(seen), len(self.header["actions"])), np.int64)
+        number = self.team[seen.own[:, self.id].numpy().astype(int)]
+        for k, policy in enumerate(self.policies):
+            where = torch.from_numpy(np.flatnonzero(number == k))
+            actions[number == k] = policy.act(seen.select(where), self.generator).numpy()
+        return actions
 
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}

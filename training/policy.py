@@ -51,10 +51,9 @@ class MultiCategorical(nn.Module):
         """(batch,), of the joint actions."""
         return -(logs.exp() * logs).sum((1, 2))
 
-    def draw(self, logs: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Sampled joint actions (batch, actions), int64, from one uniform number for each action."""
+    def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
+        """Sampled joint actions (batch, actions), int64, from one uniform number for each: (batch, actions, 1)."""
         below = logs.exp().cumsum(2)[:, :, :-1] + self.beyond  # rounding may leave the sum of all values below 1
-        uniform = torch.rand((*logs.shape[:2], 1), generator=generator, device=logs.device)
         return (uniform >= below).sum(2)
 
 
@@ -73,30 +72,29 @@ class ActorCritic(nn.Module):
             scales: Of inputs, see observation_layout.scales.
         """
         super().__init__()
-        self.layout, self.preset = layout, preset
+        self.layout, self.preset, self.memory = layout, preset, 0
         self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
         self.actor, self.critic = Tower(preset, sum(sizes), GAIN), Tower(preset, 1, 1.0)
         self.choices = MultiCategorical(sizes)
 
-    def forward(self, seen: Observed) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
         """Log probabilities of all values of all actions (batch, actions, values), and values (batch,)."""
         features = [extractor(seen) for extractor in self.extractors]
         if len(features) == 2:
-            return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten()
+            return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten(), None
         actor, critic = self.actor, self.critic  # the first layers of both as one product
         weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
         both = actor.activation(functional.linear(features[0], weight, bias)).chunk(2, 1)
-        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
-
-    def values(self, seen: Observed) -> Tensor:
-        """Values alone, (batch,)."""
-        values: Tensor = self.critic(self.extractors[-1](seen)).flatten()
-        return values
+        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten(), None
 
     def act(self, seen: Observed, generator: torch.Generator | None = None) -> Tensor:
         """Actions alone: sampled, or without a generator the likeliest."""
         logs = self._logs(self.actor.inner(self.extractors[0](seen)))
-        return logs.argmax(2) if generator is None else self.choices.draw(logs, generator)
+        if generator is None:
+            return logs.argmax(2)
+        return self.choices.draw(logs, torch.rand((*logs.shape[:2], 1), generator=generator))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""

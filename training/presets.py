@@ -1,6 +1,6 @@
 """What can be trained: the paper's networks and numbers as in its text, as in its authors' code, and faster ones."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from outlast.envs.errors import ScenarioError
@@ -11,6 +11,12 @@ from .hyperparameters import Hyperparameters
 
 WORLDS, ROLLOUT = 64, 16384  # that share a rollout; environment steps of it, as in the paper, where one world has all
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Collector
+
+
+PAPER_NUMBERS = Hyperparameters()
+FAST = Hyperparameters(
+    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,7 @@ class Preset:
     width: int = 32
     heads: int = 4
     hidden: int = 64
-    numbers: Hyperparameters = field(default_factory=Hyperparameters)
+    numbers: Hyperparameters = PAPER_NUMBERS
     agents: int = 0
     steps: int = 0
 
@@ -70,9 +76,6 @@ class Preset:
         return worlds, rollout
 
 
-FAST = Hyperparameters(
-    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
-)
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
 PRESETS = {
     preset.name: preset

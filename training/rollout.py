@@ -1,16 +1,18 @@
 """A rollout: what the agents of all worlds observed, did and got in a number of steps."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
+from .checkpoint import check_state
+from .errors import TrainingError
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
+DEAREST = 1e30  # reward, or sum of rewards: float32, also when it is squared in float64
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,10 @@ class Rollout:
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
         advantages: float32.
-        learner: int8, which of the learners is trained on the sample; -1: none.
+        learner: int8, which of the learners is trained on the sample, or NOBODY.
         alive: bool, whether the agent lived when it observed.
+        begins: bool, whether the agent's memory begins anew with the step.
+        memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
     """
 
     seen: Observed
@@ -34,6 +38,8 @@ class Rollout:
     advantages: Array
     learner: Array
     alive: Array
+    begins: Array
+    memory: Array
 
     @property
     def returns(self) -> Array:
@@ -79,7 +85,12 @@ class RewardScale:
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
 
-    def restore(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Go on from what `state` returned."""
-        self.sums = state["sums"].numpy().copy()
-        self.count, self.mean, self.variance = (float(state[name]) for name in ("count", "mean", "variance"))
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        check_state(given, self.state(), "rewards")
+        for name, value in given.items():
+            low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
+            if not ((value >= low) & (value <= high)).all():
+                raise TrainingError(f"rewards {name} in rest.pt of the checkpoint is beyond {low:g} to {high:g}")
+        self.sums = given["sums"].numpy().copy()
+        self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))

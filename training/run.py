@@ -16,6 +16,7 @@ from .config import TrainingConfig
 from .errors import TrainingError
 from .logs import RunLog
 from .presets import preset
+from .resume import capture, restore
 from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
@@ -52,7 +53,7 @@ class TrainingRun:
         self.trainer = Trainer(config, threads)
         if files is not None:
             self._check_plan(checkpoint.header_of(files))
-            checkpoint.restore(self.trainer, files)
+            restore(self.trainer, files)
         with self._disk_errors():
             self._prepare()
             self.log = RunLog(folder, self.trainer.steps)
@@ -96,7 +97,7 @@ class TrainingRun:
         left = 1 - trainer.steps / self.config.steps
         rollout = trainer.collect()
         times.append(time.perf_counter())
-        tags = trainer.report(rollout) | trainer.update(rollout, left, on_epoch)
+        tags = trainer.report() | trainer.update(rollout, left, on_epoch)
         times.append(time.perf_counter())
         samples, collecting, updating = rollout.alive.size, times[1] - times[0], times[2] - times[1]
         tags |= {
@@ -111,7 +112,7 @@ class TrainingRun:
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
         with self._disk_errors():  # of a temporary file for the worlds
-            return self.trainer.steps, checkpoint.capture(self.trainer, self.config.header())
+            return self.trainer.steps, capture(self.trainer, self.config.header())
 
     def _save(self, kept: tuple[int, dict[str, bytes]]) -> None:
         steps, files = kept

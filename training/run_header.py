@@ -116,6 +116,10 @@ def _are_actions(given: Any) -> bool:
     return few and all(_is_size(size) and size for size in given) and sum(given) <= MOST
 
 
+def _is_team(given: Any) -> bool:
+    return isinstance(given, list) and 0 < len(given) <= FEW and all(map(_is_size, given))
+
+
 VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "steps": lambda given: type(given) is int and 0 <= given < 2**62,
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
@@ -123,5 +127,6 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "observations": _are_observations,
     "fields": _are_fields,
     "actions": _are_actions,
+    "team": _is_team,
     "plan": is_plan,
 }

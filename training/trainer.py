@@ -1,30 +1,42 @@
-"""Training of one policy for all agents of many worlds: collect, update, again."""
+"""Training: learners, the worlds that they play in, and their opponents."""
 
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
 
 import outlast
+from outlast.envs.core.agents import side
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.saved import SAVED, common_scenario
 
 from .collector import Collector
 from .config import TrainingConfig
 from .errors import TrainingError
+from .lane import Lane
 from .learner import Learner
+from .metrics import means
 from .observation_layout import field_table, layout_of, scales
+from .opponents import Opponents
+from .player import Player
 from .policy import ActorCritic
 from .presets import preset
 from .rollout import Rollout
 from .rows import Packer
 
+Array = np.ndarray[Any, Any]
+
 
 class Trainer:
-    """One policy for every agent of the worlds of a scenario.
+    """Learners, and the worlds that they play in.
 
     Attributes:
+        config: What is trained, and how.
         env: The worlds.
-        policy: What is trained.
-        learner: What trains it.
+        team: int (agents of a world,), the number of the learner that plays each agent.
+        learners: One for all agents, or one for each side or agent.
+        opponents: The pool that they play against.
         collector: What plays.
         steps: Agent-steps collected so far.
     """
@@ -38,49 +50,90 @@ class Trainer:
 
         Raises:
             ScenarioError: The scenario cannot be played.
-            TrainingError: There is no such device.
+            TrainingError: There is no such device, or an opponent that cannot play.
         """
-        self.config, self.device, self.preset = config, _device(config.device), preset(config.preset)
-        (worlds, rollout), seed, numbers = config.size, config.seed, config.numbers
+        self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
+        self.steps, self.updates = 0, 0
+        worlds, rollout = config.size
+        self.rollout_steps = rollout // worlds
+        players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
+        scenario = common_scenario(self.preset.scenario(config.scenario), [*players.values()])
         self.env = outlast.make_vec(
-            self.preset.scenario(config.scenario),
+            scenario,
             worlds,
-            seed=seed,
+            seed=config.seed,
             threads=threads,
             autoreset_mode="Disabled",
             copy=False,
             check_actions=False,
         )
-        self.env.reset(seed=seed)
-        self.layout, self.rollout_steps = layout_of(self.env), rollout // worlds
-        torch.manual_seed(seed)  # of initial weights
-        self.policy = ActorCritic(
-            [int(size) for size in self.env.action_sizes],
-            layout=self.layout,
-            preset=self.preset,
-            scales=scales(self.layout, field_table(self.env.fields)),
-        ).to(self.device)
-        self.generator = torch.Generator(self.device).manual_seed(seed)  # of actions
-        self.learner = Learner(self.policy, numbers, torch.Generator().manual_seed(seed))
+        self.env.reset(seed=config.seed)
+        self.layout, numbers = layout_of(self.env), config.numbers
+        self.team = teams(self.env, config.policies)
+        torch.manual_seed(config.seed)  # of initial weights
+        self.learners = [
+            Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number)
+            for number in range(self.team.max() + 1)
+        ]
+        self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
         packer = Packer(self.layout, leaky=self.preset.leaky)
-        self.collector = Collector(self.env, packer, numbers, config.dead, self.device)
-        self.steps = 0
+        self.lane = Lane(
+            self.env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device
+        )
+        self.collector = Collector([self.lane], numbers)
+
+    @property
+    def policies(self) -> list[ActorCritic]:
+        """Of the learners."""
+        return [learner.policy for learner in self.learners]
 
     def collect(self) -> Rollout:
         """Play on and keep the samples."""
-        rollout = self.collector.collect(self.policy, self.rollout_steps, self.generator)
+        begun = self.steps // (self.env.num_worlds * self.env.num_agents)
+        rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
         self.steps += rollout.alive.size
         return rollout
 
     def update(
         self, rollout: Rollout, left: float = 1.0, on_epoch: Callable[[int], None] = lambda epoch: None
     ) -> dict[str, float]:
-        """Train on a rollout; what is logged. See Learner.update."""
-        return self.learner.update(rollout, left, on_epoch)
+        """Train all learners on a rollout, and remember what they were every so many updates.
 
-    def report(self, rollout: Rollout) -> dict[str, float]:
-        """What is logged of a rollout, by tag: episodes that ended in it, and what agents did."""
-        return self.collector.episodes.report() | self.collector.behaviour.report(rollout, self.layout)
+        Args:
+            rollout: The newest one.
+            left: Share of the run that is left, for a learning rate that is annealed.
+            on_epoch: Called with the number of each epoch as it begins.
+
+        Returns:
+            What is logged, by tag; with several learners, the mean of theirs.
+        """
+        logged = [learner.update(rollout, left, on_epoch) for learner in self.learners]
+        self.updates += 1
+        if self.updates % self.config.snapshots == 0:
+            playing = {int(index) for lane in self.collector.lanes for index in lane.opponent}
+            self.opponents.remember(self.policies, self.steps, playing)
+        return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
+
+    def report(self) -> dict[str, float]:
+        """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
+        return means(lane.tallies() for lane in self.collector.lanes) | self.opponents.report()
+
+    def _policy(self) -> ActorCritic:
+        sizes = [int(size) for size in self.env.action_sizes]
+        known = scales(self.layout, field_table(self.env.fields))
+        return ActorCritic(sizes, layout=self.layout, preset=self.preset, scales=known).to(self.device)
+
+
+def teams(env: SurvivalVectorEnv, policies: str) -> Array:
+    """The number of the learner that plays each agent of a world, int (agents,).
+
+    Args:
+        env: The worlds.
+        policies: "shared": one for all. "side": one for each side. "agent": one for each agent.
+    """
+    return {"shared": np.zeros(env.num_agents, int), "side": side(env.worlds, 0), "agent": np.arange(env.num_agents)}[
+        policies
+    ]
 
 
 def _device(name: Any) -> torch.device:

@@ -13,7 +13,7 @@ from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count, renamed
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
-from .opponents import Opponents, Others, check_others
+from .opponents import Opponents, Others, checked_others
 from .per_agent import DEAD, PerAgentVectorEnv, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
@@ -81,7 +81,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
         check_choice("dead", dead, DEAD)
-        check_others(others)
+        checked_others(others)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)
         self.learner, self.dead, self.max_episode_steps = learner, dead, max_episode_steps

@@ -50,7 +50,9 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     ## Arguments
     * scenario: Name of a variant, or a Scenario.
     * learner: Index of the agent that learns.
-    * others: "noop", "random", "scripted", or a function (observations) -> actions; see opponents.Opponents.
+    * others: "noop", "random", "scripted", FILE.zip that `outlast train` saved, a function (observations) -> actions,
+      or weights of these, of which one is drawn for each episode: {"scripted": 2, play: 1}, "scripted:2,random:1"; see
+      opponents.Opponents.
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".

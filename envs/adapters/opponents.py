@@ -1,18 +1,20 @@
-"""Who plays the agents that do not learn: a policy by name, or a function."""
+"""Who plays the agents that do not learn: a policy by name, a file, a function, or a mixture of them."""
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Clock
-
-from ..core.validation import Array, checked_actions
+from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
-from ..rollout.policies import GOLDEN, Policy, joint_action_sampler, mix64, noop_policy, scripted_policy
+from ..errors import UsageError
+from ..rollout.memory import told
+from ..rollout.mixture import Entries, Mixture, checked_entries, parse_mixture
+from ..rollout.policies import Policy
 
-Others = str | Policy
-NAMES = ("noop", "random", "scripted")
+Other = str | os.PathLike[str] | Policy
+Others = Other | Mapping[Any, float]  # by Other
 
 
 class Opponents:
@@ -20,8 +22,12 @@ class Opponents:
 
     A policy is called for all worlds at once (a single environment is a batch of one world). It gets the observations
     of the agents that it plays only, in order of id with the learner left out: a dict of read-only float32
-    (worlds, agents - 1, ...), which the next tick overwrites. It returns integers (worlds, agents - 1, actions). It is
-    not informed when episodes begin: a policy with a memory cannot play.
+    (worlds, agents - 1, ...), which the next tick overwrites. It returns integers (worlds, agents - 1, actions). If it
+    has a memory, it has a method `reset` too: see memory.told. If it has a method `check`, that gets the worlds as a
+    SurvivalVectorEnv beforehand, and raises where it cannot play in them.
+
+    Of a mixture, one policy is drawn for each world where an episode begins, as a function of (seed, world, episode);
+    it plays all of the world's agents but the learner. Each is called for all worlds, but not while it plays in none.
 
     "random" is a function of (seed, world, episode, tick, agent): a world is played the same alone and in any batch.
 
@@ -29,8 +35,9 @@ class Opponents:
         agent_indices: Which agents of a world it plays, a list or a slice.
 
     Args:
-        others: "noop", "random", "scripted" (envs.rollout.policies describes them), or a function (observations) ->
-            actions.
+        others: "noop", "random", "scripted" (envs.rollout.policies describes them), FILE.zip that `outlast train`
+            saved, or a function (observations) -> actions. Or a mixture: weights by these, as {"scripted": 2, play: 1},
+            or a text, "scripted:2,runs/a.zip:1".
         base_env: The worlds.
         learner: Index of the agent that is left out.
     """
@@ -42,46 +49,29 @@ class Opponents:
         if learner in (0, base_env.num_agents - 1):
             self.agent_indices = slice(1, None) if learner == 0 else slice(0, learner)
         self.shape = (base_env.num_worlds, len(ids), len(base_env.action_sizes))
-        self._policy = self._named(others, np.array(ids, np.uint64)) if isinstance(others, str) else others
+        words = "others: the actions that {0} returned", "(worlds, agents but the learner, actions)"
+        mixture = Mixture(checked_others(others), base_env, ids, (), *words)
+        self._policy = mixture if mixture.forgetful else told(mixture, base_env)
 
     def actions(self) -> Array:
-        """Their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError."""
+        """Their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError.
+
+        To be called once before each step.
+        """
         if not self.shape[1]:
             return np.zeros(self.shape, np.int8)
-        observations = {key: values[:, self.agent_indices] for key, values in self.base_env.observe().items()}
-        actions = self._policy(observations)
-        what, axes = "others: the actions that the policy returned", "(worlds, agents but the learner, actions)"
-        return checked_actions(actions, self.shape, self.base_env.action_sizes, False, what=what, axes=axes)
-
-    def _named(self, name: str, ids: Array) -> Policy:
-        if name == "scripted":
-            return scripted_policy(self.base_env)
-        if name == "noop":
-            idle = noop_policy(self.base_env)
-            return lambda observations: idle(observations)[:, 1:]
-        return self._random(ids)
-
-    def _random(self, ids: Array) -> Policy:
-        """Every action uniform and independent: one draw among all joint actions (216 in the paper)."""
-        draw, clock = joint_action_sampler(self.base_env.action_sizes), self.base_env.worlds[Clock]
-        return lambda observations: draw(_hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
+        return self._policy({key: values[:, self.agent_indices] for key, values in self.base_env.observe().items()})
 
 
-def check_others(others: Any) -> None:
-    """ValueError unless it can play: one of NAMES, or a function."""
-    if others in NAMES if isinstance(others, str) else callable(others):
-        return
-    names = ", ".join(map(repr, NAMES))
-    hint = "; others=outlast.load_policy(path) plays what `outlast train` saved"
-    raise ValueError(
-        f"others = {others!r}: {names} or a function (observations) -> actions is needed"
-        f"{hint if isinstance(others, str | os.PathLike) else ''}"
-    )
+def checked_others(others: Any) -> Entries:
+    """The entries of the mixture that Opponents is given: names, paths or functions, with their weights.
 
-
-def _hashed(*parts: Array) -> Array:
-    """A uniform uint64 for each combination of the parts."""
-    word = np.zeros((1, 1), np.uint64)
-    for part in parts:
-        word = mix64((word ^ part) + GOLDEN)
-    return word
+    Raises:
+        UsageError: Something else, one that is given twice, or a weight that is not above 0. It is a ValueError.
+    """
+    try:
+        if isinstance(others, str):
+            return list(parse_mixture(others).items())
+        return checked_entries(others.items() if isinstance(others, Mapping) else [(others, 1)])
+    except UsageError as error:
+        raise UsageError(f"others = {others!r}: {error}") from None

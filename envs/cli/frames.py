@@ -7,7 +7,7 @@ from typing import Any
 from ..core.make import make_vec
 from ..rollout.local import ticks
 from . import video_options
-from .options import add_common, add_number, add_policy, add_scenario, scenario_and_policy
+from .options import add_common, add_number, add_policy, add_scenario, add_seed, scenario_and_policy
 
 
 def add(commands: Any) -> None:
@@ -17,6 +17,7 @@ def add(commands: Any) -> None:
     add_number(command, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds")
     add_number(command, "--steps", 500, "steps of each world")
     add_policy(command, "scripted")
+    add_seed(command)
     video_options.add(command, required=True)
     add_common(command, "--quiet")
     command.set_defaults(run=run)

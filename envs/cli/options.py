@@ -2,21 +2,23 @@
 
 import argparse
 import contextlib
-import difflib
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
+
+import numpy as np
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
+from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
+from ..rollout.saved import SAVED, common_scenario, load_saved
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
 from ..scenarios.variants import variant
 
-SAVED = ".zip"  # what a saved policy's file ends in
 MAX_SEED = 2**64 - 1
 
 
@@ -33,10 +35,23 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 
-def add_policy(command: argparse.ArgumentParser, default: str, option: str = "--policy") -> None:
-    """--policy, or the same under another name, and --seed; `scenario_and_policy` reads them."""
+def add_policy(command: argparse.ArgumentParser, default: str) -> None:
+    """--policy; `scenario_and_policy` reads it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
-    command.add_argument(option, type=policy, default=default, metavar="NAME", help=text)
+    command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
+
+
+def add_others(command: argparse.ArgumentParser, default: str | None, text: str) -> None:
+    """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
+    text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
+    given = None if default is None else {default: 1.0}
+    command.add_argument(
+        "--others", type=mixture, default=given, metavar="NAMES", help=f"{text} (default: {default or 'none'})"
+    )
+
+
+def add_seed(command: argparse.ArgumentParser) -> None:
+    """--seed."""
     text = "the same seed gives the same episodes (default: 0)"
     command.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
 
@@ -61,12 +76,19 @@ def add_common(command: argparse.ArgumentParser, *options: str) -> None:
 
 def policy(text: str) -> str:
     """The name of a policy, or the path of a saved one."""
-    if text not in POLICIES and not text.endswith(SAVED):
-        near = difflib.get_close_matches(text, POLICIES, 1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        known = f"{', '.join(POLICIES)} or a saved policy, FILE{SAVED}, is needed"
-        raise argparse.ArgumentTypeError(f"{text}: {hint}{known}")
+    try:
+        checked_entries([(text, 1)])
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return text
+
+
+def mixture(text: str) -> dict[str, float]:
+    """Weights by name of a policy, or by path of a saved one."""
+    try:
+        return parse_mixture(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
@@ -74,28 +96,38 @@ def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable
 
     Raises ScenarioError, UsageError.
     """
-    asked = scenario(options)
-    if options.policy in POLICIES:
-        return asked, POLICIES[options.policy]
-    fitting, player = load_policy(options.policy, asked, options.seed)
-    return fitting, lambda env, seed: player
+    fitting, (chosen,) = load_policies([options.policy], scenario(options), options.seed)
+    return fitting, maker(chosen)
 
 
-def load_policy(path: str, asked: Scenario, seed: int) -> tuple[Scenario, Policy]:
-    """A saved policy, and the scenario with the observations that it was trained with.
+def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """What makes the policy of that name, or is done with that policy: see POLICIES."""
+    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen
 
-    Raises UsageError if it cannot play there, or if there is no PyTorch.
+
+def load_policies(names: Sequence[str], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
+    """Load what is saved, and find the scenario with observations that all can play with.
+
+    Args:
+        names: Of policies, and paths of saved ones.
+        asked: The scenario.
+        seed: Of all policies; each draws numbers of its own.
+
+    Returns:
+        The scenario, and for each name itself, or the policy in that file.
+
+    Raises:
+        UsageError: One cannot play there, or there is no PyTorch.
     """
-    import outlast  # here, as the package imports the environments
-
-    try:
-        player = outlast.load_policy(path, seed)
-    except ModuleNotFoundError as error:
-        raise UsageError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
-    fitting = player.scenario(asked)
-    with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
-        player.check(env)
-    return fitting, player
+    seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
+    chosen = [name if name in POLICIES else load_saved(name, own) for name, own in zip(names, seeds, strict=True)]
+    players = [policy for policy in chosen if not isinstance(policy, str)]
+    fitting = common_scenario(asked, players)
+    if players:
+        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
+            for player in players:
+                player.check(env)
+    return fitting, chosen
 
 
 @contextlib.contextmanager

@@ -9,8 +9,7 @@ import webbrowser
 from typing import Any
 
 from ..errors import PlayError
-from ..rollout.policies import POLICIES
-from .options import add_common, add_number, add_policy, add_scenario, load_policy, scenario
+from .options import add_common, add_number, add_others, add_scenario, add_seed, load_policies, scenario
 
 FASTEST = 1000  # ticks a second
 
@@ -20,7 +19,8 @@ def add(commands: Any) -> None:
     command = commands.add_parser("play", help="steer an agent with the keyboard, in the browser, against policies")
     add_scenario(command)
     add_number(command, "--agent", 0, "number of the agent that you steer", least=0)
-    add_policy(command, "scripted", option="--others")
+    add_others(command, "scripted", "whom you play against")
+    add_seed(command)
     command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
     text = "port of 127.0.0.1 (default: 0, one that is free)"
     command.add_argument("--port", type=_port, default=0, metavar="PORT", help=text)
@@ -37,9 +37,8 @@ def run(options: argparse.Namespace) -> int:
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
-    world, others = scenario(options), options.others
-    if others not in POLICIES:
-        world, others = load_policy(others, world, options.seed)
+    world, chosen = load_policies(list(options.others), scenario(options), options.seed)
+    others = dict(zip(chosen, options.others.values(), strict=True))
     game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
 
     def opened(address: str) -> None:

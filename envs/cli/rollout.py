@@ -9,18 +9,30 @@ from typing import Any
 from tqdm import tqdm
 
 from ..core.make import make_vec
-from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ClusterError
 from ..recording import record
+from ..rollout.against import Against
 from ..rollout.event_file import event_file
 from ..rollout.local import Task, rollout
+from ..rollout.mixture import Mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.summary import Summary
 from ..scenarios.scenario import Scenario
-from .options import add_common, add_number, add_policy, add_scenario, messages_shown, scenario_and_policy
+from .options import (
+    add_common,
+    add_number,
+    add_others,
+    add_policy,
+    add_scenario,
+    add_seed,
+    load_policies,
+    maker,
+    messages_shown,
+    scenario,
+)
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
-MakePolicy = Callable[[SurvivalVectorEnv, int], Policy]
+Chosen = list[str | Policy]  # names or loaded policies: --policy, then those of --others
 
 
 def add(commands: Any) -> None:
@@ -32,6 +44,8 @@ def add(commands: Any) -> None:
     add_number(length, "--episodes", 1, "whole episodes of each world")
     add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
     add_policy(command, "random")
+    add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
+    add_seed(command)
     text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
     command.add_argument("--events", metavar="FILE", help=text)
     text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
@@ -47,15 +61,16 @@ def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     place = _here if options.ray is None else _on_ray
-    with deaths, place(options, *scenario_and_policy(options)) as (agents, work):
-        return _run_with_bar(options, agents, work)
+    chosen = load_policies([options.policy, *(options.others or ())], scenario(options), options.seed)
+    with deaths, place(options, *chosen) as (agents, work, results):
+        return _run_with_bar(options, agents, work, results)
 
 
 @contextlib.contextmanager
-def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
-    """The number of agents in a world, and what rolls out on this machine."""
+def _here(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Iterator[tuple[int, Work, Against | None]]:
+    """The number of agents in a world, what rolls out on this machine, and what counts wins, with --others."""
     env = make_vec(
-        scenario,
+        asked,
         options.worlds,
         seed=options.seed,
         threads=options.threads,
@@ -63,38 +78,47 @@ def _here(options: argparse.Namespace, scenario: Scenario, make_policy: MakePoli
         check_actions=False,
         interpret=options.interpret,
     )
-    policy = make_policy(env, options.seed)
     with contextlib.closing(env):
+        policy, against = maker(chosen[0])(env, options.seed), None
+        if options.others:
+            entries = list(zip(chosen[1:], options.others.values(), strict=True))
+            against = policy = Against(env, policy, Mixture(entries, env, range(env.num_agents), list(options.others)))
         if options.record is not None:
             record(env, options.record)
         with event_file(options.events, env.worlds.layout) if options.events else contextlib.nullcontext() as file:
-            watch = (lambda where: file.add(env.events(), where)) if file else None
-            yield (
-                env.num_agents,
-                lambda progress: rollout(env, policy, options.steps, progress, episodes=options.episodes, watch=watch),
-            )
+
+            def watch(where: Any) -> None:
+                if file:
+                    file.add(env.events(), where)
+                if against:
+                    against.watch(where)
+
+            settings = {"episodes": options.episodes, "watch": watch if file or against else None}
+            yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, **settings), against
 
 
 @contextlib.contextmanager
-def _on_ray(options: argparse.Namespace, scenario: Scenario, make_policy: MakePolicy) -> Iterator[tuple[int, Work]]:
+def _on_ray(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Iterator[tuple[int, Work, None]]:
     """The same on a Ray cluster."""
     if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.interpret)):
         given = "--threads, --log-deaths, --record, --events and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
+    if options.others:
+        raise ClusterError("--others plays on one machine: leave it out with --ray")
     if options.policy not in POLICIES:
         raise ClusterError(f"--policy {options.policy}: a saved policy plays on one machine: leave out --ray")
     try:
         from ..rollout import ray as cluster  # here, as Ray takes seconds to load
     except ModuleNotFoundError as error:
         raise ClusterError(str(error)) from error
-    with contextlib.closing(make_vec(scenario, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
+    with contextlib.closing(make_vec(asked, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
         agents = env.num_agents
-    task = Task(scenario, make_policy, options.steps, options.seed, options.episodes)
+    task = Task(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
     with cluster.connected(options.ray):
-        yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
+        yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress), None
 
 
-def _run_with_bar(options: argparse.Namespace, agents: int, work: Work) -> int:
+def _run_with_bar(options: argparse.Namespace, agents: int, work: Work, results: Against | None) -> int:
     """Do the work behind a progress bar and report; the exit status."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
@@ -115,12 +139,17 @@ def _run_with_bar(options: argparse.Namespace, agents: int, work: Work) -> int:
     seconds = time.perf_counter() - start
     bar.close()
     _report(options, summary, seconds, agents)
+    if results:
+        print(f"\n{results}")
     return status
 
 
 def _report(options: argparse.Namespace, summary: Summary, seconds: float, agents: int) -> None:
     each, done = options.steps or options.episodes, summary.world_steps
-    print(f"{options.variant}: {options.policy} policy, seed {options.seed}, {options.worlds} worlds x ", end="")
+    against = " against " + ", ".join(options.others) if options.others else ""
+    print(
+        f"{options.variant}: {options.policy} policy{against}, seed {options.seed}, {options.worlds} worlds x ", end=""
+    )
     print(f"{each} {'step' if options.steps else 'episode'}{'s' if each > 1 else ''}")
     print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
     print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")

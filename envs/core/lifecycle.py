@@ -37,12 +37,14 @@ class EpisodeTracker:
 
     running: started, and not interrupted in mid-tick. ended: by their scenario's rule or at its time limit.
     stopped: by the `stops` of `SurvivalVectorEnv.stop_when`. done: ended or stopped.
+    set_states: how often each world went on from a state that was set, int64 (worlds,).
     at_once: the step that ends an episode also begins the next one, and is cut short without that.
     """
 
     def __init__(self, worlds: Worlds, at_once: bool) -> None:
         self._worlds, self._end, self._at_once = worlds, worlds[End], at_once
         self.running, self.ended, self.stopped = (np.zeros(worlds.count, bool) for _ in range(3))
+        self.set_states = np.zeros(worlds.count, np.int64)
         self._buffers = [
             column for component in worlds.components if not component.packed for column in worlds[component]
         ]
@@ -93,6 +95,7 @@ class EpisodeTracker:
         before[where] = self.running[where]
         self.running[:] = before
         self.stopped[where] = False
+        self.set_states[where] += 1
 
     def check(self, resets: bool) -> None:
         """NotResetError unless a step can be taken. resets: worlds that have ended are reset in it."""

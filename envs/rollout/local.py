@@ -10,6 +10,7 @@ import numpy as np
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import EndlessError
 from ..scenarios.scenario import Scenario
+from .memory import told
 from .policies import Policy
 from .summary import Summary
 
@@ -34,7 +35,9 @@ def rollout(
 
     Args:
         env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds.
+        policy: A function from the observations to the actions of all worlds. If it has a method `reset`, that gets the
+            worlds in which an episode begins, bool (worlds,), before it acts there: first all, then those that
+            restarted.
         steps: Take so many steps of every world instead, and count all episodes that end in them.
         progress: Called after every step with the summary so far.
         episodes: How many of each world; without effect if `steps` are given.
@@ -54,12 +57,13 @@ def rollout(
     )  # episodes that are to be counted
     began = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
     endless = not steps and not env.scenario.numbers().get("ending_limit")
+    act = told(policy, env)
     observations, _ = env.reset()
     try:
         if watch:
             watch(remaining > 0)
         for step in range(1, steps + 1) if steps else itertools.count(1):
-            observations, _, _, _, info = env.step(policy(observations))
+            observations, _, _, _, info = env.step(act(observations))
             summary.world_steps += env.num_worlds
             if watch:
                 watch(remaining > 0)
@@ -87,16 +91,17 @@ def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
 
     Args:
         env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds.
+        policy: A function from the observations to the actions of all worlds, see `rollout`.
         steps: How many to take.
 
     Yields:
         The number of steps done: 0, when the worlds are just reset, to `steps`.
     """
+    act = told(policy, env)
     observations, _ = env.reset()
     yield 0
     for step in range(1, steps + 1):
-        observations, *_ = env.step(policy(observations))
+        observations, *_ = env.step(act(observations))
         yield step
 
 

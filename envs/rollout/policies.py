@@ -1,11 +1,14 @@
-"""Policies that need no training. A policy is a function (observations) -> actions for a whole batch of worlds."""
+"""Policies that need no training. A policy is a function (observations) -> actions for a whole batch of worlds.
+
+One with a memory also has a method `reset`, see memory.told.
+"""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import columns_of
+from outlast.ecs import Clock, columns_of
 
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 
@@ -110,6 +113,21 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 }
 
 
+def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
+    """One of POLICIES for some agents only, whose observations it gets.
+
+    Args:
+        name: Of the policy. "random" is a function of (seed, world, episode, tick, agent), whenever it is called.
+        env: The environment that the policy is to play in.
+        agents: The indices of the agents, integers (agents,).
+    """
+    if name == "random":
+        draw, clock, ids = joint_action_sampler(env.action_sizes), env.worlds[Clock], np.asarray(agents, np.uint64)
+        return lambda observations: draw(hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
+    policy = POLICIES[name](env, 0)
+    return policy if name != "noop" else lambda observations: policy(observations)[:, : len(agents)]
+
+
 def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
     """A function from uniform uint64 numbers to joint actions, int8 (..., actions), all of them equally likely."""
     joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
@@ -127,6 +145,14 @@ def mix64(words: Any) -> Any:
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return words ^ (words >> np.uint64(31))
+
+
+def hashed(*parts: Any) -> Any:
+    """A uniform uint64 for each combination of the parts, uint64 arrays that broadcast."""
+    word = np.zeros(1, np.uint64)
+    for part in parts:
+        word = mix64((word ^ part) + GOLDEN)
+    return word
 
 
 def _length(vectors: Any) -> Any:

@@ -21,6 +21,7 @@ from outlast.training.config import TrainingConfig
 from outlast.training.evaluation.evaluation import Evaluation, contenders
 from outlast.training.hyperparameters import parse_hyperparameters
 from outlast.training.presets import PRESETS
+from outlast.training.resume import capture
 from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
@@ -69,12 +70,12 @@ def race(config: TrainingConfig, every: float, limit: float, folder: Path) -> li
     while trainer.steps < config.steps and clock < limit:
         start = time.process_time()
         rollout = trainer.collect()
-        tags = trainer.report(rollout) | trainer.update(rollout, 1 - trainer.steps / config.steps)
+        tags = trainer.report() | trainer.update(rollout, 1 - trainer.steps / config.steps)
         clock += time.process_time() - start
         if clock >= due or trainer.steps >= config.steps:
             due += every
             path = folder / checkpoint.NAME.format(trainer.steps)
-            checkpoint.write_checkpoint(path, checkpoint.capture(trainer, config.header()))
+            checkpoint.write_checkpoint(path, capture(trainer, config.header()))
             row = {"cpu": clock, "steps": trainer.steps} | duel(config, path, reference(config.scenario.name))
             row["reached"] = row["wins"] >= WINS and row["length"] >= LENGTH * row["its_length"]
             row |= {"entropy": tags["train/entropy"], "near": tags.get("behaviour/near", 0.0)}

@@ -110,13 +110,15 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
     """Put a clock on the parts of a trainer."""
     clock.wrap("worlds", trainer.env, "step", "reset")
     clock.wrap("observations", trainer.env, "observe")
-    clock.wrap("observations", trainer.collector, "packer")
-    clock.wrap("networks", trainer.policy, "forward", "values")
-    clock.wrap("networks", trainer.policy.choices, "draw", "of")
-    clock.wrap("loss", trainer.policy.choices, "entropy")
-    clock.wrap("statistics", trainer.collector.behaviour, "after_step")
-    clock.wrap("statistics", trainer.collector.episodes, "add")
-    clock.wrap("optimiser", trainer.learner.optimizer, "zero_grad", "step")
+    clock.wrap("observations", trainer.lane, "packer")
+    for one in trainer.learners:
+        clock.wrap("networks", one.policy, "forward")
+        clock.wrap("networks", one.policy.choices, "draw", "of")
+        clock.wrap("loss", one.policy.choices, "entropy")
+        clock.wrap("optimiser", one.optimizer, "zero_grad", "step")
+    clock.wrap("networks", trainer.lane, "noise")
+    clock.wrap("statistics", trainer.lane.behaviour, "after_step")
+    clock.wrap("statistics", trainer.lane.episodes, "add")
 
 
 def percent(share: float) -> str:

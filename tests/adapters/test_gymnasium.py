@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -327,14 +328,19 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "an agent below zero": ({"learner": -1}, ValueError, "learner = -1"),
     "an agent by name": ({"learner": "agent_0"}, ValueError, "learner = 'agent_0'.*integer"),
     "an agent as truth": ({"learner": True}, ValueError, "learner = True"),
-    "no such policy": ({"others": "clever"}, ValueError, "'clever': 'noop', 'random', 'scripted' or a function"),
-    "a saved policy": (
-        {"others": "policy.pt"},
+    "no such policy": (
+        {"others": "clever"},
         ValueError,
-        r"'policy.pt': .*outlast.load_policy\(path\) plays what",
+        "others = 'clever': clever: random, noop, scripted or a saved policy, FILE.zip, is",
     ),
-    "no policy": ({"others": None}, ValueError, "others = None"),
-    "a number for a policy": ({"others": 3}, ValueError, "others = 3"),
+    "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
+    "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip, is needed"),
+    "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
+    "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
+    "a mixture of nothing": ({"others": {}}, ValueError, "a mixture of nothing: random, noop, scripted or"),
+    "a policy twice": ({"others": "random,noop,random:2"}, ValueError, "random is there twice: give it once"),
+    "a file twice": ({"others": {"a.zip": 1, Path("./a.zip"): 1}}, ValueError, "a.zip is there twice"),
+    "no weight": ({"others": {"random": 0}}, ValueError, "the weight of random is 0: a finite number above 0"),
     "neither dead nor alive": ({"dead": "remove"}, ValueError, "dead = 'remove': allowed are 'end', 'keep'"),
     "no such picture": ({"render_mode": "svg"}, ValueError, "render_mode = 'svg': allowed are None, 'rgb_array'"),
 }

@@ -10,12 +10,15 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import outlast
 from outlast import variant
+from outlast.ecs import Clock
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
+from outlast.envs.rollout.policies import noop_policy, scripted_policy
 from tests.conftest import COMPILED, digest, scaled
 from tests.helpers.execution_modes import equal, short
+from tests.helpers.remembering import Remembering
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
 MODES = list(AutoresetMode)
@@ -34,6 +37,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "the last of a team": ("teams_3", {"learner": 3, "others": "scripted"}),
     "in the middle, to the end": ("teams_3", {"learner": 1, "dead": "keep"}),
     "a function": ("teams_3", {"learner": 2, "others": by_id}),
+    "a mixture": ("teams_3", {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),
+    "a mixture with a function": ("ffa_3", {"others": {by_id: 2, "random": 1}, "max_episode_steps": 20}),
     "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
 
@@ -84,6 +89,34 @@ def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: Autores
             assert all(alike(*pair) for pair in zip(*results, strict=True))
     assert ends >= WORLDS
     assert (truncations > 0) == ("max_episode_steps" in options)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mixed", [False, True])
+def test_others_with_a_memory_are_told_where_episodes_begin(mode: AutoresetMode, mixed: bool) -> None:
+    """Called once a tick, they have been called since as often as the clock says; from a set state on, from 0."""
+    policies = [Remembering() for _ in range(1 + mixed)]
+    others = dict.fromkeys(policies, 1.0) if mixed else policies[0]
+    env = SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), learner=1, others=others, autoreset_mode=mode)
+    env.reset(seed=SEED)
+    clock, since = env.base_env.worlds[Clock], np.zeros(WORLDS, int)  # the tick of the last state that was set
+    for tick in range(STEPS):
+        before = clock.tick[:, 0].astype(int)
+        since[before == 0] = 0
+        _, _, terminated, truncated, _ = env.step(drawn(env, tick))
+        for policy in policies:  # each is drawn in some world
+            assert policy.calls is not None
+            assert (policy.calls == before - since).all()
+        if mode is AutoresetMode.DISABLED and (done := terminated | truncated).any():
+            env.reset(options={"reset_mask": done})
+        if tick == 20:
+            state = env.get_state()
+        elif tick == 30:
+            env.set_state(state)
+            since = clock.tick[:, 0].astype(int)
+            env.reset(options={"reset_mask": np.arange(WORLDS) == 0})
+    assert all(policy.told[0].all() and not policy.told[-1].all() for policy in policies)
+    assert clock.episode.max() > 1
 
 
 def test_both_modes_of_make_vec() -> None:
@@ -175,14 +208,32 @@ def test_random_others_do_the_same_whoever_learns() -> None:
 
 
 def test_others_of_the_names_are_the_policies() -> None:
-    from outlast.envs.rollout.policies import noop_policy, scripted_policy
-
     batch = outlast.make_vec("teams_3", 3, seed=0)
     observations, _ = batch.reset()
     for name, policy in (("noop", noop_policy(batch)), ("scripted", scripted_policy(batch))):
         for learner in range(4):
             expected = np.delete(policy(observations), learner, axis=1)
             assert np.array_equal(Opponents(name, batch, learner).actions(), expected)
+
+
+def test_one_policy_of_a_mixture_plays_all_others_of_a_world() -> None:
+    """Each about as often as its weight says; it changes with the episode, and comes back with a state."""
+    env = SurvivalLearnerVectorEnv(64, short("teams_3"), learner=1, others={"noop": 3, "scripted": 1})
+    env.reset(seed=SEED)
+    mixture: list[Any] = []
+    for _ in range(2):
+        given = env._opponents.actions()
+        idle = (given == env.base_env.noop[None, None]).all((1, 2))
+        expected = np.delete(scripted_policy(env.base_env)(env.base_env.observe()), 1, axis=1)
+        assert np.array_equal(given[~idle], expected[~idle])
+        mixture.append(idle)
+        state = env.get_state()
+        env.reset()
+    assert 32 < mixture[0].sum() < 62
+    assert (mixture[0] != mixture[1]).any()
+    env.set_state(state)
+    env._opponents.actions()
+    assert np.array_equal((env._opponents.actions() == env.base_env.noop).all((1, 2)), mixture[1])
 
 
 def test_a_learner_alone() -> None:

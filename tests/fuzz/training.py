@@ -15,7 +15,8 @@ import torch
 
 import outlast
 from outlast.envs.errors import FaultError, StateError
-from outlast.training import checkpoint
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training import checkpoint, resume
 from outlast.training.config import TrainingConfig
 from outlast.training.errors import TrainingError
 from outlast.training.paper import end_values, figures, results
@@ -28,7 +29,15 @@ from tests.fuzz.worlds import folder_of
 
 SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
 SETTINGS = {"batch_size": 16, "n_epochs": 1, "scale_rewards": True}
-CONFIG = TrainingConfig(SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings=SETTINGS)
+CONFIG = TrainingConfig(
+    *(SMALL, "paper"),
+    worlds=2,
+    rollout=16,
+    threads=1,
+    settings=SETTINGS,
+    opponents={"self": 0.5, "past": 0.5},
+    snapshots=1,
+)
 
 
 def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
@@ -101,9 +110,9 @@ class Checkpoints:
         torch.set_num_threads(1)
         self.folder = folder_of(self)
         self.trainer = Trainer(CONFIG)
-        first = checkpoint.capture(self.trainer, CONFIG.header())
+        first = resume.capture(self.trainer, CONFIG.header())
         self._go_on()
-        self.files = [_zip_bytes(files) for files in (first, checkpoint.capture(self.trainer, CONFIG.header()))]
+        self.files = [_zip_bytes(files) for files in (first, resume.capture(self.trainer, CONFIG.header()))]
         self.valid = self.files[1]
 
     def mutate(self, rng: Random) -> bytes:
@@ -113,7 +122,7 @@ class Checkpoints:
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
-            checkpoint.restore(self.trainer, checkpoint.read_checkpoint(path))
+            resume.restore(self.trainer, checkpoint.read_checkpoint(path))
             self._go_on()
             return
         run = self.folder / "run"
@@ -140,7 +149,7 @@ class Policies:
         self.files = []
         for name in ("original", "scaled"):
             trainer = Trainer(dataclasses.replace(CONFIG, preset=name))
-            self.files.append(_zip_bytes(checkpoint.capture(trainer, CONFIG.header())))
+            self.files.append(_zip_bytes(resume.capture(trainer, CONFIG.header())))
         self.valid = self.files[0]
 
     def mutate(self, rng: Random) -> bytes:
@@ -170,7 +179,7 @@ class Results:
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
         header = {
             "version": 1,
-            "scenario": checkpoint.fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
+            "scenario": fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
         }
         self.header = json.dumps(header | CONFIG.header()).encode()
         (self.folder / "log.csv").write_bytes(self.log)

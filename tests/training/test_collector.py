@@ -35,7 +35,7 @@ class Plain:
 
     def values(self, env: Any) -> Any:
         with torch.no_grad():
-            return self.trainer.policy.values(self.trainer.collector.packer(env.observe())).numpy()
+            return self.trainer.policies[0](self.trainer.lane.packer(env.observe()))[1].numpy()
 
     def rollout(self, w: int, actions: Any) -> list[Row]:
         """A row for each step of world `w`: rewards, values, and what comes after, (agents,) each."""
@@ -109,8 +109,10 @@ def test_actions_have_the_probabilities_that_the_rollout_says(preset: str) -> No
     rollout = trainer.collect()
     some = torch.arange(0, rollout.alive.size, 3)
     with torch.no_grad():
-        logs, values = trainer.policy(rollout.seen.select(some))
-        found = trainer.policy.choices.of(torch.from_numpy(rollout.actions.reshape(rollout.alive.size, -1))[some], logs)
+        logs, values, _ = trainer.policies[0](rollout.seen.select(some))
+        found = trainer.policies[0].choices.of(
+            torch.from_numpy(rollout.actions.reshape(rollout.alive.size, -1))[some], logs
+        )
     np.testing.assert_allclose(values, rollout.values.ravel()[some], rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(found, rollout.log_probs.ravel()[some], rtol=1e-4, atol=1e-4)
 

@@ -163,9 +163,30 @@ def test_a_saved_policy_rolls_out_with_the_observations_it_was_trained_with(caps
     assert len(list((tmp_path / "film").iterdir())) == 4
 
 
+def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
+    """With observations that all of them can play with, and each with numbers of its own."""
+    saved(tmp_path / "a.zip", "original")
+    saved(tmp_path / "b.zip", "paper")
+    small = ("--worlds", "8", *QUICK, "--quiet")
+    for policy, others in (("b.zip", "a.zip:2,scripted"), ("a.zip", "a.zip"), ("a.zip", "b.zip,random")):
+        arguments = ("--policy", str(tmp_path / policy), "--others", f"{tmp_path}/{others}", *small)
+        outputs = []
+        for _ in range(2):
+            assert cli.main(("rollout", "teams_3", *arguments)) == 0
+            outputs.append(capsys.readouterr().out.split("\n", 2)[2])
+        assert outputs[0] == outputs[1]
+        assert f"\n{tmp_path}/{others.split(',')[0].split(':')[0]} " in outputs[0]
+    scenario, (one, name, other) = options.load_policies(
+        [str(tmp_path / "b.zip"), "noop", str(tmp_path / "a.zip")], variant("teams_3"), 3
+    )
+    assert scenario.numbers()["cameras_mode"] == "revealed"
+    assert name == "noop"
+    assert one.generator.initial_seed() == 3 != other.generator.initial_seed()
+
+
 def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
-    scenario, player = options.load_policy(str(tmp_path / "a.zip"), variant("teams_3"), 0)
+    scenario, (player,) = options.load_policies([str(tmp_path / "a.zip")], variant("teams_3"), 0)
     game = Game(scenario, others=player)
     game.hold({"ahead": 1}, {})
     before = game.worlds[Body].x[0, game.worlds.span("agent")].copy()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, variant
+from outlast.envs.errors import UsageError
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training.errors import TrainingError
@@ -181,7 +182,7 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     chosen = contenders([str(tmp_path / "a.zip"), "random"])
     with pytest.raises(TrainingError, match="trained on teams_3; here are"):
         Evaluation(variant("ffa_1"), chosen, worlds=2)
-    with pytest.raises(TrainingError, match="cameras_mode is omniscient"):
+    with pytest.raises(UsageError, match="cameras_mode is omniscient"):
         Evaluation(variant("teams_3").replace(cameras_mode="omniscient"), chosen, worlds=2)
     assert chosen[0].player is not None
     chosen[0].player.header["actions"] = [3, 3]

@@ -16,7 +16,7 @@ from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
+from outlast.training import checkpoint, resume  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
@@ -30,8 +30,8 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 def saved(path: Path, chosen: str = "original") -> Trainer:
     """A trainer with a policy that is not nearly uniform, as a checkpoint."""
     trainer = Trainer(TrainingConfig(variant("teams_3"), chosen, worlds=4, rollout=256))
-    torch.nn.init.normal_(trainer.policy.actor.last.weight, std=0.02)
-    checkpoint.write_checkpoint(path, checkpoint.capture(trainer, {}))
+    torch.nn.init.normal_(trainer.policies[0].actor.last.weight, std=0.02)
+    checkpoint.write_checkpoint(path, resume.capture(trainer, {}))
     return trainer
 
 
@@ -41,7 +41,7 @@ def test_a_player_has_the_policy_of_the_trainer(tmp_path: Path, chosen: str) -> 
     trainer.collect()
     observations = trainer.env.observe()
     with torch.no_grad():
-        expected = trainer.policy.act(trainer.collector.packer(observations)).numpy().reshape(4, 4, -1)
+        expected = trainer.policies[0].act(trainer.lane.packer(observations)).numpy().reshape(4, 4, -1)
     assert np.array_equal(Player(tmp_path / "a.zip", seed=None)(observations), expected)
     one, other = (Player(tmp_path / "a.zip", seed=7) for _ in range(2))
     drawn = [(one(observations), other(observations)) for _ in range(3)]
@@ -71,6 +71,37 @@ def test_a_player_plays_a_whole_batch_and_an_opponent(tmp_path: Path) -> None:
     assert rewards.tolist() == [1, 1, 1]
 
 
+def test_files_play_in_mixtures(tmp_path: Path) -> None:
+    """As the players that they hold, by path in a text or mapping; each draws numbers of its own."""
+    for name in ("a.zip", "b.zip"):
+        saved(tmp_path / name)
+    text = f"{tmp_path}/a.zip:1,scripted:1,{tmp_path}/b.zip:2"
+    mapping = {tmp_path / "a.zip": 1, "scripted": 1, load_policy(tmp_path / "b.zip", 2): 2}
+    played = []
+    for others in (text, mapping):
+        env = gymnasium.make_vec("outlast/Teams-v1", 8, scenario="teams_3", cameras_mode="revealed", others=others)
+        env.reset(seed=0)
+        played.append([env.step(np.ones((8, 6), int))[0]["own"] for _ in range(5)])
+    assert np.array_equal(*played)
+    lone: Any = gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="revealed", others=text)
+    lone.reset(seed=0)
+    lone.step(np.ones(6, int))
+
+
+def test_other_cameras_than_in_training_are_refused(tmp_path: Path) -> None:
+    """But "masked" policies, which ignore the rows of hidden entities, play where they are revealed."""
+    saved(tmp_path / "a.zip")
+    saved(tmp_path / "b.zip", "paper")
+    words = r"trained with cameras_mode = 'revealed', here it is 'masked'; make .* with cameras_mode='revealed'"
+    for others in (str(tmp_path / "a.zip"), Player(tmp_path / "a.zip"), {"noop": 1, tmp_path / "a.zip": 1}):
+        with pytest.raises(TrainingError, match=words):
+            gymnasium.make("outlast/Teams-v1", scenario="teams_3", others=others)
+    both = f"{tmp_path}/a.zip,{tmp_path}/b.zip"
+    gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="revealed", others=both)
+    with pytest.raises(TrainingError, match="'masked', here it is 'omniscient'"):
+        gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="omniscient", others=tmp_path / "b.zip")
+
+
 def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -> None:
     """Those are for the networks of its opponents, also where something goes wrong."""
     saved(tmp_path / "a.zip")
@@ -78,7 +109,7 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     torch.set_num_threads(3)  # put back by the fixture
     players, found = [Player(tmp_path / "a.zip") for _ in range(4)], []
     for player in players:
-        player.policy.extractors[0].register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
+        player.policies[0].extractors[0].register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
     with ThreadPoolExecutor(4) as pool:  # for each of its threads, PyTorch begins with the number as it then is
         for _ in range(5):
             list(pool.map(lambda player: player(observations), players))
@@ -89,7 +120,7 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     def fail(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    players[0].policy.extractors[0].register_forward_hook(fail)
+    players[0].policies[0].extractors[0].register_forward_hook(fail)
     with pytest.raises(KeyboardInterrupt):
         players[0](observations)
     assert torch.get_num_threads() == 3
@@ -141,23 +172,23 @@ def test_scales_are_those_of_the_file(tmp_path: Path) -> None:
     trainer = saved(tmp_path / "a.zip", "scaled")
     files = checkpoint.read_checkpoint(tmp_path / "a.zip")
     header = json.loads(files[NAME])
-    scale = trainer.policy.extractors[0].own_scale.clone()
+    scale = trainer.policies[0].extractors[0].own_scale.clone()
     where = list(header["fields"]["own"]).index("health")
     assert scale[where] == np.float32(1 / 100)
     header["fields"]["own"]["health"][1] = 50.0
     scale[where] = 1 / 50
     files |= {NAME: json.dumps(header).encode()}
     checkpoint.write_checkpoint(tmp_path / "b.zip", files)
-    assert torch.equal(Player(tmp_path / "b.zip").policy.extractors[0].own_scale, scale)
-    checkpoint.restore(trainer, files)
-    assert all(torch.equal(extractor.own_scale, scale) for extractor in trainer.policy.extractors)
+    assert torch.equal(Player(tmp_path / "b.zip").policies[0].extractors[0].own_scale, scale)
+    resume.restore(trainer, files)
+    assert all(torch.equal(extractor.own_scale, scale) for extractor in trainer.policies[0].extractors)
 
 
 def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
     """As long as those of the policy, but of other numbers."""
     scenario = variant("ffa_1").replace(n_agents=4).with_(Stamina())
     trainer = Trainer(TrainingConfig(scenario, worlds=4, rollout=256))
-    checkpoint.write_checkpoint(tmp_path / "a.zip", checkpoint.capture(trainer, {}))
+    checkpoint.write_checkpoint(tmp_path / "a.zip", resume.capture(trainer, {}))
     player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
     player.check(trainer.env)
     with pytest.raises(TrainingError, match=r"trained on rows 'own' of id, health, .*stamina; here they are id, team"):

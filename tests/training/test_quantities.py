@@ -14,7 +14,6 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.metrics import AgentMetrics  # noqa: E402
-from outlast.training.rollout import Rollout  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -35,8 +34,8 @@ def make() -> Trainer:
     return Trainer(TrainingConfig(CROWD, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12))
 
 
-def collected(trainer: Trainer) -> tuple[Rollout, list[dict[str, Any]], list[dict[str, Any]]]:
-    """A rollout, rows about each living agent before each of its steps, and the statistics of episodes that ended."""
+def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
     rows, episodes = [], []
     env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
     observations = env.set_state(trainer.env.get_state())
@@ -59,7 +58,7 @@ def collected(trainer: Trainer) -> tuple[Rollout, list[dict[str, Any]], list[dic
         if terminated.any():
             observations, _ = env.reset(options={"reset_mask": terminated})
     assert not truncated.any()
-    return rollout, rows, episodes
+    return rows, episodes
 
 
 def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dict[str, Any]:
@@ -71,8 +70,8 @@ def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dic
 
 def test_behaviour_is_as_counted_in_plain_python() -> None:
     trainer = make()
-    rollout, rows, _ = collected(trainer)
-    report = trainer.collector.behaviour.report(rollout, trainer.layout)
+    rows, _ = collected(trainer)
+    report = {tag: value for tag, value in trainer.report().items() if tag.startswith("behaviour/")}
     living = [row for row in rows if "near" in row]
     near, far = ([row["attack"] for row in living if row["near"] == which] for which in (True, False))
     assert min(len(near), len(far)) > 100
@@ -92,8 +91,8 @@ def test_behaviour_is_as_counted_in_plain_python() -> None:
 
 def test_episodes_are_those_that_ended() -> None:
     trainer = make()
-    *_, episodes = collected(trainer)
-    report = trainer.collector.episodes.report()
+    _, episodes = collected(trainer)
+    report = trainer.report()
     assert len(episodes) == report["rollout/episodes"] > 3
 
     def mean(key: str, index: Any = ()) -> float:
@@ -113,7 +112,7 @@ def test_episodes_are_those_that_ended() -> None:
     assert {key: report[f"rollout/{key}"] for key in expected} == pytest.approx(expected)
     assert expected["heals_used"] > 0
     assert expected["reward0"] != expected["reward1"]
-    assert trainer.collector.episodes.report() == {"rollout/episodes": 0}
+    assert trainer.lane.episodes.tallies() == {"rollout/episodes": (0.0, 1.0)}
 
 
 def test_an_evaluation_counts_gifts_by_giver() -> None:

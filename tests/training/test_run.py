@@ -115,7 +115,7 @@ def interrupted(run: TrainingRun) -> None:
     def stop(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    run.trainer.learner.optimizer.register_step_post_hook(stop)
+    run.trainer.learners[0].optimizer.register_step_post_hook(stop)
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
@@ -222,9 +222,9 @@ def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
     given = {"worlds": 4, "rollout": 256, "seed": 0, "settings": {"n_epochs": 2}, "preset": preset}
     resumed = TrainingRun(config(2048, scenario=variant("ffa_2"), **given), run, resume=True)
     trainer = resumed.trainer
-    assert (trainer.steps, trainer.learner.epochs) == (1024, rest["updates"])
-    assert all(torch.equal(weight, weights[name]) for name, weight in trainer.policy.state_dict().items())
-    for k, kept in trainer.learner.optimizer.state_dict()["state"].items():
+    assert (trainer.steps, trainer.learners[0].epochs) == (1024, rest["updates"])
+    assert all(torch.equal(weight, weights[name]) for name, weight in trainer.policies[0].state_dict().items())
+    for k, kept in trainer.learners[0].optimizer.state_dict()["state"].items():
         assert all(torch.equal(value, rest["optimiser"]["state"][k][name]) for name, value in kept.items())
         assert float(kept["exp_avg_sq"].max()) > 0
     resumed.train()

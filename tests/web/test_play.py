@@ -15,6 +15,7 @@ from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game, GamePhase
 from outlast.envs.web.play.messages import Command, Speed, Steer, parse
 from tests.conftest import digest
+from tests.helpers.remembering import Remembering
 from tests.web.clients import MALFORMED
 
 KEYS = [  # held, tapped, and the environment's action: ahead, left, turn, attack, use, give
@@ -68,6 +69,21 @@ def test_random_others_play_as_they_do_against_a_learner():
     assert digest(game.worlds) == digest(env.base_env.worlds)
     game.close()
     env.close()
+
+
+def test_others_are_drawn_for_each_episode():
+    """A mixture plays a game as the policy that was drawn; one with a memory is told of every restart."""
+    policy = Remembering()
+    game = Game(outlast.variant("teams_3"), others={"noop": 1, policy: 1}, seed=5)
+    names = []
+    for restart in range(1, 9):
+        game.hold({"turn": 1}, {})
+        play(game, 3)
+        assert len(policy.told) == restart
+        names.append("noop" if policy.calls is None or policy.calls[0] != 2 else "policy")
+        game.restart()
+    assert set(names) == {"noop", "policy"}
+    game.close()
 
 
 def test_a_tap_counts_for_one_tick_even_if_it_ends_before_it(game):

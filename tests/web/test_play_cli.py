@@ -48,6 +48,7 @@ def test_a_taken_port_is_reported_in_one_line(capsys):
         ("--fps", "1e9", "a number above 0"),
         ("--agent", "-1", "an integer of at least 0"),
         ("--others", "best", "a saved policy, FILE.zip, is needed"),
+        ("--others", "noop:0.5,scriptd", "did you mean scripted"),
     ],
 )
 def test_numbers_that_cannot_be_are_refused(capsys, option, value, words):
@@ -69,7 +70,8 @@ def test_ctrl_c_ends_it_cleanly_and_the_recording_is_whole(tmp_path):
     from outlast.envs.recording import Recording, Replay
 
     file: Path = tmp_path / "game.rec"
-    command = [sys.executable, "-m", "outlast", "play", "ffa_3", "--no-browser", "--fps", "200", "--record", str(file)]
+    options = ("--no-browser", "--fps", "200", "--others", "noop:2,scripted", "--record", str(file))
+    command = [sys.executable, "-m", "outlast", "play", "ffa_3", *options]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         address = process.stdout.readline().split()[-1]

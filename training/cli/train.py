@@ -15,16 +15,29 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
-from ..config import TrainingConfig
+from ..config import PAST, POLICIES, SELF, TrainingConfig
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..presets import DEAD, PRESETS
 
-SINGLE = ("preset", "steps", "worlds", "rollout", "dead", "device", "every")  # options with one value each
+SINGLE = (
+    "preset",
+    "steps",
+    "worlds",
+    "rollout",
+    "policies",
+    "snapshots",
+    "dead",
+    "device",
+    "every",
+)  # options with one value each
 REPEATED = ("set", "ppo")
+FLAGS = ("prioritised",)
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
 RESUME = "stopped: go on with --resume"
@@ -42,6 +55,14 @@ def add(commands: Any) -> None:
     command.add_argument("--worlds", type=positive, default=0, help="that share a rollout (the paper: 1)")
     command.add_argument("--rollout", type=positive, default=0, help="environment steps of it (the paper: 16384)")
     command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help="of PPO: gamma=0.999")
+    command.add_argument(
+        "--policies", choices=POLICIES, default="shared", help="one for all agents, or one for each side or agent"
+    )
+    text = "who they play against, with weights: self, past, random, noop, scripted, FILE.zip (default self)"
+    command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
+    text = "draw opponents the more often, the more they win"
+    command.add_argument("--prioritised", action="store_true", help=text)
+    command.add_argument("--snapshots", type=positive, default=10, help="updates between past selves (default 10)")
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
@@ -79,7 +100,8 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
         from ..run import TrainingRun
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
-    (own,), numbers = options.seed, {name: getattr(options, name) for name in SINGLE}
+    (own,), numbers = options.seed, {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
+    numbers["opponents"] = parse_mixture(options.opponents, (SELF, PAST, *NAMED))
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
     folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
     training = TrainingRun(config, folder, resume=options.resume)
@@ -114,6 +136,7 @@ class Job:
         for name in SINGLE:
             if value := getattr(options, name):
                 self.words += [f"--{name}", str(value)]
+        self.words += ["--opponents", options.opponents, *(f"--{name}" for name in FLAGS if getattr(options, name))]
         for name in REPEATED:
             self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
         if options.resume and self.folder.exists():  # one that had not begun begins

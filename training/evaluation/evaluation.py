@@ -12,17 +12,18 @@ import torch
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.rollout.saved import common_scenario
+from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
 from ..metrics import first_of_sides
 from ..player import Player
-from .matches import ROLES, Act, Match, MatchResults
+from .matches import Act, Match, MatchResults
 from .ratings import elo, linked
 
 Array = np.ndarray[Any, Any]
 Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
-REVEALED, OMNISCIENT = "revealed", "omniscient"  # values of cameras_mode
 
 
 class Contender:
@@ -71,21 +72,6 @@ def _joined(parts: tuple[str, ...], length: int) -> str:
     return re.sub(r"[^\w.]+", "-", "-".join(parts[-length:])).strip("-")
 
 
-def common_scenario(scenario: Scenario, chosen: Sequence[Contender]) -> Scenario:
-    """The scenario with observations that all can play with. Raises TrainingError.
-
-    What agents do and see does not depend on cameras_mode, only what the rows of hidden entities hold. Policies by name
-    and networks of presets with "masked" rows ignore those, so all can play where they are "revealed".
-    """
-    players = [contender.player for contender in chosen if contender.player is not None]
-    if players and "cameras" in scenario and scenario.numbers()["cameras_mode"] == OMNISCIENT:
-        raise TrainingError("cameras_mode is omniscient: saved policies were trained to see what cameras see")
-    revealed = [player for player in players if player.preset.cameras == REVEALED]
-    for player in revealed or players:
-        scenario = player.scenario(scenario)
-    return scenario
-
-
 @dataclass(frozen=True)
 class Pairing:
     """A pairing that was played: the indices of its policies, which may be the same one, and all of its episodes."""
@@ -121,7 +107,8 @@ class Evaluation:
         seed: int = 0,
         threads: int = 1,
     ) -> None:
-        self.scenario, self.chosen, self.seed = common_scenario(scenario, chosen), list(chosen), seed
+        players = [contender.player for contender in chosen if contender.player is not None]
+        self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.each = -(-episodes // worlds)
         self.each += self.each * worlds % ROLES  # or one assignment of sides is played more often
         options: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}

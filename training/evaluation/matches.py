@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.sides import ROLES, role_of, wins
 
 from ..metrics import AgentMetrics, first_of_sides
 
@@ -14,13 +15,6 @@ AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, o
 Act = Callable[
     [dict[str, Array], AgentIndices], Array
 ]  # observations to the actions of these agents, (agents, actions)
-
-ROLES = 2
-
-
-def role_of(side: Any, world: Any, episode: Any) -> Any:
-    """Which role plays a side: they alternate, and swap from world to world and from episode to episode."""
-    return (side + world + episode) % ROLES
 
 
 class MatchResults:
@@ -51,8 +45,8 @@ class MatchResults:
 class Match:
     """Plays `each` episodes in every world, however long they take, so that short ones are not favoured.
 
-    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see role_of, or one that plays both. The
-    policy whose longest-lived side lives longer than the other's wins; a draw counts half.
+    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see sides.role_of, or one that plays both.
+    Who wins: see sides.wins; a draw counts half.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:
@@ -110,7 +104,7 @@ class Match:
     def _enter(self, rows: Array, where: AgentIndices, statistics: dict[str, Array]) -> None:
         mine = self.role[rows][:, None] == np.arange(ROLES)[:, None]  # (rows, roles, agents)
         life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
-        self.results.enter(where, "wins", (1 + np.sign(life - life[:, ::-1])) / 2)
+        self.results.enter(where, "wins", wins(life))
         self.results.enter(where, "life", life)
         self.results.enter(where, "return", (statistics["return"][rows][:, None] * mine).sum(2), mine.sum(2))
         by_side = mine[:, :, first_of_sides(self.base_env)]

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from outlast.envs.recording import Recording, Replay
+from outlast.envs.rollout.sides import role_of
 
 from ..metrics import first_of_sides
 from .evaluation import Evaluation, Pairing
-from .matches import MatchResults, role_of
+from .matches import MatchResults
 
 SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper's variants
 

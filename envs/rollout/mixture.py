@@ -1,0 +1,200 @@
+"""Mixtures: policies with weights, one of which is drawn for each world and episode."""
+
+import difflib
+import math
+import os
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import Clock, Worlds
+
+from ..core.validation import checked_actions
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..errors import UsageError
+from .memory import has_memory, tell
+from .policies import POLICIES, Policy, hashed, others_policy
+from .saved import SAVED, load_saved
+
+Array = np.ndarray[Any, Any]
+Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight
+
+STREAM = np.uint64(0x6D697874757265)  # "mixture": sets these draws apart from others of the same world and episode
+
+
+def parse_mixture(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
+    """The weights in a text as "scripted:0.5,runs/a.zip:0.3,random".
+
+    Args:
+        text: Names, or paths of saved policies (FILE.zip), each with a weight behind a colon, or without for 1.
+        names: The names that are allowed.
+
+    Returns:
+        Weights by name or path, in the order of the text.
+
+    Raises:
+        UsageError: An unknown name, one that is given twice, or a weight that is no finite number above 0.
+    """
+    pairs = []
+    for part in text.split(","):
+        name, weight = part.strip(), "1"
+        if ":" in name and not name.endswith(SAVED):
+            name, _, weight = (piece.strip() for piece in name.rpartition(":"))
+        pairs.append((name, weight))
+    return {str(name): weight for name, weight in checked_entries(pairs, names)}
+
+
+def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = tuple(POLICIES)) -> Entries:
+    """Policies with their weights.
+
+    Args:
+        pairs: A name, the path of a saved policy, or a function (observations) -> actions; and its weight, a finite
+            number above 0.
+        names: The names that are allowed.
+
+    Raises:
+        UsageError: There are none, or one that is something else or there twice.
+    """
+    entries: Entries = []
+    for given, weight in pairs:
+        policy = os.fspath(given) if isinstance(given, os.PathLike) else given
+        if isinstance(policy, str):
+            _check_name(policy, names)
+        elif not callable(policy):
+            raise UsageError(f"{policy!r} is no policy: {_needed(names)}, or a function (observations) -> actions")
+        if _same(policy) in [_same(other) for other, _ in entries]:
+            raise UsageError(f"{policy} is there twice: give it once, with the sum of its weights")
+        entries.append((policy, _checked_weight(policy, weight)))
+    if not entries:
+        raise UsageError(f"a mixture of nothing: {_needed(names)}")
+    return entries
+
+
+def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: Any) -> Array:
+    """Draw an entry for each world: a function of the weights and of (seed, world, episode), in any batch the same.
+
+    Args:
+        weights: Finite numbers >= 0, one of them above: (entries,), or of each world its own, (worlds, entries). An
+            entry with twice the weight is drawn twice as often.
+        seeds: The seed that keys each world, integers (worlds,).
+        worlds: The number of each world, integers (worlds,).
+        episodes: The number of the episode of each world, integers (worlds,). See `key_of` for all three.
+
+    Returns:
+        The index of an entry for each world, int64 (worlds,).
+
+    Raises:
+        ValueError: Weights that cannot be.
+    """
+    weights = np.asarray(weights, np.float64)
+    if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any(-1).all()):
+        raise ValueError(f"weights = {weights.tolist()}: finite numbers >= 0 are needed, in each row one above 0")
+    sums = np.cumsum(weights / weights.max(-1, keepdims=True), -1)  # the last one neither vanishes nor overflows
+    words = hashed(STREAM, *(np.asarray(part).astype(np.uint64) for part in (seeds, worlds, episodes)))
+    uniform = (words >> np.uint64(11)) * 2.0**-53
+    return np.asarray((sums <= uniform[:, None] * sums[..., -1:]).sum(-1))
+
+
+def key_of(worlds: Worlds, where: Any = slice(None)) -> tuple[Array, Array, Array]:
+    """Seeds, numbers of worlds and of episodes, uint64 (worlds,), of the worlds `where` as they are now."""
+    clock = worlds[Clock]
+    return clock.seed[where, 0], clock.world[where, 0], clock.episode[where, 0]
+
+
+class Mixture:
+    """Policies as one policy with a memory: which of them plays is drawn for each world where an episode begins.
+
+    Each is called for all worlds at once, but not while it plays in none.
+
+    Attributes:
+        names: Of the policies.
+        drawn: Index of the policy that plays in each world, int (worlds,).
+
+    Args:
+        entries: The policies with their weights; see `checked_entries` and `draw`. A method `check` of a policy, if it
+            has one, gets `env`, and raises if the policy cannot play there.
+        env: The worlds.
+        agents: Which agents of a world they play, whose observations they get, indices.
+        names: What the policies are called in errors and results; without, by their names or paths.
+        what: What their actions are called in errors, with {0} for the name.
+        axes: What the shape of these is called there.
+    """
+
+    def __init__(
+        self,
+        entries: Entries,
+        env: SurvivalVectorEnv,
+        agents: Sequence[int],
+        names: Sequence[str] = (),
+        what: str = "the actions that {0} returned",
+        axes: str = "(worlds, agents, actions)",
+    ) -> None:
+        given, self._weights = zip(*entries, strict=True)
+        self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
+        self._policies = [self._playing(policy, k, env, agents) for k, policy in enumerate(given)]
+        self._whats, self._axes = [what.format(name) for name in self.names], axes
+        self._env, self._shape = env, (env.num_worlds, len(agents), len(env.action_sizes))
+        self.drawn = np.zeros(env.num_worlds, int)
+
+    @staticmethod
+    def _playing(policy: str | Policy, seed: int, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
+        """The function behind an entry. seed: of a saved policy, so that no two of them draw the same numbers."""
+        if isinstance(policy, str):
+            policy = others_policy(policy, env, agents) if policy in POLICIES else load_saved(policy, seed)
+        if callable(check := getattr(policy, "check", None)):
+            check(env)
+        return policy
+
+    @property
+    def forgetful(self) -> bool:
+        """Whether nothing is drawn and no policy has a memory, so that it need not be told of episodes."""
+        return len(self.names) == 1 and not has_memory(self._policies[0])
+
+    def reset(self, where: Array) -> None:
+        """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
+        self.drawn[where] = draw(self._weights, *key_of(self._env.worlds, where))
+        for policy in self._policies:
+            tell(policy, where)
+
+    def __call__(self, observations: Arrays) -> Actions:
+        """The actions, integers (worlds, agents, actions). Raises ActionError."""
+        if len(self.names) == 1:
+            return self._actions(0, observations)
+        joint = np.empty(self._shape, np.int64)
+        for k in range(len(self.names)):
+            if (here := self.drawn == k).any():
+                joint[here] = self._actions(k, observations)[here]
+        return joint
+
+    def _actions(self, k: int, observations: Arrays) -> Actions:
+        actions, sizes = self._policies[k](observations), self._env.action_sizes
+        return checked_actions(actions, self._shape, sizes, False, what=self._whats[k], axes=self._axes)
+
+
+def _check_name(name: str, names: Collection[str]) -> None:
+    if name not in names and (not name.endswith(SAVED) or name == SAVED):
+        near = difflib.get_close_matches(name, names, 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise UsageError(f"{name or 'nothing'}: {hint}{_needed(names)}")
+
+
+def _needed(names: Collection[str]) -> str:
+    return f"{', '.join(names)} or a saved policy, FILE{SAVED}, is needed"
+
+
+def _checked_weight(policy: object, weight: Any) -> float:
+    try:
+        number = math.nan if isinstance(weight, bool) else float(weight)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise UsageError(
+            f"the weight of {policy} is {weight!r}: a finite number above 0 is needed; leave out who has 0"
+        )
+    return number
+
+
+def _same(policy: str | Policy) -> object:
+    """Equal for two spellings of a path."""
+    return os.path.realpath(policy) if isinstance(policy, str) and policy.endswith(SAVED) else policy

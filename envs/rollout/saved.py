@@ -1,0 +1,35 @@
+"""Saved policies, where environments play them: loading, and the observations that they need."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import UsageError
+from ..scenarios.scenario import Scenario
+
+SAVED = ".zip"  # what a saved policy's file ends in
+REVEALED, OMNISCIENT = "revealed", "omniscient"  # values of cameras_mode
+
+
+def load_saved(path: str, seed: int = 0) -> Any:
+    """outlast.load_policy(path, seed); UsageError if there is no PyTorch, or no such policy."""
+    import outlast  # here, as the package imports the environments
+
+    try:
+        return outlast.load_policy(path, seed)
+    except ModuleNotFoundError as error:
+        raise UsageError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
+
+
+def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
+    """The scenario with observations that all saved policies can play with. Raises UsageError.
+
+    What agents do and see does not depend on cameras_mode, only what the rows of hidden entities hold. Policies by name
+    and networks of presets with "masked" rows ignore those, so all can play where they are "revealed".
+    """
+    if players and "cameras" in scenario and scenario.numbers()["cameras_mode"] == OMNISCIENT:
+        raise UsageError(
+            "cameras_mode is omniscient: saved policies were trained to see what cameras see; take another one"
+        )
+    fitting = [player.scenario(scenario) for player in players]
+    revealed = (each for each in fitting if each.numbers().get("cameras_mode") == REVEALED)
+    return next(revealed, fitting[-1] if fitting else scenario)

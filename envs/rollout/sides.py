@@ -1,0 +1,48 @@
+"""Who plays which side, and who wins."""
+
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Score
+from outlast.ecs import Worlds
+
+Array = np.ndarray[Any, Any]
+
+ROLES = 2
+
+
+def role_of(side: Any, world: Any, episode: Any) -> Any:
+    """Which role plays a side: they alternate, and swap from world to world and from episode to episode."""
+    return (side + world + episode) % ROLES
+
+
+def own_side(world: Any, episode: Any, sides: int) -> Any:
+    """The one side that a policy plays against all others; of two sides, the one that role 0 plays.
+
+    Args:
+        world: Numbers of worlds, as in `ecs.Clock`.
+        episode: Numbers of their episodes.
+        sides: How many there are.
+
+    Returns:
+        A number from 0 to sides - 1, another one in the next world and in the next episode.
+    """
+    return (world + episode) % sides
+
+
+def living_sides(worlds: Worlds) -> Array:
+    """Which sides have a living member: bool (worlds, sides). A side lives for the ticks to whose end it has one."""
+    return np.asarray(worlds[Score].alive > 0)
+
+
+def wins(life: Array) -> Array:
+    """Who wins: the role whose longest-lived side lives longer.
+
+    Args:
+        life: Ticks that the longest-lived side of each role lived, (..., ROLES).
+
+    Returns:
+        float64 of the same shape: 1 for the winner, 0 for the other role, 0.5 for both in a draw.
+    """
+    return np.asarray((1 + np.sign(life - life[..., ::-1])) / 2)

@@ -1,0 +1,275 @@
+"""A lane of a rollout: some of the worlds, who plays in them, and what comes of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from outlast.ecs import Clock
+from outlast.envs.core.agents import alive, side
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.mixture import draw, key_of
+from outlast.envs.rollout.sides import living_sides, own_side
+
+from .checkpoint import check_state
+from .errors import TrainingError
+from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
+from .noise import ActionNoise
+from .opponents import Opponents
+from .policy import ActorCritic
+from .rows import Observed, Packer
+
+Array = np.ndarray[Any, Any]
+CHUNK = 16  # steps that gradients flow back through a memory
+NOBODY = -1  # the learner of a sample that none is trained on
+
+
+@dataclass
+class Samples:
+    """What a lane collects: arrays (steps, agents), of `actions` (steps, agents, actions).
+
+    Attributes:
+        seen: What was observed, step after step.
+        actions: int64.
+        log_probs: float32, of the actions, when they were chosen.
+        values: float32, of what was observed.
+        rewards: float32.
+        later: float32, the value of what would have come, where an episode was cut off after the step.
+        ends: bool, whether the next step does not count for this one.
+        begins: bool, whether the agent's memory begins anew with the step.
+        alive: bool, whether the agent lived when it observed.
+        learner: int8, who is trained on the sample, or NOBODY.
+        memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
+        last: float32 (agents,), values of what was observed at the end.
+    """
+
+    seen: list[Observed]
+    actions: Array
+    log_probs: Array
+    values: Array
+    rewards: Array
+    later: Array
+    ends: Array
+    begins: Array
+    alive: Array
+    learner: Array
+    memory: Array
+    last: Array
+
+
+class Lane:
+    """Some of the worlds, and who plays in them.
+
+    An agent is played by the learner of its number in `team`; where an opponent is drawn, learners play one side of the
+    world, and the opponent all others. It is drawn where an episode begins, by (seed, world, episode).
+
+    Attributes:
+        env: The worlds, with autoreset DISABLED.
+        opponent: int (worlds,), the index of the opponent in each world, see Opponents.
+        own: int (worlds,), the side that learners play where that is not 0.
+    """
+
+    def __init__(
+        self,
+        env: SurvivalVectorEnv,
+        packer: Packer,
+        team: Array,
+        opponents: Opponents,
+        *,
+        seed: int,
+        dead: str,
+        device: torch.device,
+    ) -> None:
+        """Make it, with the present selves everywhere.
+
+        Args:
+            env: The worlds, which have been reset.
+            packer: For the learners' networks.
+            team: int (agents of a world,), the number of the learner that plays each agent.
+            opponents: The pool; shared by all lanes.
+            seed: Of the run.
+            dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
+            device: Of the networks.
+        """
+        self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
+        self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
+        self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
+        self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
+        self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
+        self.life = np.zeros((env.num_worlds, env.worlds.dims["sides"]), int)
+        self.memory, self.begins = np.zeros((self.agents, opponents.memory), np.float32), np.ones(self.agents, bool)
+        self.assign()
+        self._draw(np.ones(env.num_worlds, bool))
+
+    def open(self, steps: int, memory: int) -> None:
+        """Make room for the samples of so many steps. memory: width of that of the learners' policies."""
+        shape, chunks = (steps, self.agents), -(-steps // CHUNK)
+        self.samples = Samples(
+            seen=[],
+            actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
+            **{name: np.zeros(shape, np.float32) for name in ("log_probs", "values", "rewards", "later")},
+            **{name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")},
+            learner=np.zeros(shape, np.int8),
+            memory=np.zeros((chunks, self.agents, memory), np.float32),
+            last=np.zeros(self.agents, np.float32),
+        )
+
+    def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
+        """Choose the actions of a step, and keep what they were chosen by.
+
+        Args:
+            t: The number of the step in the rollout.
+            step: Its number in the run.
+            policies: Of the learners.
+
+        Returns:
+            int64 (worlds, agents, actions).
+        """
+        env, samples, observations = self.env, self.samples, self.env.observe()
+        seen, uniform = self.packer(observations), self.noise(step)
+        samples.seen.append(seen)
+        samples.alive[t] = alive(env.worlds).ravel()
+        samples.begins[t] = self.begins
+        samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
+        if t % CHUNK == 0:
+            samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
+        for (index, number), where in self.groups.items():
+            one, some = self.pool.all[index], slice(None) if len(where) == self.agents else where
+            if one.plain is not None:
+                samples.actions[t, some] = one.plain(self._batch(observations, some), uniform[some])
+                continue
+            policy = one.policies[number] if index else policies[number]
+            if one.packer is not None:
+                part = one.packer(self._batch(observations, some))
+            else:
+                part = seen if some is not where else seen.select(torch.from_numpy(where))
+            logs, values = self._run(policy, part, some)
+            chosen = policy.choices.draw(logs, torch.from_numpy(uniform[some, :, None]).to(self.device))
+            samples.actions[t, some] = chosen.cpu()
+            if not index:
+                samples.values[t, some] = values.cpu()
+                samples.log_probs[t, some] = policy.choices.of(chosen, logs).cpu()
+        self.begins[:] = False
+        joint: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
+        return joint
+
+    def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:
+        """Keep what came of a step, and begin the next episode of worlds that ended.
+
+        Args:
+            t: The number of the step in the rollout.
+            result: What env.step returned.
+            policies: Of the learners.
+        """
+        _, rewards, terminated, truncated, info = result
+        env, samples, done = self.env, self.samples, terminated | truncated
+        samples.rewards[t], samples.ends[t] = rewards.ravel(), np.repeat(done, env.num_agents)
+        living = info["alive"].ravel()
+        if self.dead == "drop":
+            samples.ends[t] |= ~living
+        self.behaviour.after_step()
+        if not self.pool.alone:
+            self.life += living_sides(env.worlds)
+        if done.any():
+            goes_on = np.repeat(truncated, env.num_agents) & (living | (self.dead == "keep"))
+            if goes_on.any():
+                samples.later[t, goes_on] = self._values(policies)[goes_on]
+            self.episodes.add(info["statistics"], int(done.sum()))
+            self._record(done)
+            env.reset(options={"reset_mask": done})
+            self._draw(done)
+
+    def close(self, policies: Sequence[ActorCritic]) -> Samples:
+        """The samples, with the values of what is observed now."""
+        self.samples.last[:] = self._values(policies)
+        return self.samples
+
+    def tallies(self) -> Tallies:
+        """What is measured of the rollout that was closed last, by tag."""
+        layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
+        own = np.stack([seen.own.numpy() for seen in self.samples.seen]).reshape(*shape, layout.own)
+        actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
+        living = self.samples.alive.reshape(own.shape[:3])
+        return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living)
+
+    def state(self) -> dict[str, Tensor]:
+        """Who plays, and what they remember, as tensors by name; the worlds are not in it."""
+        arrays = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": self.memory}
+        return {
+            name: torch.tensor(array) for name, array in (arrays | {"begins": self.begins.astype(np.uint8)}).items()
+        }
+
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        check_state(given, self.state(), "lane")
+        opponent, own, life = (given[name].numpy().copy() for name in ("opponent", "own", "life"))
+        if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
+            raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
+        self.opponent, self.own, self.life = opponent, own, life
+        self.memory, self.begins = given["memory"].numpy().copy(), given["begins"].numpy() > 0
+        self.assign()
+
+    def _run(self, policy: ActorCritic, part: Observed, some: Any) -> tuple[Tensor, Tensor]:
+        """Log probabilities and values of a policy for some agents; their memory goes on."""
+        memory = begins = None
+        if policy.memory:
+            memory = torch.from_numpy(self.memory[some, : policy.memory]).to(self.device)
+            begins = torch.from_numpy(self.begins[some]).to(self.device)
+        logs, values, memory = policy(part.to(self.device), memory, begins)
+        if memory is not None:
+            self.memory[some, : policy.memory] = memory.cpu()
+        return logs, values
+
+    def _values(self, policies: Sequence[ActorCritic]) -> Array:
+        """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
+        seen, values = self.packer(self.env.observe()), np.zeros(self.agents, np.float32)
+        before = self.memory.copy(), self.begins.copy()
+        for (index, number), where in self.groups.items():
+            if not index:
+                values[where] = self._run(policies[number], seen.select(torch.from_numpy(where)), where)[1].cpu()
+        self.memory[:], self.begins[:] = before  # this was no step
+        return values
+
+    def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
+        """The observations of some agents, (some, ...) by key."""
+        return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
+
+    def _record(self, done: Array) -> None:
+        """Tell the pool who won where an opponent was drawn, of the worlds that are done."""
+        for index in np.unique(self.opponent[done & (self.opponent > 0)]):
+            worlds = np.flatnonzero(done & (self.opponent == index))
+            own = self.life[worlds, self.own[worlds]]
+            others = self._others(worlds)
+            self.pool.record(int(index), float((1 + np.sign(own - others)).sum() / 2), len(worlds))
+
+    def _others(self, worlds: Array) -> Array:
+        """Ticks that the longest-lived side lived which is not the learners', int (worlds,)."""
+        life = self.life[worlds].copy()
+        life[np.arange(len(worlds)), self.own[worlds]] = -1
+        longest: Array = life.max(1)
+        return longest
+
+    def _draw(self, where: Array) -> None:
+        """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
+        self.life[where] = 0
+        self.begins[np.repeat(where, self.env.num_agents)] = True
+        if self.pool.alone:
+            return
+        seeds, worlds, episodes = key_of(self.env.worlds, where)
+        indices, weights = self.pool.chances()
+        self.opponent[where] = indices[draw(weights, seeds, worlds, episodes)]
+        self.own[where] = own_side(worlds, episodes, self.life.shape[1])
+        self.assign()
+
+    def assign(self) -> None:
+        """Assign agents to who plays them."""
+        theirs = (self.opponent > 0)[:, None] & (self._sides != self.own[:, None])
+        index = np.where(theirs, self.opponent[:, None], 0).ravel()
+        teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}
+        number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
+        self.learner = np.where(index > 0, NOBODY, number).astype(np.int8)
+        pairs = np.unique(np.stack([index, number], 1), axis=0)
+        self.groups = {(int(i), int(k)): np.flatnonzero((index == i) & (number == k)) for i, k in pairs}

@@ -1,0 +1,241 @@
+"""Who plays against the learners: their present and past selves, policies by name, saved files; with ratings."""
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import POLICIES
+
+from .checkpoint import check_state, load_weights
+from .config import PAST, SELF
+from .errors import TrainingError
+from .player import Player
+from .policy import ActorCritic
+from .rows import Packer
+
+Array = np.ndarray[Any, Any]
+Plain = Callable[[dict[str, Array], Array], Array]
+NAMES = (SELF, PAST, *POLICIES)
+SNAPSHOTS = 5  # past selves that are drawn from: evenly spaced over the run
+START = 1000.0  # of ratings, as in evaluation.ratings
+STEP = 4.0  # Elo points of a game that was won although it should have been drawn, twice that
+SCALE = 400.0  # Elo points of odds of ten to one
+FORGET = 0.9  # of earlier games, with each update: learners change
+WRONG = "opponents in rest.pt of the checkpoint are not what a run goes on with"
+HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # a rating, games, digits of agent-steps in a checkpoint
+LEAST = 0.02  # of the priority of an opponent that always loses
+
+
+@dataclass
+class Opponent:
+    """One that can be drawn.
+
+    Attributes:
+        name: A kind of NAMES, a path, or of a past self "past" and the agent-steps behind an @.
+        weight: How often it is drawn, unless opponents are prioritised.
+        policies: Of a past self or a file, one for each learner.
+        packer: Of the observations for these; None: that of the learners.
+        team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
+        plain: Or a function from the observations of some agents and uniform numbers (agents, actions) to actions.
+        rating: Elo points.
+        won: Games that the learners won against it, draws half; earlier ones count less.
+        games: Likewise.
+        total: Games in all.
+    """
+
+    name: str
+    weight: float
+    policies: Sequence[ActorCritic] = ()
+    packer: Packer | None = None
+    team: Array | None = None
+    plain: Plain | None = None
+    rating: float = START
+    won: float = 0.0
+    games: float = 0.0
+    total: int = 0
+
+    @property
+    def kind(self) -> str:
+        """The name, of a past self without the steps."""
+        return PAST if self.past else self.name
+
+    @property
+    def past(self) -> bool:
+        """Whether it is a past self."""
+        return is_past(self.name)
+
+    @property
+    def wins(self) -> float:
+        """The share of games that the learners won, draws half; a half where there was none."""
+        return (self.won + 0.5) / (self.games + 1)
+
+
+class Opponents:
+    """The pool that opponents are drawn from, by index, and the ratings of all in it.
+
+    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
+    while somebody plays them.
+    """
+
+    def __init__(
+        self, weights: Mapping[str, float], players: Mapping[str, Player], env: SurvivalVectorEnv, *, prioritised: bool
+    ) -> None:
+        """Make a pool without past selves.
+
+        Args:
+            weights: By name of NAMES or path, see envs.rollout.mixture.parse_mixture.
+            players: Those of the paths.
+            env: Worlds as those that are played in.
+            prioritised: Whether opponents are drawn the more often, the more they win: prioritised fictitious self-play
+                (Vinyals et al., 2019). The present self keeps its weight.
+        """
+        self.weights, self.prioritised = dict(weights), prioritised
+        self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
+        for name in weights.keys() - players.keys() - {SELF, PAST}:
+            self._add(Opponent(name, weights[name], plain=plain(name, env)))
+        for name, player in players.items():
+            player.check(env)
+            self._add(Opponent(name, weights[name], player.policies, player.packer, player.team))
+        self.past: list[int] = []
+
+    def _add(self, one: Opponent) -> int:
+        number = max(self.all) + 1
+        self.all[number] = one
+        return number
+
+    @property
+    def memory(self) -> int:
+        """The width of the widest memory of those that stay in the pool."""
+        return max([policy.memory for one in self.all.values() for policy in one.policies], default=0)
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is nobody but the present self."""
+        return self.weights.keys() <= {SELF}
+
+    def chances(self) -> tuple[Array, Array]:
+        """Indices that can be drawn, int, and how often, float64 of the same length."""
+        shares = {k: one.weight for k, one in self.all.items() if not one.past}
+        for k in self.past:
+            shares[k] = self.weights[PAST] / len(self.past)
+        if not self.past:
+            shares[0] += self.weights.get(PAST, 0.0)
+        if self.prioritised:
+            priority = {k: shares[k] * ((1 - self.all[k].wins) ** 2 + LEAST) for k in shares if k}
+            factor = sum(shares[k] for k in priority) / (sum(priority.values()) or 1)
+            shares |= {k: value * factor for k, value in priority.items()}
+        return np.array(list(shares)), np.array(list(shares.values()))
+
+    def remember(self, policies: Sequence[ActorCritic], steps: int, playing: set[int]) -> None:
+        """Add the learners as they are now to the past selves.
+
+        Args:
+            policies: Of the learners.
+            steps: Agent-steps that they were trained for.
+            playing: Indices that are played somewhere.
+        """
+        if PAST not in self.weights:
+            return
+        past = Opponent(f"{PAST}@{steps}", 0.0, [frozen(policy) for policy in policies], rating=self.all[0].rating)
+        self.past.append(self._add(past))
+        if len(self.past) > SNAPSHOTS:
+            at = [int(self.all[k].name.partition("@")[2]) for k in self.past]
+            gaps = [at[k + 1] - at[k - 1] for k in range(1, len(at) - 1)]
+            del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly
+        for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
+            del self.all[k]
+
+    def record(self, index: int, won: float, games: int) -> None:
+        """Games against an opponent. won: draws half."""
+        one, own = self.all[index], self.all[0]
+        expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
+        change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))
+        own.rating += change
+        if not one.past:  # a past self is what it was
+            one.rating -= change
+        one.won, one.games, one.total = one.won + won, one.games + games, one.total + games
+
+    def report(self) -> dict[str, float]:
+        """What is logged, by tag; also lets earlier games count less from now on."""
+        tags = {}
+        if not self.alone:
+            tags["rating/self"] = self.all[0].rating
+        met = [one for k, one in self.all.items() if k and one.games > 0]
+        for name in dict.fromkeys(one.kind for one in met):
+            those = [one for one in met if one.kind == name]
+            games = sum(one.games for one in those)
+            tags[f"wins/{name}"] = sum(one.won for one in those) / games
+            tags[f"rating/{name}"] = sum(one.rating * one.games for one in those) / games
+            tags[f"games/{name}"] = float(sum(one.total for one in those))
+        for one in met:
+            one.won, one.games = one.won * FORGET, one.games * FORGET
+        return tags
+
+    def state(self) -> dict[str, Any]:
+        """Ratings of all, and the past selves."""
+        figures = {
+            k: torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64)
+            for k, one in self.all.items()
+        }
+        past = {
+            k: {"name": one.name, "drawn": k in self.past, "weights": [policy.state_dict() for policy in one.policies]}
+            for k, one in self.all.items()
+            if one.past
+        }
+        return {"figures": figures, "past": past}
+
+    def restore(self, given: Any, policies: Sequence[ActorCritic]) -> None:
+        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else."""
+        past = given.get("past") if isinstance(given, dict) else None
+        if not isinstance(past, dict):
+            raise TrainingError(WRONG)
+        pool = {number: one for number, one in self.all.items() if not one.past}
+        for number, kept in past.items():
+            if type(number) is not int or number in pool or number < 0 or not isinstance(kept, dict):
+                raise TrainingError(WRONG)
+            weights, name = kept.get("weights"), kept.get("name")
+            if (
+                not isinstance(weights, list)
+                or len(weights) != len(policies)
+                or not isinstance(name, str)
+                or not is_past(name)
+            ):
+                raise TrainingError(WRONG)
+            pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
+            for policy, own in zip(pool[number].policies, weights, strict=True):
+                load_weights(policy, own, f"{name} in rest.pt")
+        figures = given.get("figures")
+        check_state(figures, {number: torch.zeros(4, dtype=torch.float64) for number in pool}, "opponents")
+        for rating, won, games, total in (kept.tolist() for kept in figures.values()):
+            if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
+                raise TrainingError(WRONG)
+        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept.get("drawn"))
+        for number, one in pool.items():
+            one.rating, one.won, one.games, total = figures[number].tolist()
+            one.total = int(total)
+
+
+def is_past(name: str) -> bool:
+    """Whether it is the name of a past self."""
+    steps = name.removeprefix(f"{PAST}@")
+    return steps != name and steps.isdecimal() and len(steps) < LONGEST
+
+
+def frozen(policy: ActorCritic) -> ActorCritic:
+    """A copy that stays as it is."""
+    return deepcopy(policy).requires_grad_(False)
+
+
+def plain(name: str, env: SurvivalVectorEnv) -> Plain:
+    """A policy by name as a function of some agents' observations."""
+    if name == "random":
+        return lambda observations, uniform: (uniform * env.action_sizes).astype(np.int64)
+    if name == "noop":
+        return lambda observations, uniform: np.broadcast_to(env.noop, uniform.shape)
+    decide = POLICIES[name](env, 0)
+    return lambda observations, uniform: np.asarray(decide(observations))

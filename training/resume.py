@@ -1,0 +1,161 @@
+"""What a run goes on with as if it had never stopped: the content of its checkpoints, besides the policies."""
+
+import io
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.snapshots import state
+from outlast.envs.snapshots.state import State
+
+from . import run_header
+from .checkpoint import (
+    check_fields,
+    check_like,
+    header_of,
+    load_tensors,
+    load_weights,
+    policies_in,
+    recorded_scales,
+    tensor_bytes,
+)
+from .errors import TrainingError
+from .learner import Learner
+from .observation_layout import field_table
+from .trainer import Trainer
+
+LAST = 2**53  # updates, which are counted in float32
+GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers that it draws at once
+WRONG = "rest.pt of the checkpoint is not what a run goes on with"
+
+
+def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
+    """The files of a checkpoint, in memory. header: more for run.json, see TrainingConfig.header."""
+    rest = {
+        "learners": [_learner_state(learner) for learner in trainer.learners],
+        "updates": trainer.updates,
+        "rewards": trainer.collector.scale.state(),
+        "lane": trainer.lane.state(),
+        "opponents": trainer.opponents.state(),
+    }
+    first = {"version": run_header.VERSION, "steps": trainer.steps, "preset": trainer.preset.name}
+    last = {
+        "scenario": fingerprint(trainer.env.scenario),
+        "observations": trainer.layout.shapes,
+        "fields": field_table(trainer.env.fields),
+        "actions": [int(size) for size in trainer.env.action_sizes],
+        "team": trainer.team.tolist(),
+    }
+    weights = [policy.state_dict() for policy in trainer.policies]
+    return {
+        run_header.NAME: json.dumps(first | header | last, indent=1).encode(),
+        "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
+        "rest.pt": tensor_bytes(rest),
+        "worlds.npz": _state_bytes(trainer.env.get_state()),
+    }
+
+
+def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
+    """Make a new trainer of the same config go on from a checkpoint.
+
+    Raises StateError if it is of another scenario, TrainingError if what is in it is of something else, or broken.
+    """
+    header, rest, weights = header_of(files), load_tensors(files, "rest.pt"), policies_in(files)
+    check_fields(header, trainer.env)
+    factors = recorded_scales(header, trainer.layout)
+    if not isinstance(rest, dict):
+        raise TrainingError(WRONG)
+    learners = rest.get("learners", [_earlier(rest)])
+    if not isinstance(learners, list) or not len(learners) == len(weights) == len(trainer.learners):
+        raise TrainingError(f"the checkpoint has {len(weights)} policies; here are {len(trainer.learners)}")
+    optimisers = [_checked_learner(*pair) for pair in zip(trainer.learners, learners, strict=True)]
+    trainer.env.set_state(state.read(io.BytesIO(files["worlds.npz"]), "worlds.npz of the checkpoint"))
+    for learner, given, own, optimiser in zip(trainer.learners, learners, weights, optimisers, strict=True):
+        load_weights(learner.policy, own)
+        learner.policy.rescale(factors)
+        learner.optimizer.load_state_dict(optimiser)
+        learner.generator.set_state(given["minibatches"].clone())
+        learner.epochs = given["epochs"]
+    if "learners" in rest:
+        if type(rest.get("updates")) is not int:
+            raise TrainingError(WRONG)
+        trainer.updates = rest["updates"]
+        trainer.collector.scale.restore(rest.get("rewards"))
+        trainer.opponents.restore(rest.get("opponents"), trainer.policies)
+        trainer.lane.restore(rest.get("lane"))
+    trainer.steps = header["steps"]
+
+
+def _state_bytes(worlds: State) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "worlds.npz")
+        worlds.save(path)
+        return path.read_bytes()
+
+
+def _learner_state(learner: Learner) -> dict[str, Any]:
+    return {
+        "optimiser": learner.optimizer.state_dict(),
+        "minibatches": learner.generator.get_state(),
+        "epochs": learner.epochs,
+    }
+
+
+def _earlier(rest: dict[str, Any]) -> dict[str, Any]:
+    """The one learner in a file of outlast 0.1."""
+    return {
+        "optimiser": rest.get("optimiser"),
+        "minibatches": _get(rest, "random", "minibatches"),
+        "epochs": rest.get("updates"),
+    }
+
+
+def _checked_learner(learner: Learner, given: Any) -> dict[str, Any]:
+    """The state that the learner's optimiser goes on with; the rest of what is given is checked, too."""
+    if not isinstance(given, dict) or type(given.get("epochs")) is not int:
+        raise TrainingError(WRONG)
+    _check_random(learner.generator, given.get("minibatches"))
+    return _optimiser(learner, _get(given, "optimiser", "state"))
+
+
+def _optimiser(learner: Learner, moments: Any) -> dict[str, Any]:
+    """The state that the learner's optimiser goes on with, given the moments of all its parameters (or of none yet).
+
+    Its numbers are its own: the learning rate is set ahead of each update, the others are the same for all policies.
+    """
+    parameters = learner.parameters
+    if not isinstance(moments, dict) or moments.keys() not in (set(), set(range(len(parameters)))):
+        raise TrainingError("rest.pt of the checkpoint is not of an optimiser of this policy")
+    for k, kept in moments.items():
+        if not isinstance(kept, dict) or kept.keys() != {"step", "exp_avg", "exp_avg_sq"}:
+            raise TrainingError("rest.pt of the checkpoint is not of an optimiser of this policy")
+        for name, value in kept.items():
+            like = parameters[k] if name != "step" else torch.zeros(())
+            check_like(value, like, f"{name} of parameter {k} in rest.pt")
+            if not torch.isfinite(value).all():
+                raise TrainingError(f"{name} of parameter {k} in rest.pt of the checkpoint is not finite")
+        if not 0 <= float(kept["step"]) <= LAST:
+            raise TrainingError(f"step of parameter {k} in rest.pt of the checkpoint is {float(kept['step'])}")
+    copies = {k: {name: value.clone() for name, value in kept.items()} for k, kept in moments.items()}
+    return {"state": copies, "param_groups": learner.optimizer.state_dict()["param_groups"]}
+
+
+def _check_random(generator: torch.Generator, given: Any) -> None:
+    """Check the position in the generator's table and the count left in it, which PyTorch takes as they are."""
+    check_like(given, generator.get_state(), "a random generator in rest.pt")
+    size, count = GENERATOR
+    if len(given) == size:
+        left, place = (int.from_bytes(bytes(given[a:b].tolist()), "little") for a, b in ((8, 12), (16, 24)))
+        if not 1 <= left <= count or place + left > count + 1:
+            raise TrainingError("a random generator in rest.pt of the checkpoint is in a state that cannot be")
+
+
+def _get(rest: dict[str, Any], *names: str) -> Any:
+    found: Any = rest
+    for name in names:
+        found = found.get(name) if isinstance(found, dict) else None
+    return found
