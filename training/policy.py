@@ -17,44 +17,50 @@ GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baseline
 
 
 class MultiCategorical(nn.Module):
-    """Independent categorical distributions, given the logits of all of them in one row."""
+    """Independent categorical distributions, given the logits of all of them in one row.
+
+    Log probabilities are (values, actions, batch): PyTorch's softmax is several times as fast along the first axis.
+    Actions with fewer values than others are filled up with values of probability 0.
+    """
 
     where: Tensor
     never: Tensor
     beyond: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
-        """sizes: how many values each action has. Shorter ones are filled up with values of probability 0."""
+        """sizes: how many values each action has."""
         super().__init__()
-        self.shape, start = (len(sizes), max(sizes)), 0
+        self.shape, start = (max(sizes), len(sizes)), 0
         where, never = torch.zeros(self.shape, dtype=torch.long), torch.full(self.shape, NEVER)
         for k, size in enumerate(sizes):
-            where[k, :size] = torch.arange(start, start + size)
-            never[k, :size] = 0
+            where[:size, k] = torch.arange(start, start + size)
+            never[:size, k] = 0
             start += size
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
-        self.register_buffer("beyond", torch.arange(1, max(sizes)) >= torch.tensor(sizes)[:, None], persistent=False)
+        beyond = torch.arange(1, max(sizes))[:, None, None] >= torch.tensor(sizes)[:, None]
+        self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """(batch, actions, values) of all values, given the features that the head makes logits of."""
+        """(values, actions, batch) of all values, given the features that the head makes logits of."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
-        return functional.linear(features, weight, bias).view(-1, *self.shape).log_softmax(2)
+        logits = torch.addmm(bias[:, None], weight, features.T)
+        return logits.view(*self.shape, len(features)).log_softmax(0)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
         """The log probabilities of joint actions (batch, actions): (batch,)."""
-        return logs.gather(2, actions[:, :, None]).sum((1, 2))
+        return logs.gather(0, actions.T[None]).sum((0, 1))
 
     @staticmethod
     def entropy(logs: Tensor) -> Tensor:
         """(batch,), of the joint actions."""
-        return -(logs.exp() * logs).sum((1, 2))
+        return -(logs.exp() * logs).sum((0, 1))
 
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
-        """Sampled joint actions (batch, actions), int64, from one uniform number for each: (batch, actions, 1)."""
-        below = logs.exp().cumsum(2)[:, :, :-1] + self.beyond  # rounding may leave the sum of all values below 1
-        return (uniform >= below).sum(2)
+        """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
+        below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
+        return (below <= uniform.T).sum(0).T
 
 
 class ActorCritic(nn.Module):
@@ -80,7 +86,7 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Log probabilities of all values of all actions (batch, actions, values), and values (batch,)."""
+        """Log probabilities of all values of all actions (values, actions, batch), and values (batch,)."""
         features = [extractor(seen) for extractor in self.extractors]
         if len(features) == 2:
             return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten(), None
@@ -93,8 +99,8 @@ class ActorCritic(nn.Module):
         """Actions alone: sampled, or without a generator the likeliest."""
         logs = self._logs(self.actor.inner(self.extractors[0](seen)))
         if generator is None:
-            return logs.argmax(2)
-        return self.choices.draw(logs, torch.rand((*logs.shape[:2], 1), generator=generator))
+            return logs.argmax(0).T
+        return self.choices.draw(logs, torch.rand((len(seen), self.choices.shape[1]), generator=generator))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""

@@ -300,23 +300,23 @@ def test_initial_weights_are_orthogonal_and_the_first_policy_is_nearly_uniform()
 def test_choices_are_drawn_as_often_as_they_are_likely(sizes: tuple[int, ...]) -> None:
     choices, head = MultiCategorical(sizes), torch.nn.Linear(4, sum(sizes))
     logs = choices.log_probabilities(torch.randn(1, 4), head)
-    drawn = choices.draw(logs.expand(20_000, -1, -1), torch.rand(20_000, len(sizes), 1))
+    drawn = choices.draw(logs.expand(-1, -1, 20_000), torch.rand(20_000, len(sizes)))
     for k, size in enumerate(sizes):
         share = torch.bincount(drawn[:, k], minlength=size) / len(drawn)
         assert len(share) == size
-        torch.testing.assert_close(share, logs[0, k, :size].exp(), atol=0.015, rtol=0)
+        torch.testing.assert_close(share, logs[:size, k, 0].exp(), atol=0.015, rtol=0)
     for a, b in itertools.combinations(range(len(sizes)), 2):  # independently of each other
         together = torch.bincount(drawn[:, a] * sizes[b] + drawn[:, b], minlength=sizes[a] * sizes[b]) / len(drawn)
-        expected = logs[0, a, : sizes[a], None].exp() * logs[0, b, : sizes[b]].exp()
+        expected = logs[: sizes[a], a].exp() * logs[: sizes[b], b, 0].exp()
         torch.testing.assert_close(together, expected.flatten(), atol=0.015, rtol=0)
 
 
 def test_no_value_is_drawn_that_an_action_has_not() -> None:
     """Where the sum of its probabilities is rounded to less than the number that is drawn."""
     choices = MultiCategorical((2, 3))
-    logs = torch.tensor([[0.5, 0.49999, 0.0], [0.3, 0.3, 0.39999]]).log()[None]
-    assert choices.draw(logs, torch.full((1, 2, 1), 1 - 2**-24)).tolist() == [[1, 2]]
-    assert choices.draw(torch.tensor([[[0.0, 0.4, 0.6]] * 2]).log(), torch.zeros(1, 2, 1)).tolist() == [[1, 1]]
+    logs = torch.tensor([[0.5, 0.49999, 0.0], [0.3, 0.3, 0.39999]]).log().T[:, :, None]
+    assert choices.draw(logs, torch.full((1, 2), 1 - 2**-24)).tolist() == [[1, 2]]
+    assert choices.draw(torch.tensor([[0.0, 0.4, 0.6]] * 2).log().T[:, :, None], torch.zeros(1, 2)).tolist() == [[1, 1]]
 
 
 @pytest.mark.parametrize("leaky", [False, True])
