@@ -1,6 +1,6 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -13,6 +13,7 @@ from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
 HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
+FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 SNAPSHOTS = 10  # updates between past selves
 
@@ -44,7 +45,7 @@ class TrainingConfig:
     """
 
     scenario: Scenario
-    preset: str = "original"
+    preset: str = FAST
     steps: int = 10_000_000
     seed: int = 0
     worlds: int = 0
@@ -93,8 +94,8 @@ class TrainingConfig:
 
     @property
     def numbers(self) -> Hyperparameters:
-        """Of PPO. Raises TrainingError if one is out of range."""
-        return replace(preset(self.preset).numbers, **self.settings)
+        """Of PPO. Raises TrainingError if one is not there, or out of range."""
+        return preset(self.preset).numbers.changed(self.settings)
 
     @property
     def size(self) -> tuple[int, int]:

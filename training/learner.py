@@ -71,7 +71,8 @@ class Learner:
         rate = self.numbers.learning_rate * (left if self.numbers.anneal else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        samples, batches = Samples(rollout, self.device), max(1, round(len(chosen) / self.numbers.batch_size))
+        wanted = max(1, round(len(chosen) / self.numbers.batch_size))
+        samples, batches = Samples(rollout, self.device), min(wanted, len(chosen) // 2)  # one has no spread
         figures, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
@@ -100,7 +101,7 @@ class Learner:
         where, own = samples.rollout.here(part)
         if len(own):
             loss = self._loss(samples, part, where, own)
-            loss.total.backward()  # type: ignore[no-untyped-call]
+            torch.autograd.backward(loss.total)
             figures = loss.figures()
         else:  # all are other processes'
             figures = torch.zeros(len(Loss.TAGS), device=self.device)

@@ -92,9 +92,7 @@ def close(folder: Path, expected: Path) -> None:
 
 
 @pytest.mark.parametrize("processes", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_numbers_are_those_of_one_process(
-    alone: tuple[Path, dict[str, bytes]], tmp_path: Path, processes: int
-) -> None:
+def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], tmp_path: Path, processes: int) -> None:
     same(trained(tmp_path, 3, processes=processes), alone[1])
     close(tmp_path, alone[0])
 
@@ -194,7 +192,13 @@ def exchange(crew: Crew) -> list[Any]:
     total = [torch.full((2, 2), float(crew.rank)), torch.ones(1)]
     crew.sum(total)
     narrow = np.zeros((2, crew.rank, 0), np.float32)
-    return [crew.gather(part), crew.gather(part[None], 1), total, crew.gather(narrow, 1), crew.gather_values(part[0].item())]
+    return [
+        crew.gather(part),
+        crew.gather(part[None], 1),
+        total,
+        crew.gather(narrow, 1),
+        crew.gather_values(part[0].item()),
+    ]
 
 
 def test_what_is_exchanged() -> None:
