@@ -89,6 +89,11 @@ class Trainer:
         """Of the learners."""
         return [learner.policy for learner in self.learners]
 
+    @property
+    def lane(self) -> Lane:
+        """The first one: in one process, and without halves, that of all worlds."""
+        return self.collector.lanes[0]
+
     def collect(self) -> Rollout:
         """Play on and keep the samples."""
         begun = self.steps // (self.worlds * self.env.num_agents)

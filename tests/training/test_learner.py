@@ -65,7 +65,7 @@ def parts_of(trainer: Trainer, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     parts: list[Any] = []
     inner = trainer.learners[0]._loss
     monkeypatch.setattr(
-        trainer.learners[0], "_loss", lambda samples, part: (parts.append(part), inner(samples, part))[1]
+        trainer.learners[0], "_loss", lambda samples, part, *more: (parts.append(part), inner(samples, part, *more))[1]
     )
     return parts
 

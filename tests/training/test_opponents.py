@@ -116,7 +116,7 @@ class Watched:
 
     def __init__(self, trainer: Trainer) -> None:
         self.rows: list[dict[str, Any]] = []
-        lane, inner = trainer.collector.lanes[0], trainer.collector.lanes[0].act
+        lane, inner = trainer.lane, trainer.lane.act
 
         def act(*given: Any) -> Any:
             clock = lane.env.worlds[Clock]
