@@ -35,16 +35,16 @@ class Rows:
         entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
             columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
         count: int64 (batch,), how many of the rows are each agent's.
-        known: The same on the CPU, which knows all sizes by it and waits for no GPU.
+        known: The same as an array, by which the CPU knows all sizes and waits for no GPU.
         room: How many pairs there is room for, or None. If not, there are rows and pairs of nobody behind all others,
             one of each at least, so that their numbers are multiples of FILL: a GPU meets the same shapes again.
     """
 
     def __init__(
-        self, own: Tensor, entities: Tensor, count: Tensor, known: Tensor | None = None, room: int | None = None
+        self, own: Tensor, entities: Tensor, count: Tensor, known: Array | None = None, room: int | None = None
     ) -> None:
         self.own, self.entities, self.count, self.room = own, entities, count, room
-        self.known = count if known is None else known
+        self.known = count.numpy() if known is None else known
 
     def __len__(self) -> int:
         return len(self.own)
@@ -86,7 +86,7 @@ class Rows:
 
     def select(self, index: Tensor) -> Rows:
         """Those of some agents, int64 (some,), on the CPU."""
-        known, there = self.known.index_select(0, index), moved(index, self.count.device)
+        known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
         size, last = int(known.sum()), len(self.entities) - 1
         if self.room is not None:
@@ -203,7 +203,7 @@ def concatenated(parts: Sequence[Observed]) -> Observed:
     if isinstance(first := parts[0], PaddedRows):
         return PaddedRows(torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)]), first.layout)
     rows = cast(Sequence[Rows], parts)
-    known = torch.cat([part.known for part in rows])
+    known = np.concatenate([part.known for part in rows])
     entities = torch.cat([part.entities[: int(part.known.sum())] for part in rows])
     own, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "count"))
     joined = Rows(own, entities, count, known)
