@@ -22,7 +22,7 @@ Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
 TIMEOUT = timedelta(minutes=30)  # that a process may be busy alone: compiling, writing files
 POLL, GRACE = 0.02, 5.0  # seconds between looks at processes that begin; that one which failed has to end
-BEGUN, WRONG = "begun {}", "wrong {}"  # what process number {} leaves in the store: that it is there, what failed
+JOINS, WRONG = "joins {}", "wrong {}"  # what process number {} leaves in the store: that it joins, what failed
 LOST = 75  # exit status of a process whose only fault is that it lost another one
 
 
@@ -132,6 +132,8 @@ class Member(Crew):
             if self._joined is None:
                 if self._others is not None:
                     self._others.wait()
+                else:
+                    self._store.set(JOINS.format(self.rank), "")
                 self._joined = _group(self._store, self.rank, self.size, self._host)
             begin(self._joined).wait()
         except RuntimeError as error:
@@ -143,7 +145,7 @@ class Others(Protocol):
     """Processes that the first one has started."""
 
     def wait(self) -> None:
-        """Until all have begun. Raises LostError if one ended instead."""
+        """Until all are about to join. Raises LostError if one ended instead."""
 
     def reason(self) -> str:
         """Why one of them ended; nothing if none did."""
@@ -167,8 +169,8 @@ class Children:
                 process.start()
 
     def wait(self) -> None:
-        """Until all have begun. Raises LostError if one ended instead."""
-        while not all(self.store.check([BEGUN.format(rank)]) for rank in range(1, self.size)):
+        """Until all are about to join. Raises LostError if one ended instead."""
+        while not all(self.store.check([JOINS.format(rank)]) for rank in range(1, self.size)):
             if any(not process.is_alive() for process in self.processes):
                 raise LostError(self.reason())
             time.sleep(POLL)
@@ -228,7 +230,6 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
         arguments: See `recruit`.
     """
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
-    store.set(BEGUN.format(rank), "")
     crew = Member(rank, size, host, store)
     try:
         work(crew, *arguments)

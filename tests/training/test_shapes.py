@@ -93,7 +93,7 @@ def test_a_run_with_filled_rows_gives_the_same_numbers(monkeypatch: pytest.Monke
 
 
 def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[Trainer, Any]) -> None:
-    """A minibatch and its gradients on PyTorch's device without numbers: asking for one fails there, and so does mixing."""
+    """A minibatch and its gradients on the device without numbers: asking for one fails there, and so does mixing."""
     one, rollout = played
     learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator())
     learner.policy.to(META)
