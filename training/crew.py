@@ -170,7 +170,7 @@ class Children:
 
     def wait(self) -> None:
         """Until all are about to join. Raises LostError if one ended instead."""
-        while not all(self.store.check([JOINS.format(rank)]) for rank in range(1, self.size)):
+        while not joined(self.store, self.size):
             if any(not process.is_alive() for process in self.processes):
                 raise LostError(self.reason())
             time.sleep(POLL)
@@ -208,6 +208,11 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
         return Crew()
     store = listening(HOST)
     return Member(0, size, HOST, store, Children(size, work, arguments, store))
+
+
+def joined(store: Any, size: int) -> bool:
+    """Whether all of so many processes but the first are about to join."""
+    return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
 
 
 def listening(host: str) -> Any:

@@ -65,7 +65,15 @@ class TrainingRun:
         now: What is being done, in a word or two.
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False, film: bool = False) -> None:
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: Path,
+        *,
+        resume: bool = False,
+        film: bool = False,
+        cluster: str | None = None,
+    ) -> None:
         """Make the worlds and networks, and write run.json.
 
         Args:
@@ -73,15 +81,27 @@ class TrainingRun:
             folder: Of the run; made if it is not there.
             resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
             film: Whether there is to be a short film of each checkpoint, beside it.
+            cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
+                None: all run on this machine.
 
         Raises:
+            ClusterError: There is no such cluster, or it is too small.
             TrainingError: The run cannot begin or go on there; nothing is written.
         """
         self.config, self.folder, self.film = config, folder, film
         files = self._find_checkpoint(resume)
         if files is not None:
             self._check_plan(checkpoint.header_of(files))
-        self.crew = recruit(config.processes, follow, config, files)
+        if cluster is None:
+            self.crew = recruit(config.processes, follow, config, files)
+        else:
+            try:
+                from .cluster import recruit_on_cluster  # here, as Ray takes seconds to load
+            except ModuleNotFoundError as error:
+                raise TrainingError("a Ray cluster needs Ray: pip install 'outlast[ray]'") from error
+            if config.processes == 1:
+                raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
+            self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():

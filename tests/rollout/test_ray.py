@@ -188,3 +188,69 @@ def test_the_command_prints_the_same_table(workers, capsys):
 def test_options_for_one_machine_are_refused(capsys, more):
     assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
     assert "leave them out with --ray" in capsys.readouterr().err
+
+
+# ---- training
+
+
+def tasks():
+    """What processes do that train together; functions that Ray sends to its workers, as these cannot import this file."""
+
+    def train(crew, config):
+        from outlast.training.trainer import Trainer
+
+        trainer = Trainer(config, crew=crew)
+        for _ in range(2):
+            trainer.update(trainer.collect())
+        return [parameter.detach() for parameter in trainer.policies[0].parameters()]
+
+    def fail(crew, *_):
+        raise RuntimeError("nothing ends here")
+
+    def leave(crew, *_):
+        import os
+
+        os._exit(1)
+
+    return train, fail, leave
+
+
+def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
+    import torch
+
+    from outlast.training.cluster import recruit_on_cluster
+    from outlast.training.config import TrainingConfig
+    from outlast.training.crew import Crew
+
+    train, _, _ = tasks()
+    config = TrainingConfig(short("teams_2"), "fast", worlds=7, rollout=7 * 16, settings={"batch_size": 64})
+    crew = recruit_on_cluster("", 3, train, config)
+    try:
+        found = train(crew, config)
+    finally:
+        crew.close()
+    for one, other in zip(found, train(Crew(), config), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("work", "message"),
+    [(1, "process . of 3: nothing ends here"), (2, r"process . of 3 was lost \(.*\); go on with --resume")],
+)
+def test_training_says_why_a_worker_ended(workers, work, message):
+    from outlast.training.cluster import recruit_on_cluster
+    from outlast.training.errors import TrainingError
+
+    crew = recruit_on_cluster("", 3, tasks()[work])
+    try:
+        with pytest.raises(TrainingError, match=message):
+            crew.gather_values(0)
+    finally:
+        crew.close()
+
+
+def test_training_needs_a_core_for_each_process(workers):
+    from outlast.training.cluster import recruit_on_cluster
+
+    with pytest.raises(ClusterError, match="the cluster has 2 cores: 4 processes need 3, and one here"):
+        recruit_on_cluster("", 4, tasks()[0])

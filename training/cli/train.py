@@ -72,6 +72,8 @@ def add(commands: Any) -> None:
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
     text = "that share the worlds; the numbers are the same, but for rounding (default 1)"
     command.add_argument("--processes", type=positive, default=1, metavar="N", help=text)
+    text = "run all of them but one on the Ray cluster at ADDRESS, or the one on this machine (default: none)"
+    command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
     text = "step half of the worlds while the networks are busy with the other half; a GPU always does"
     command.add_argument("--halves", action="store_true", help=text)
     command.add_argument(
@@ -113,7 +115,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     numbers["opponents"] = parse_mixture(options.opponents, (SELF, PAST, *NAMED))
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
     folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
-    training = TrainingRun(config, folder, resume=options.resume, film=options.film)
+    training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0
     view = LiveView(begun, config.steps, quiet=options.quiet)
 
@@ -150,6 +152,8 @@ class Job:
             options.opponents,
             *(f"--{name}" for name in (*FLAGS, "film") if getattr(options, name)),
         ]
+        if options.ray is not None:
+            self.words += ["--ray", *filter(None, [options.ray])]
         for name in REPEATED:
             self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
         if options.resume and self.folder.exists():  # one that had not begun begins
