@@ -1,11 +1,15 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
+import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from outlast.envs.rollout.policies import POLICIES as NAMED
+from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
+from .annealing import Anneal
 from .errors import TrainingError
 from .hyperparameters import Hyperparameters
 from .presets import DEAD, preset
@@ -13,6 +17,36 @@ from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
 SELF, PAST = "self", "past"  # opponents that only training has
+TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
+IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
+
+
+def parse_warm_start(text: str) -> tuple[str, int]:
+    """What policies are before PPO begins.
+
+    Args:
+        text: "scripted" or "scripted:2e6": what has learned to do as that policy does, in so many agent-steps.
+            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random.
+
+    Returns:
+        The name or the path, and agent-steps of imitation; 0: its weights are taken.
+
+    Raises:
+        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
+    """
+    name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
+    if text and name not in TEACHERS and not name.endswith(SAVED):
+        known = ", ".join(TEACHERS)
+        raise TrainingError(f"warm start {text}: {known} or a checkpoint, FILE{SAVED}, is needed, perhaps with :STEPS")
+    try:
+        steps = float(length or (IMITATED if name in TEACHERS else 0))
+    except ValueError:
+        steps = math.nan
+    if steps % 1 != 0 or (length and steps < 1):
+        raise TrainingError(
+            f"warm start {text}: a whole number of agent-steps of at least 1 is needed, as in {name}:2e6"
+        )
+    return name, int(steps)
 
 
 @dataclass(frozen=True)
@@ -36,6 +70,8 @@ class TrainingConfig:
             training, or the path of a saved one.
         prioritised: Whether opponents are drawn the more often, the more they win.
         snapshots: Updates between past selves.
+        warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
+        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
     """
 
     scenario: Scenario
@@ -53,6 +89,8 @@ class TrainingConfig:
     opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
     prioritised: bool = False
     snapshots: int = 10
+    warm_start: str = ""
+    anneal: tuple[Anneal, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -63,7 +101,10 @@ class TrainingConfig:
         """
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
-        self.numbers, self.size  # noqa: B018  # they raise
+        self.numbers, self.size, self.teacher  # noqa: B018  # they raise
+        for each in self.anneal:
+            each.check(self.scenario)
+        object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""
@@ -71,6 +112,10 @@ class TrainingConfig:
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every")}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
+        kept["anneal"] = ",".join(map(str, self.anneal))
+        for name in ("warm_start", "anneal"):  # runs of before have neither
+            if not kept[name]:
+                del kept[name]
         if not self.numbers.anneal:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}
@@ -79,6 +124,11 @@ class TrainingConfig:
     def numbers(self) -> Hyperparameters:
         """Of PPO. Raises TrainingError if one is out of range."""
         return replace(preset(self.preset).numbers, **self.settings)
+
+    @property
+    def teacher(self) -> tuple[str, int]:
+        """Who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
+        return parse_warm_start(self.warm_start)
 
     @property
     def size(self) -> tuple[int, int]:

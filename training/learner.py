@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from .hyperparameters import Hyperparameters
-from .loss import Loss, normalised, ppo_loss
+from .loss import Loss, imitation_loss, normalised, ppo_loss
 from .policy import ActorCritic
 from .rollout import Rollout
 
@@ -111,6 +111,15 @@ class Learner:
         total.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
         self.optimizer.step()
+
+
+class Imitator(Learner):
+    """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
+
+    def _loss(self, samples: "Samples", part: Tensor) -> Loss:
+        actions, _, _, returns = samples.select(part)
+        logs, values, _ = self.policy(samples.seen.select(part))
+        return imitation_loss(logs, values, actions=actions, returns=returns, numbers=self.numbers)
 
 
 class Samples:

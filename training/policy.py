@@ -96,6 +96,18 @@ class ActorCritic(nn.Module):
             return logs.argmax(2)
         return self.choices.draw(logs, torch.rand((*logs.shape[:2], 1), generator=generator))
 
+    def take(self, other: "ActorCritic") -> None:
+        """Become the same function of observations as a policy whose inputs may be scaled otherwise.
+
+        Raises RuntimeError, as load_state_dict does, if its networks are others.
+        """
+        self.load_state_dict(other.state_dict())
+        with torch.no_grad():
+            for one, two in zip(self.extractors, other.extractors, strict=True):
+                own, its = cast(Extractor, one), cast(Extractor, two)
+                own.own.weight.mul_(its.own_scale / own.own_scale)
+                own.weight.mul_(its.scale / own.scale)
+
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""
         for extractor in self.extractors:
