@@ -65,7 +65,7 @@ class ClusterError(OutlastError, RuntimeError):
 
 
 class PlayError(OutlastError, RuntimeError):
-    """A game that cannot begin: no such agent, no port, or no library to serve it with."""
+    """A game or another live page that cannot begin: no such agent, no port, or no library to serve it with."""
 
 
 class MessageError(OutlastError, ValueError):

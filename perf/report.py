@@ -1,4 +1,4 @@
-"""The tables and the plot of docs/performance.md, and README's table, from the results of a machine.
+"""The tables and the plot of docs/performance.md, and the tables of docs/training.md and README, from the results of a machine.
 
     python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
 
@@ -15,7 +15,7 @@ from pathlib import Path
 from perf.table import FOLDER, about, has, read
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = (ROOT / "docs" / "performance.md", ROOT / "README.md")
+DOCUMENTS = (ROOT / "docs" / "performance.md", ROOT / "docs" / "training.md", ROOT / "README.md")
 TABLE = re.compile(
     r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
 )

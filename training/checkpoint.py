@@ -107,9 +107,14 @@ def check_state(given: Any, like: Any, name: str) -> None:
             check_state(given[key], value, f"{name} {key}")
 
 
+def checkpoints(folder: Path) -> list[Path]:
+    """The checkpoints in the folder of a run, by their steps."""
+    return sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
+
+
 def newest(folder: Path) -> Path:
     """The checkpoint with the most steps in the folder of a run."""
-    found = sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
+    found = checkpoints(folder)
     if not found:
         raise TrainingError(f"there is nothing to resume in {folder}")
     return found[-1]

@@ -17,6 +17,7 @@ from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
 SELF, PAST = "self", "past"  # opponents that only training has
+SNAPSHOTS = 10  # updates between past selves
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
@@ -88,7 +89,7 @@ class TrainingConfig:
     policies: str = "shared"
     opponents: dict[str, float] = field(default_factory=lambda: {SELF: 1.0})
     prioritised: bool = False
-    snapshots: int = 10
+    snapshots: int = SNAPSHOTS
     warm_start: str = ""
     anneal: tuple[Anneal, ...] = ()
 
@@ -101,7 +102,13 @@ class TrainingConfig:
         """
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
-        self.numbers, self.size, self.teacher  # noqa: B018  # they raise
+        if self.policies not in POLICIES:
+            raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
+        if self.prioritised and self.opponents.keys() <= {SELF}:
+            raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
+        if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
+            raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
+        _ = self.numbers, self.size, self.teacher  # they raise
         for each in self.anneal:
             each.check(self.scenario)
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))

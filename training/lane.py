@@ -149,7 +149,7 @@ class Lane:
             else:
                 part = seen if some is not where else seen.select(torch.from_numpy(where))
             logs, values = self._run(policy, part, some)
-            chosen = policy.choices.draw(logs, torch.from_numpy(uniform[some, :, None]).to(self.device))
+            chosen = policy.choices.draw(logs, torch.from_numpy(uniform[some]).to(self.device))
             samples.actions[t, some] = chosen.cpu()
             if not index:
                 samples.values[t, some] = values.cpu()

@@ -117,9 +117,13 @@ class Imitator(Learner):
     """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
 
     def _loss(self, samples: "Samples", part: Tensor) -> Loss:
+        choices = self.policy.choices
         actions, _, _, returns = samples.select(part)
         logs, values, _ = self.policy(samples.seen.select(part))
-        return imitation_loss(logs, values, actions=actions, returns=returns, numbers=self.numbers)
+        with torch.no_grad():
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != actions).float().mean(1)
+        chosen = choices.of(actions, logs)
+        return imitation_loss(chosen, values, entropy, differs, returns=returns, numbers=self.numbers)
 
 
 class Samples:

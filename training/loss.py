@@ -94,22 +94,18 @@ def ppo_loss(
 def imitation_loss(logs: Tensor, values: Tensor, *, actions: Tensor, returns: Tensor, numbers: Hyperparameters) -> Loss:
     """The loss of a minibatch where a policy learns to do as a teacher does: cross-entropy, and that of its values.
 
-    The divergence is of the policy from the teacher, the share that is clipped that of actions that the policy is less
-    likely to take than another.
+    All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
 
     Args:
-        logs: float32 (batch, actions, values), log probabilities under the present policy.
-        values: float32 (batch,), of what was observed, at present.
-        actions: int64 (batch, actions), the teacher's.
-        returns: float32 (batch,), what values are to become.
+        log_probs: Of the teacher's joint actions, under the present policy.
+        values: Of what was observed, at present.
+        entropy: Of the present policy.
+        differs: Share of a joint action's parts of which another value is the likeliest; it takes the place of clipped.
+        returns: What values are to become.
         numbers: Of PPO; only vf_coef matters.
     """
-    policy = -logs.gather(2, actions[:, :, None]).sum((1, 2)).mean()
-    value = (returns - values).square().mean()
-    with torch.no_grad():
-        entropy = -(logs.exp() * logs).sum((1, 2)).mean()
-        differs = (logs.argmax(2) != actions).to(logs.dtype).mean()
-    return Loss(policy + numbers.vf_coef * value, policy, value, entropy, policy, differs)
+    policy, value = -log_probs.mean(), (returns - values).square().mean()
+    return Loss(policy + numbers.vf_coef * value, policy, value, entropy.mean(), policy, differs.mean())
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:

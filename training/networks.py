@@ -1,7 +1,8 @@
 """The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
 Attention is computed as the average of its output is needed: linear maps of the rows are moved behind the average, and
-only what is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average.
+only what is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. What
+attends to hidden rows, too, is in leaky.py.
 """
 
 import math
@@ -11,33 +12,31 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from . import leaky
 from .observation_layout import ObservationLayout
 from .presets import Preset
-from .rows import Observed, PaddedRows, Rows
+from .rows import Observed, Rows
 
-ACTIVATIONS = {"tanh": torch.tanh, "relu": torch.relu}
+ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
 GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
     """What agents observe to features (batch, 2 * width): half of the agent's own numbers, half of entities."""
 
-    kind: Tensor
-    cells: Tensor
     own_scale: Tensor
     scale: Tensor
 
     def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
         super().__init__()
+        if preset.leaky and not (preset.padded and preset.activation == "tanh"):
+            raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as leaky.attend does")
         self.layout, self.preset, width = layout, preset, preset.width
         self.own = nn.Linear(layout.own, width)
         widths = [kind.features for kind in layout.kinds]
         self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
         self.bias = nn.Parameter(torch.zeros(len(widths), width))
         self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True)  # its parameters only
-        kinds = layout.kind_of_row() + [len(widths)] * preset.padded
-        self._constant("kind", torch.tensor(kinds))
-        self._constant("cells", torch.tensor(layout.cells()))
         self._constant("own_scale", torch.ones(layout.own))
         self._constant("scale", torch.ones(sum(widths), 1))
         self.set_scales(scales)
@@ -53,7 +52,10 @@ class Extractor(nn.Module):
     def forward(self, seen: Observed) -> Tensor:
         """What a batch of agents observes to features, float32 (batch, 2 * width)."""
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
-        entities = self._attend_seen(seen) if isinstance(seen, Rows) else self._attend_all(seen)
+        if isinstance(seen, Rows):
+            entities = self._attend_seen(seen)
+        else:
+            entities = leaky.attend(seen, self.weight * self.scale, self.bias, self.attention)
         return torch.cat([self._active(own), entities], 1)
 
     def _attend_seen(self, seen: Rows) -> Tensor:
@@ -67,69 +69,20 @@ class Extractor(nn.Module):
         query = torch.arange(rows, device=each.device).repeat_interleave(each)
         shift = seen.start.index_select(0, seen.agent) - (each.cumsum(0) - each)
         key = torch.arange(len(query), device=each.device) + shift.index_select(0, query)
-        queries, keys, values = functional.linear(embedded, self.attention.in_proj_weight).chunk(3, 1)
-        query_bias, _, value_bias = self.attention.in_proj_bias.chunk(3)  # the key's moves no weight
-        queries = (queries + query_bias) * (width // heads) ** -0.5
+        into = self.attention
+        queries, keys, values = functional.linear(embedded, into.in_proj_weight, into.in_proj_bias).chunk(3, 1)
         logits = queries.index_select(0, query) * keys.index_select(0, key)
-        logits = logits.view(len(query), heads, width // heads).sum(2)
+        logits = logits.view(len(query), heads, width // heads).sum(2) * (width // heads) ** -0.5
         with torch.no_grad():  # so that exp cannot overflow
             highest = torch.segment_reduce(logits, "max", lengths=each, unsafe=True)
         weights = (logits - highest.index_select(0, query)).exp()
         total = weights.new_zeros(rows, heads).index_add(0, query, weights)
         weights = weights / total.index_select(0, query)
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
-        values = (values.view(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
+        values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         mean = values.new_zeros(batch, width).index_add(0, seen.agent, values) / seen.count.clamp(min=1)[:, None]
         out = self.attention.out_proj
-        bias: Tensor = out.bias + out.weight @ value_bias
-        return functional.linear(mean, out.weight) + (seen.count > 0)[:, None] * bias
-
-    def _attend_all(self, padded: PaddedRows) -> Tensor:
-        """The leaky form: what is seen attends to every row, and the sum is divided by their number: (batch, width)."""
-        rows, seen = padded.rows, padded.seen
-        if self.preset.padded:
-            rows, seen = functional.pad(rows, (0, 0, 0, 1)), functional.pad(seen, (0, 1), value=1.0)
-        if not seen.shape[1]:  # a world of one agent and no items
-            return seen.new_zeros(len(seen), self.preset.width)
-        valid, where = seen.topk(max(1, int(seen.sum(1).max())), 1)
-        rows = self._embed_all(rows)
-        return self._attend(_chosen(rows, where), valid, rows, 1 - seen) / seen.shape[1]
-
-    def _embed_all(self, rows: Tensor) -> Tensor:
-        """Every row (batch, rows, features) through the layer of its kind: a matrix for each row."""
-        matrices = self._matrices().index_select(0, self.kind)
-        biases = self._biases().index_select(0, self.kind)[:, None]
-        return self._active(torch.baddbmm(biases, rows.transpose(0, 1), matrices)).transpose(0, 1)
-
-    def _matrices(self) -> Tensor:
-        """The weights of each kind, (kinds + 1, features, width); those of features that it has not are arbitrary."""
-        return (self.weight * self.scale).index_select(0, self.cells).view(len(self.bias) + 1, -1, self.preset.width)
-
-    def _biases(self) -> Tensor:
-        """The biases of each kind, (kinds + 1, width); the last kind is the padding entity's, which has none."""
-        return functional.pad(self.bias, (0, 0, 0, 1))
-
-    def _attend(self, queries: Tensor, valid: Tensor, rows: Tensor, bias: Tensor) -> Tensor:
-        """The sum of the outputs of attention over valid queries: (batch, width).
-
-        queries (batch, count, width), valid (batch, count), rows (batch, rows, width), bias (batch, rows) on logits.
-        """
-        batch, width, heads = len(rows), rows.shape[2], self.preset.heads
-        query, key, value = self.attention.in_proj_weight.view(3, heads, -1, width)
-        query_bias, _, value_bias = self.attention.in_proj_bias.view(3, heads, -1)  # the key's moves no weight
-        query, query_bias = query * (width // heads) ** -0.5, query_bias * (width // heads) ** -0.5
-        folded = torch.bmm(key.transpose(1, 2), query).view(heads * width, width)
-        folded_bias = torch.bmm(query_bias[:, None], key).view(heads * width)
-        wanted = functional.linear(queries, folded, folded_bias).view(batch, -1, width)
-        weights = torch.baddbmm(bias[:, None], wanted, rows.transpose(1, 2)).softmax(
-            2
-        )  # (batch, queries * heads, rows)
-        weights = torch.bmm(valid[:, None], weights.view(batch, valid.shape[1], -1)).view(batch, heads, -1)
-        mixed = torch.bmm(torch.bmm(weights, rows).transpose(0, 1), value.transpose(1, 2))  # (heads, batch, each)
-        count = valid.sum(1, keepdim=True)
-        values = mixed.transpose(0, 1).reshape(batch, width) + count * value_bias.reshape(width)
-        out = self.attention.out_proj
-        return functional.linear(values, out.weight) + count * out.bias
+        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
 
     def _active(self, values: Tensor) -> Tensor:
         return ACTIVATIONS[self.preset.activation](values)
@@ -170,11 +123,6 @@ class Tower(nn.Module):
     def behind_first(self, first: Tensor) -> Tensor:
         """From the output of the first layer to before the last: (batch, hidden)."""
         return self.activation(self.second(first))
-
-
-def _chosen(rows: Tensor, where: Tensor) -> Tensor:
-    """Rows (batch, rows, width) of these numbers (batch, some): (batch, some, width)."""
-    return rows.gather(1, where[:, :, None].expand(-1, -1, rows.shape[2]))
 
 
 def orthogonal(weight: Tensor, gain: float) -> Tensor:

@@ -21,7 +21,7 @@ from .rows import Packer
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
 NAMES = (SELF, PAST, *POLICIES)
-SNAPSHOTS = 5  # past selves that are drawn from: evenly spaced over the run
+PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
 START = 1000.0  # of ratings, as in evaluation.ratings
 STEP = 4.0  # Elo points of a game that was won although it should have been drawn, twice that
 SCALE = 400.0  # Elo points of odds of ten to one
@@ -142,7 +142,7 @@ class Opponents:
             return
         past = Opponent(f"{PAST}@{steps}", 0.0, [frozen(policy) for policy in policies], rating=self.all[0].rating)
         self.past.append(self._add(past))
-        if len(self.past) > SNAPSHOTS:
+        if len(self.past) > PAST_SELVES:
             at = [int(self.all[k].name.partition("@")[2]) for k in self.past]
             gaps = [at[k + 1] - at[k - 1] for k in range(1, len(at) - 1)]
             del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly

@@ -17,44 +17,54 @@ GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baseline
 
 
 class MultiCategorical(nn.Module):
-    """Independent categorical distributions, given the logits of all of them in one row."""
+    """Independent categorical distributions, given the logits of all of them in one row.
+
+    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Actions with fewer values than others are filled up with values of probability 0.
+    """
 
     where: Tensor
     never: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
-        """sizes: how many values each action has. Shorter ones are filled up with values of probability 0."""
+        """sizes: how many values each action has."""
         super().__init__()
         self.count, longest, start = len(sizes), max(sizes), 0
-        where = torch.zeros(self.count, longest, dtype=torch.long)
-        never = torch.full((self.count, longest), NEVER)
+        where = torch.zeros(longest, self.count, dtype=torch.long)
+        never = torch.full((longest, self.count), NEVER)
         for k, size in enumerate(sizes):
-            where[k, :size] = torch.arange(start, start + size)
-            never[k, :size] = 0
+            where[:size, k] = torch.arange(start, start + size)
+            never[:size, k] = 0
             start += size
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """(batch, actions, values) of all values, given the features that the head makes logits of."""
+        """(values, actions, batch) of all values, given the features that the head makes logits of."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
-        return functional.linear(features, weight, bias).view(len(features), self.count, -1).log_softmax(2)
+        logits = torch.addmm(bias[:, None], weight, features.T)
+        return logits.view(-1, self.count, len(features)).log_softmax(0)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
         """The log probabilities of joint actions (batch, actions): (batch,)."""
-        return logs.gather(2, actions[:, :, None]).sum((1, 2))
+        return logs.gather(0, actions.T[None]).sum((0, 1))
 
     @staticmethod
     def entropy(logs: Tensor) -> Tensor:
         """(batch,), of the joint actions."""
-        return -(logs.exp() * logs).sum((1, 2))
+        return -(logs.exp() * logs).sum((0, 1))
+
+    @staticmethod
+    def likeliest(logs: Tensor) -> Tensor:
+        """Joint actions, int64 (batch, actions)."""
+        return logs.argmax(0).T
 
     @staticmethod
     def draw(logs: Tensor, uniform: Tensor) -> Tensor:
-        """Sampled joint actions (batch, actions), int64, from one uniform number for each: (batch, actions, 1)."""
-        below = logs.exp().cumsum(2)[:, :, :-1]  # without the last, which rounding may leave below 1
-        return (uniform >= below).sum(2)
+        """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
+        below = logs.exp().cumsum(0)[:-1]  # without the last, which rounding may leave below 1
+        return (below <= uniform.T).sum(0).T
 
 
 class ActorCritic(nn.Module):
@@ -80,7 +90,7 @@ class ActorCritic(nn.Module):
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Log probabilities of all values of all actions (batch, actions, values), and values (batch,)."""
+        """Log probabilities of all values of all actions (values, actions, batch), and values (batch,)."""
         features = [extractor(seen) for extractor in self.extractors]
         if len(features) == 2:
             return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten(), None
@@ -93,8 +103,8 @@ class ActorCritic(nn.Module):
         """Actions alone: sampled, or without a generator the likeliest."""
         logs = self._logs(self.actor.inner(self.extractors[0](seen)))
         if generator is None:
-            return logs.argmax(2)
-        return self.choices.draw(logs, torch.rand((*logs.shape[:2], 1), generator=generator))
+            return self.choices.likeliest(logs)
+        return self.choices.draw(logs, torch.rand((len(seen), self.choices.count), generator=generator))
 
     def take(self, other: "ActorCritic") -> None:
         """Become the same function of observations as a policy whose inputs may be scaled otherwise.

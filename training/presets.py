@@ -15,7 +15,13 @@ DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Colle
 
 PAPER_NUMBERS = Hyperparameters()
 FAST = Hyperparameters(
-    learning_rate=1.5e-3, anneal=True, batch_size=2048, n_epochs=2, target_kl=0.0, scale_rewards=True
+    learning_rate=1.5e-3,
+    anneal=True,
+    batch_size=2048,
+    n_epochs=2,
+    ent_coef=5e-3,  # without it some runs stop exploring before they have found what heals are for
+    target_kl=0.0,
+    scale_rewards=True,
 )
 
 

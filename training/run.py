@@ -14,13 +14,13 @@ from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 from . import checkpoint, run_header
 from .config import TrainingConfig
 from .errors import TrainingError
+from .film import film_checkpoint
 from .logs import RunLog
 from .presets import preset
 from .resume import capture, restore
 from .trainer import Trainer
 
 THREADS = 4  # more do not pay for networks this small
-SHOWN = {"rollout/steps": "length", "rollout/reward0": "return", "train/epochs": "epochs"}
 Progress = Callable[["TrainingRun"], None]
 
 
@@ -32,21 +32,23 @@ class TrainingRun:
     Attributes:
         done: Agent-steps in updates that are complete.
         saved: Agent-steps in the newest checkpoint.
-        shown: A few of the numbers that were logged last, for a progress bar.
+        tags: The numbers that were logged last.
+        now: What is being done, in a word or two.
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, *, resume: bool = False, film: bool = False) -> None:
         """Make the worlds and networks, and write run.json.
 
         Args:
             config: What to train, and how.
             folder: Of the run; made if it is not there.
             resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
+            film: Whether there is to be a short film of each checkpoint, beside it.
 
         Raises:
             TrainingError: The run cannot begin or go on there; nothing is written.
         """
-        self.config, self.folder = config, folder
+        self.config, self.folder, self.film = config, folder, film
         files = self._find_checkpoint(resume)
         threads = config.threads or min(THREADS, torch.get_num_threads())
         torch.set_num_threads(threads)
@@ -61,7 +63,8 @@ class TrainingRun:
             self._prepare()
             self.log = RunLog(folder, self.trainer.steps)
         self.saved = self.done = self.trainer.steps
-        self.shown: dict[str, str] = {}
+        self.tags: dict[str, float] = {}
+        self.now = "collecting"
 
     def train(self, progress: Progress = lambda run: None) -> None:
         """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
@@ -79,10 +82,14 @@ class TrainingRun:
             kept = self._capture() if not self.saved else None
             while self.trainer.steps < self.config.steps:
                 self._iterate(progress)
-                self.done, self.shown["now"] = self.trainer.steps, "collecting"
+                self.done, self.now = self.trainer.steps, "collecting"
                 kept = self._capture()
-                if self.trainer.steps // self.config.every > self.saved // self.config.every:
+                last = self.done >= self.config.steps
+                if last or self.done // self.config.every > self.saved // self.config.every:
                     self._save(kept)
+                    if self.film:
+                        newest = self.folder / checkpoint.NAME.format(self.saved)
+                        film_checkpoint(newest, self.folder, self.config.scenario)
                 progress(self)
         finally:
             with self._disk_errors():
@@ -96,8 +103,7 @@ class TrainingRun:
         """Imitate, and save. One that is interrupted begins again with the run."""
 
         def on_rollout(done: int, tags: dict[str, float]) -> None:
-            self.shown["now"] = f"imitated {done / 1e6:.2f} M agent-steps"
-            self._show(tags)
+            self.now, self.tags = f"imitated {done / 1e6:.1f} M agent-steps", tags
             progress(self)
 
         start = time.perf_counter()
@@ -107,14 +113,11 @@ class TrainingRun:
             with self._disk_errors():  # after the checkpoint, so that no log has it twice
                 self.log.write(tags | {"imitation/seconds": time.perf_counter() - start}, 0)
 
-    def _show(self, tags: dict[str, float]) -> None:
-        self.shown |= {name: f"{tags[tag]:.1f}" for tag, name in SHOWN.items() if tag in tags}
-
     def _iterate(self, progress: Progress) -> None:
         """Collect a rollout, update from it, and log both."""
 
         def on_epoch(epoch: int) -> None:
-            self.shown["now"] = f"epoch {epoch}"
+            self.now = f"epoch {epoch}"
             progress(self)
 
         trainer, times = self.trainer, [time.perf_counter()]
@@ -130,7 +133,7 @@ class TrainingRun:
             "time/collected_per_second": samples / collecting,
             "time/updated_per_second": samples * tags.get("train/epochs", 0) / updating,
         }
-        self._show(tags)
+        self.tags = tags
         with self._disk_errors():
             self.log.write(tags, trainer.steps)
 

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import math
+import re
 from typing import Any
 
 from sources import code, comments, grid, summary
@@ -14,6 +15,8 @@ from outlast.ecs import Action, Component, Event, Module, Observation, Statistic
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
+from outlast.training.hyperparameters import RANGES, Hyperparameters
+from outlast.training.presets import PRESETS
 
 FULL = "teams_4"  # the variant with every mechanic of the paper, whose numbers {value} knows
 
@@ -63,6 +66,18 @@ def _numbers(kind: type[Module]) -> str:
         rows.append([code(key), shown(item.default), runs, limits(item.metadata), notes.get(item.name, "")])
     table = grid(["number", "default", "in the variants", "allowed", "note"], rows) if rows else ""
     return f"### {kind.__name__}\n\n{summary(kind)}\n\n{table}"
+
+
+def ppo() -> str:
+    """The numbers of PPO: what the paper's runs and preset fast have, what may be asked for, and their meaning."""
+    described = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", inspect.getdoc(Hyperparameters) or "", re.MULTILINE)
+    notes, paper, fast = dict(described), Hyperparameters(), PRESETS["fast"].numbers
+    rows = []
+    for item in dataclasses.fields(Hyperparameters):
+        allowed = f"a number {RANGES[item.name][0]}" if item.name in RANGES else "true, false"
+        values = [shown(getattr(own, item.name)) for own in (paper, fast)]
+        rows.append([code(item.name), *values, allowed, " ".join(notes[item.name].split())])
+    return grid(["number", "original, paper, scaled", "fast", "allowed", "is"], rows)
 
 
 def views() -> str:

@@ -28,6 +28,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.variants,
         catalogue.ablations,
         catalogue.numbers,
+        catalogue.ppo,
         catalogue.actions,
         catalogue.observations,
         catalogue.fields,

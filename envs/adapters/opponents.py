@@ -50,7 +50,8 @@ class Opponents:
             self.agent_indices = slice(1, None) if learner == 0 else slice(0, learner)
         self.shape = (base_env.num_worlds, len(ids), len(base_env.action_sizes))
         words = "others: the actions that {0} returned", "(worlds, agents but the learner, actions)"
-        self._policy = told(Mixture(checked_others(others), base_env, ids, (), *words), base_env)
+        mixture = Mixture(checked_others(others), base_env, ids, (), *words)
+        self._policy = mixture if mixture.forgetful else told(mixture, base_env)
 
     def actions(self) -> Array:
         """Their actions in the worlds as they are now, (worlds, agents - 1, actions). Raises ActionError.

@@ -4,10 +4,13 @@ import argparse
 import contextlib
 import logging
 import os
+import threading
+import webbrowser
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
+from tqdm import tqdm
 
 from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
@@ -36,13 +39,13 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
 
 
 def add_policy(command: argparse.ArgumentParser, default: str) -> None:
-    """--policy; `scenario_and_policies` reads it."""
+    """--policy; `scenario_and_policy` reads it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
     command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
 def add_others(command: argparse.ArgumentParser, default: str | None, text: str) -> None:
-    """--others, weights by name or path; `scenario_and_policies` reads them. text: what they do."""
+    """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
     text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
     given = None if default is None else {default: 1.0}
     command.add_argument(
@@ -60,6 +63,20 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
     """An option for an integer. default: the number, or words for what it is without the option."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
+
+
+def add_page(command: argparse.ArgumentParser) -> None:
+    """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
+    text = "port of 127.0.0.1 (default: 0, one that is free)"
+    command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
+    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
+
+
+def announce(options: argparse.Namespace, text: str, address: str) -> None:
+    """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
+    print(text, flush=True)
+    if not options.no_browser:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
 
 
 def add_common(command: argparse.ArgumentParser, *options: str) -> None:
@@ -133,7 +150,7 @@ def load_policies(names: Sequence[str], asked: Scenario, seed: int) -> tuple[Sce
 @contextlib.contextmanager
 def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") -> Iterator[None]:
     """Meanwhile show on stderr what the logger of that name and those below it get, except for deaths below it."""
-    logger, handler = logging.getLogger(name), logging.StreamHandler()
+    logger, handler = logging.getLogger(name), _BesideBars()
     level = logger.level
     handler.setFormatter(logging.Formatter(form))
     handler.addFilter(lambda record: record.name == name or record.name != "outlast.deaths")
@@ -146,6 +163,15 @@ def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") ->
         logger.setLevel(level)
 
 
+class _BesideBars(logging.StreamHandler[TextIO]):
+    """Writes messages above progress bars, which would else be written over."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a message."""
+        with tqdm.external_write_mode(file=self.stream):
+            super().emit(record)
+
+
 def printable(path: str) -> str:
     """The path, escaped where it is no UTF-8, which standard output may refuse."""
     return os.fsencode(path).decode(errors="backslashreplace")
@@ -154,6 +180,13 @@ def printable(path: str) -> str:
 def positive(text: str) -> int:
     """An integer of at least 1."""
     return _integer(text, 1)
+
+
+def port(text: str) -> int:
+    """A port, or 0."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
+    return int(text)
 
 
 def nonnegative(text: str) -> int:

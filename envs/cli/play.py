@@ -4,12 +4,20 @@ import argparse
 import asyncio
 import contextlib
 import sys
-import threading
-import webbrowser
 from typing import Any
 
 from ..errors import PlayError
-from .options import add_common, add_number, add_others, add_scenario, add_seed, load_policies, scenario
+from .options import (
+    add_common,
+    add_number,
+    add_others,
+    add_page,
+    add_scenario,
+    add_seed,
+    announce,
+    load_policies,
+    scenario,
+)
 
 FASTEST = 1000  # ticks a second
 
@@ -22,10 +30,8 @@ def add(commands: Any) -> None:
     add_others(command, "scripted", "whom you play against")
     add_seed(command)
     command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
-    text = "port of 127.0.0.1 (default: 0, one that is free)"
-    command.add_argument("--port", type=_port, default=0, metavar="PORT", help=text)
+    add_page(command)
     add_common(command, "--record")
-    command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
     command.set_defaults(run=run)
 
 
@@ -42,11 +48,8 @@ def run(options: argparse.Namespace) -> int:
     game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
 
     def opened(address: str) -> None:
-        print(f"{options.variant}: you are agent {options.agent} at {address}\nCtrl-C ends the game.", flush=True)
-        if not options.no_browser:
-            threading.Thread(
-                target=webbrowser.open, args=(address,), daemon=True
-            ).start()  # some wait for their browser
+        text = f"{options.variant}: you are agent {options.agent} at {address}\nCtrl-C ends the game."
+        announce(options, text, address)
 
     with contextlib.closing(game), contextlib.suppress(KeyboardInterrupt):
         asyncio.run(play(game, options.fps or 1 / game.world["seconds"], options.port, opened))
@@ -62,9 +65,3 @@ def _rate(text: str) -> float:
     if not 0 < value <= FASTEST:
         raise argparse.ArgumentTypeError(f"{text}: a number above 0, up to {FASTEST}, is needed")
     return value
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
-    return int(text)

@@ -20,24 +20,25 @@ class Begins:
     """
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
-        self._clock, self._set = env.worlds[Clock], env._tracker.set_states
-        self._seen: list[Array] = []
+        self._tick, self._set = env.worlds[Clock].tick[:, 0], env._tracker.set_states
+        self._seen = self._set - 1
 
     def look(self) -> Array:
         """Where that happened since the last look, bool (worlds,); at the first one, everywhere."""
-        clock = self._clock
-        keys = [column.copy() for column in (clock.seed[:, 0], clock.world[:, 0], clock.episode[:, 0], self._set)]
-        begins: Array = clock.tick[:, 0] == 0  # also where the same episode begins again
-        for key, seen in zip(keys, self._seen or [~key for key in keys], strict=True):
-            begins |= key != seen
-        self._seen = keys
+        begins: Array = (self._tick == 0) | (self._set != self._seen)
+        self._seen[:] = self._set
         return begins
 
 
-def tell(policy: Policy, where: Array) -> None:
-    """Tell a policy that has a memory, and so a method `reset`, in which worlds episodes begin, bool (worlds,)."""
-    if where.any() and callable(reset := getattr(policy, "reset", None)):
-        reset(where)
+def has_memory(policy: Policy) -> bool:
+    """Whether it has a method `reset`."""
+    return callable(getattr(policy, "reset", None))
+
+
+def tell(policy: Any, where: Array) -> None:
+    """Tell a policy, if it has a memory, in which worlds episodes begin, bool (worlds,)."""
+    if has_memory(policy) and where.any():
+        policy.reset(where)
 
 
 def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
@@ -49,7 +50,7 @@ def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
             last. It gets these worlds, bool (worlds,); before the first call of all, all worlds.
         env: The worlds. The result is to be called once before each of their steps.
     """
-    if not callable(getattr(policy, "reset", None)):
+    if not has_memory(policy):
         return policy
     begins = Begins(env)
 

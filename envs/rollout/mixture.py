@@ -13,7 +13,7 @@ from outlast.ecs import Clock, Worlds
 from ..core.validation import checked_actions
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
-from .memory import tell
+from .memory import has_memory, tell
 from .policies import POLICIES, Policy, hashed, others_policy
 from .saved import SAVED, load_saved
 
@@ -133,7 +133,8 @@ class Mixture:
         given, self._weights = zip(*entries, strict=True)
         self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
         self._policies = [self._playing(policy, k, env, agents) for k, policy in enumerate(given)]
-        self._env, self._shape, self._what, self._axes = env, (env.num_worlds, len(agents)), what, axes
+        self._whats, self._axes = [what.format(name) for name in self.names], axes
+        self._env, self._shape = env, (env.num_worlds, len(agents), len(env.action_sizes))
         self.drawn = np.zeros(env.num_worlds, int)
 
     @staticmethod
@@ -145,6 +146,11 @@ class Mixture:
             check(env)
         return policy
 
+    @property
+    def forgetful(self) -> bool:
+        """Whether nothing is drawn and no policy has a memory, so that it need not be told of episodes."""
+        return len(self.names) == 1 and not has_memory(self._policies[0])
+
     def reset(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
         self.drawn[where] = draw(self._weights, *key_of(self._env.worlds, where))
@@ -153,17 +159,17 @@ class Mixture:
 
     def __call__(self, observations: Arrays) -> Actions:
         """The actions, integers (worlds, agents, actions). Raises ActionError."""
-        sizes = self._env.action_sizes
-        shape = *self._shape, len(sizes)
-        joint = np.empty(shape, np.int64)
-        for k, policy in enumerate(self._policies):
+        if len(self.names) == 1:
+            return self._actions(0, observations)
+        joint = np.empty(self._shape, np.int64)
+        for k in range(len(self.names)):
             if (here := self.drawn == k).any():
-                what = self._what.format(self.names[k])
-                actions = checked_actions(policy(observations), shape, sizes, False, what=what, axes=self._axes)
-                if here.all():
-                    return actions
-                joint[here] = actions[here]
+                joint[here] = self._actions(k, observations)[here]
         return joint
+
+    def _actions(self, k: int, observations: Arrays) -> Actions:
+        actions, sizes = self._policies[k](observations), self._env.action_sizes
+        return checked_actions(actions, self._shape, sizes, False, what=self._whats[k], axes=self._axes)
 
 
 def _check_name(name: str, names: Collection[str]) -> None:

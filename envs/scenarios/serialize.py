@@ -49,9 +49,7 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
             "give the scenario, as in Recording.open(path, scenario=...)"
         )
     kinds = [KNOWN[name] for name in names]
-    for name, most in MOST.items():
-        if isinstance(numbers.get(name), int) and numbers[name] > most:
-            raise ScenarioError(f"{name} is {numbers[name]}: of a file, at most {most} is accepted")
+    check_repetitions(numbers)
     modules = []
     for kind in kinds:
         own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}
@@ -61,6 +59,13 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
     if numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
     return Scenario(str(fingerprint["name"]), tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+
+
+def check_repetitions(numbers: dict[str, Any]) -> None:
+    """ScenarioError for numbers of a file by which a tick would go on for very long."""
+    for name, most in MOST.items():
+        if isinstance(numbers.get(name), int) and numbers[name] > most:
+            raise ScenarioError(f"{name} is {numbers[name]}: of a file, at most {most} is accepted")
 
 
 class _Plan(Layout):

@@ -93,13 +93,32 @@ def constants(**others: Any) -> str:
     return "".join(f"const {name} = {json.dumps(value)};\n" for name, value in values.items())
 
 
-def assemble(folder: str, template: str, title: str, scripts: Sequence[str], data: str = "", **others: Any) -> str:
-    """A page that needs no other file: the template with STYLE and these scripts of the folder inlined.
+def assemble(
+    folder: str,
+    template: str,
+    title: str,
+    scripts: Sequence[str],
+    data: str = "",
+    *,
+    styles: Sequence[str] = (STYLE,),
+    connect: str = "'none'",
+    **others: Any,
+) -> str:
+    """A page that needs no other file: the template with these scripts and styles of the folder inlined.
 
-    data: base64, which the scripts find as the text of #data. others: constants. The page's policy lets only these
-    scripts run, and forbids all connections.
+    The page's policy lets only these scripts run.
+
+    Args:
+        folder: Of the page.
+        template: HTML with $title, $icon, $policy, $style, $script and $data.
+        title: Of the page.
+        scripts: In the order that they need each other.
+        data: base64, which the scripts find as the text of #data.
+        styles: Style sheets, of which later ones win.
+        connect: What the scripts may connect to, as a Content-Security-Policy says it; nothing unless given.
+        **others: Constants for the scripts, see `constants`.
     """
-    style = asset(folder, STYLE)
+    style = "\n".join(asset(folder, name) for name in styles)
     script = "\n".join(['"use strict";', constants(**others), *(asset(folder, name) for name in scripts)])
     return string.Template(asset(folder, template)).substitute(
         title=html.escape(title),
@@ -110,7 +129,7 @@ def assemble(folder: str, template: str, title: str, scripts: Sequence[str], dat
                 f"script-src {_digest(script)}",
                 f"style-src {_digest(style)}",
                 "img-src data:",
-                "connect-src 'none'",
+                f"connect-src {connect}",
                 "base-uri 'none'",
                 "form-action 'none'",
             ]

@@ -57,5 +57,5 @@ const Viewport = (() => {
     return { draw, agentAt };
   }
 
-  return { build, theme, still: () => still.matches };
+  return { build, theme, applyTheme, still: () => still.matches };
 })();

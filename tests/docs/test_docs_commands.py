@@ -17,7 +17,7 @@ SMALL = {  # the same commands with less work: of an option that is given twice,
     "rollout": ["--worlds", "5", "--quiet"],
 }
 SMALL_PICTURES = ["--size", "64"]
-ELSEWHERE = {"play", "train", "plot", "evaluate"}  # endless, an hour long, or needing its results: tested elsewhere
+ELSEWHERE = {"play", "train", "watch", "plot", "evaluate"}  # endless, long, or needing results: tested elsewhere
 
 
 def shown(page: Path) -> list[list[str]]:

@@ -1,22 +1,17 @@
-"""Mixtures: their texts, who is drawn, sides, and policies that are told where episodes begin."""
+"""Mixtures: their texts, who is drawn, and the policy that they make up."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast.ecs import Clock
-from outlast.envs.core.agents import alive, side
 from outlast.envs.errors import ActionError, UsageError
-from outlast.envs.rollout.against import Against
-from outlast.envs.rollout.local import rollout, ticks
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.mixture import STREAM, Mixture, checked_entries, draw, parse_mixture
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.rollout.sides import own_side, role_of, wins
-from tests.conftest import COMPILED, digest, run, scaled
+from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import short
 from tests.helpers.remembering import Remembering
 
@@ -150,89 +145,6 @@ def test_weights_that_cannot_be_are_refused(weights: Any) -> None:
         draw(weights, [0, 0], [0, 1], [0, 0])
 
 
-# ---- sides
-
-
-def test_sides_take_turns() -> None:
-    """In neighbouring worlds and episodes; of two sides, role 0 has the one that a policy plays alone."""
-    world, episode = np.arange(6, dtype=np.uint64)[:, None], np.arange(4, dtype=np.uint64)
-    for sides in (2, 3):
-        own = own_side(world, episode, sides)
-        assert (own[1:] != own[:-1]).all()
-        assert (own[:, 1:] != own[:, :-1]).all()
-        assert np.bincount(own[:, :1].ravel().astype(int)).tolist() == [6 // sides] * sides
-    assert (role_of(own_side(world, episode, 2), world, episode) == 0).all()
-
-
-def test_the_longest_lived_side_wins() -> None:
-    assert wins(np.array([[3, 2], [2, 2], [0, 9]])).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
-
-
-# ---- where episodes begin
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_a_policy_with_a_memory_is_told_where_episodes_begin(mode: AutoresetMode) -> None:
-    """Called once a tick, it has been called since as often as the clock says; also after resets of some worlds."""
-    env, policy = outlast.make_vec(short("ffa_3"), WORLDS, seed=3, autoreset_mode=mode), Remembering()
-    act, clock = told(policy, env), env.worlds[Clock]
-    observations, _ = env.reset()
-    for tick in range(STEPS):
-        actions = act(observations)
-        assert policy.calls is not None
-        assert policy.calls.tolist() == clock.tick[:, 0].tolist()
-        observations, _, terminated, truncated, _ = env.step(actions)
-        some = np.arange(WORLDS) == tick % (3 * WORLDS)
-        if mode is AutoresetMode.DISABLED:
-            some |= terminated | truncated
-        if some.any():
-            observations, _ = env.reset(options={"reset_mask": some})
-    assert clock.episode.min() >= 1
-    assert [where.all() for where in policy.told[:2]] == [True, False]
-
-
-def test_a_policy_with_a_memory_is_told_of_states() -> None:
-    """Also of one of the very tick that it would have gone on to, and of the same episode begun again."""
-    env, policy = outlast.make_vec(short("ffa_3"), 3, seed=3), Remembering()
-    act, observations = told(policy, env), env.reset()[0]
-    for _ in range(4):
-        observations, *_ = env.step(act(observations))
-    act(env.set_state(env.get_state([1]), [1]))
-    assert policy.told[-1].tolist() == [False, True, False]
-    assert policy.calls is not None
-    assert policy.calls.tolist() == [4, 0, 4]
-    for _ in range(2):
-        act(env.reset(seed=3)[0])
-        assert policy.told[-1].all()
-    before = len(policy.told)
-    env.step(act(env.reset(seed=3)[0]))
-    act(env.observe())
-    assert len(policy.told) == before + 1
-
-
-def test_a_policy_without_a_memory_is_itself() -> None:
-    env = outlast.make_vec("ffa_1", 2, seed=0)
-    policy = POLICIES["noop"](env, 0)
-    assert told(policy, env) is policy
-
-
-def test_rollouts_tell_a_policy_where_episodes_begin() -> None:
-    env, policy = outlast.make_vec(short("ffa_3"), WORLDS, seed=3), Remembering()
-    seen = []
-
-    def check(where: Any) -> None:
-        if policy.calls is not None:  # the step of a world that restarts is at tick 0
-            seen.append(np.where(env.worlds[Clock].tick[:, 0], policy.calls + 1, 0) == env.worlds[Clock].tick[:, 0])
-
-    rollout(env, policy, STEPS, watch=check)
-    assert np.all(seen)
-    assert len(policy.told) > 1
-    other = Remembering()
-    for _ in ticks(env, other, 30):
-        pass
-    assert other.told[0].all()
-
-
 # ---- mixtures as policies
 
 
@@ -320,120 +232,3 @@ def test_policies_of_a_mixture_have_memories_and_are_checked() -> None:
 
     with pytest.raises(ValueError, match="not in teams_3"):
         mixed({"noop": 1, Picky(): 1}, env)
-
-
-# ---- a policy against a mixture
-
-
-def counted(scenario: Any, names: list[str], worlds: int, each: int, seed: int) -> dict[str, list[int]]:
-    """Episodes that scripted won, drew and lost against each, in a plain loop."""
-    env = outlast.make_vec(scenario, worlds, seed=seed)
-    policy, others = POLICIES["scripted"](env, seed), [POLICIES[name](env, seed) for name in names]
-    results: dict[str, list[int]] = {name: [0, 0, 0] for name in names}
-    observations, _ = env.reset()
-    sides, clock = side(env.worlds, 0), env.worlds[Clock]
-    count, last = [0] * worlds, np.zeros((worlds, env.num_agents), int)
-    while min(count) < each:
-        mine, all_others = policy(observations), [other(observations) for other in others]
-        actions, drawn, own = mine.copy(), [0] * worlds, [0] * worlds
-        for w in range(worlds):
-            episode = int(clock.episode[w, 0])
-            drawn[w] = naive_draw([1.0] * len(names), seed, w, episode)
-            own[w] = (w + episode) % int(sides.max() + 1)
-            for i in range(env.num_agents):
-                if sides[i] != own[w]:
-                    actions[w, i] = all_others[drawn[w]][w, i]
-        observations, _, terminated, truncated, _ = env.step(actions)
-        living = alive(env.worlds)
-        for w in range(worlds):
-            for i in range(env.num_agents):
-                if living[w, i]:
-                    last[w, i] = clock.tick[w, 0]
-            if terminated[w] or truncated[w]:
-                if count[w] < each:
-                    life = [int(last[w][belongs].max()) for belongs in (sides == own[w], sides != own[w])]
-                    results[names[drawn[w]]][0 if life[0] > life[1] else 1 if life[0] == life[1] else 2] += 1
-                count[w] += 1
-                last[w] = 0
-    env.close()
-    return results
-
-
-@pytest.mark.parametrize(("variant", "numbers"), [("ffa_3", {}), ("teams_3", {}), ("ffa_1", {"n_agents": 3})])
-def test_wins_are_as_counted_in_a_plain_loop(variant: str, numbers: dict[str, int]) -> None:
-    scenario = short(variant).replace(safe_zone_stand=60, motors_ahead=1.0, **numbers)
-    worlds, each, names = scaled(24, least=4), 2, ["noop", "scripted"]
-    expected = counted(scenario, names, worlds, each, 3)
-    env = outlast.make_vec(scenario, worlds, seed=3)
-    against = Against(env, POLICIES["scripted"](env, 3), mixed(dict.fromkeys(names, 1), env))
-    assert rollout(env, against, episodes=each, watch=against.watch).episodes == worlds * each
-    assert against.counts.tolist() == list(expected.values())
-    assert against.counts.sum() == worlds * each
-    assert (against.counts[:, [0, 2]].sum(0) > 0).all() or not COMPILED
-
-
-def test_a_policy_with_a_memory_plays_against_others() -> None:
-    env, one, other = outlast.make_vec(short("ffa_3"), 3, seed=3), Remembering(), Remembering()
-    against = Against(env, one, mixed({other: 1}, env))
-    alone = outlast.make_vec(short("ffa_3"), 3, seed=3)
-    rollout(env, against, STEPS)
-    rollout(alone, Remembering(), STEPS)
-    assert digest(env.worlds) == digest(alone.worlds)  # as they do the same
-    assert one.told[0].all()
-    assert len(one.told) > 1
-    assert len(one.told) == len(other.told)
-
-
-def test_one_side_has_nobody_to_play_against() -> None:
-    env = outlast.make_vec("ffa_1", 2, seed=0, n_agents=1)
-    with pytest.raises(UsageError, match="ffa_1 has one side: there is nobody to play against"):
-        Against(env, POLICIES["noop"](env, 0), mixed({"noop": 1}, env))
-
-
-SMALL = ("rollout", "ffa_2", "--worlds", "20", "--set", "safe_zone_damage=100", "--quiet")
-
-
-def test_the_command_reports_wins_against_each(capsys: Any) -> None:
-    arguments = (*SMALL, "--policy", "scripted", "--others", "noop:0.5,scripted:0.5", "--episodes", "2")
-    status, out, _ = run(capsys, *arguments)
-    assert status == 0
-    assert "ffa_2: scripted policy against noop, scripted, seed 0, 20 worlds x 2 episodes\n" in out
-    assert "40 whole episodes, the first 2 of every world" in out
-    assert "return 1" in out
-    head, *rows = out.split("\n\n")[-1].splitlines()
-    assert head.split() == ["against", "episodes", "won", "drawn", "lost"]
-    table = {name: [float(cell) for cell in cells if cell != "±"] for name, *cells in map(str.split, rows)}
-    assert table.keys() == {"noop", "scripted"}
-    assert sum(episodes for episodes, *_ in table.values()) == 40
-    for episodes, *shares in table.values():
-        assert sum(shares[::2]) == pytest.approx(1, abs=2e-4)
-        for share, error in zip(shares[::2], shares[1::2], strict=True):
-            assert error == pytest.approx(np.sqrt(share * (1 - share) / (episodes - 1)), abs=1e-4)
-    assert table["noop"][1] > table["scripted"][1]
-    tables = [out.split("\n\n", 1)[1] for out in (out, run(capsys, *arguments, "--threads", "2")[1])]
-    assert tables[0] == tables[1]
-    out = run(capsys, "rollout", "ffa_2", "--worlds", "2", "--quiet", "--others", "noop", "--steps", "3")[1]
-    assert out.splitlines()[-1].split() == ["noop", "0", "-", "-", "-"]
-
-
-def test_others_are_written_and_recorded_as_all_agents(capsys: Any, tmp_path: Any) -> None:
-    files = ("--events", tmp_path / "a.csv", "--record", tmp_path / "a.rec")
-    assert run(capsys, *SMALL, "--others", "scripted,random", *files)[0] == 0
-    assert (tmp_path / "a.csv").stat().st_size > 1000
-    assert run(capsys, "replay", tmp_path / "a.rec", "--quiet")[0] == 0
-
-
-@pytest.mark.parametrize(
-    ("others", "words"),
-    [("scriptd:0.5", "argument --others: scriptd: did you mean scripted"), ("noop:0", "the weight of noop is '0'")],
-)
-def test_mixtures_that_the_command_refuses(capsys: Any, others: str, words: str) -> None:
-    with pytest.raises(SystemExit):
-        run(capsys, *SMALL, "--others", others)
-    assert words in capsys.readouterr().err
-
-
-def test_others_and_ray_are_refused_together(capsys: Any) -> None:
-    status, _, err = run(capsys, *SMALL, "--others", "noop", "--ray")
-    assert status == 2
-    assert err == "outlast: --others plays on one machine: leave it out with --ray\n"

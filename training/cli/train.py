@@ -21,9 +21,10 @@ from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
 from ..annealing import parse_anneal
-from ..config import PAST, POLICIES, SELF, TrainingConfig, parse_warm_start
+from ..config import PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
+from ..live_view import LiveView
 from ..presets import DEAD, PRESETS
 
 SINGLE = (
@@ -64,7 +65,9 @@ def add(commands: Any) -> None:
     command.add_argument("--opponents", default=SELF, metavar="NAME:WEIGHT,...", help=text)
     text = "draw opponents the more often, the more they win"
     command.add_argument("--prioritised", action="store_true", help=text)
-    command.add_argument("--snapshots", type=positive, default=10, help="updates between past selves (default 10)")
+    command.add_argument(
+        "--snapshots", type=positive, default=SNAPSHOTS, help="updates between past selves (default 10)"
+    )
     text = "before: imitate scripted[:STEPS] or FILE.zip:STEPS, or begin with the weights of FILE.zip"
     command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
     text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"
@@ -77,6 +80,7 @@ def add(commands: Any) -> None:
     )
     command.add_argument("--every", type=count, default=1_000_000, help="agent-steps between checkpoints (default 1e6)")
     command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
+    command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.set_defaults(run=run)
 
@@ -112,13 +116,13 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     numbers["anneal"] = parse_anneal(options.anneal)
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
     folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
-    training = TrainingRun(config, folder, resume=options.resume)
+    training = TrainingRun(config, folder, resume=options.resume, film=options.film)
     begun, start, status = training.done, time.perf_counter(), 0
-    bar = _bar(options, config.steps, begun)
+    view = LiveView(begun, config.steps, quiet=options.quiet)
 
     def progress(run: TrainingRun) -> None:
-        bar.update(run.done - bar.n)
-        bar.set_postfix(run.shown)
+        view.update(run.done, config.steps, run.tags)
+        view.now(run.now)
 
     try:
         training.train(progress)
@@ -126,7 +130,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
         status = STOPPED
         logger.warning(RESUME)
     finally:
-        bar.close()
+        view.close()
     seconds, done = time.perf_counter() - start, training.saved
     print(f"{done:,} agent-steps = {done // training.trainer.env.num_agents:,} environment steps in {folder}")
     print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
@@ -144,7 +148,11 @@ class Job:
         for name in SINGLE:
             if value := getattr(options, name):
                 self.words += [f"--{name.replace('_', '-')}", str(value)]
-        self.words += ["--opponents", options.opponents, *(f"--{name}" for name in FLAGS if getattr(options, name))]
+        self.words += [
+            "--opponents",
+            options.opponents,
+            *(f"--{name}" for name in (*FLAGS, "film") if getattr(options, name)),
+        ]
         for name in REPEATED:
             self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
         if options.resume and self.folder.exists():  # one that had not begun begins
@@ -181,7 +189,9 @@ def _train_several(options: argparse.Namespace, variants: Sequence[str]) -> int:
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
     at_once, running = options.jobs or os.cpu_count() or 1, list[Job]()
-    bar, done, statuses = _bar(options, len(waiting) * options.steps), 0, []
+    done, statuses = 0, []
+    total = len(waiting) * options.steps
+    bar = tqdm(total=total, unit="agent-step", unit_scale=True, disable=options.quiet)
     try:
         while waiting or running:
             while waiting and len(running) < at_once:
@@ -201,7 +211,3 @@ def _train_several(options: argparse.Namespace, variants: Sequence[str]) -> int:
     finally:
         bar.close()
     return STOPPED if STOPPED in statuses else max(statuses, default=0)
-
-
-def _bar(options: argparse.Namespace, total: int, initial: int = 0) -> Any:
-    return tqdm(total=total, initial=initial, unit="agent-step", unit_scale=True, disable=options.quiet)

@@ -1,7 +1,6 @@
 """The server: the page over HTTP, the game over a websocket, at one port of the loopback interface."""
 
 import logging
-import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from email.utils import formatdate
@@ -13,10 +12,9 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from ...errors import PlayError
 from ..assets import ICON, SHARED, STYLE, asset, constants
+from ..gate import LIVE, Gate, listen
 from .game import Game
-from .gate import HOST, LIVE, Gate
 from .messages import LONGEST, SPEEDS
 from .session import Session
 
@@ -42,7 +40,7 @@ async def play(game: Game, fps: float, port: int = 0, opened: Callable[[str], ob
 async def listening(session: Session, port: int) -> AsyncIterator[Gate]:
     """Answer requests for `session` until the context ends; then all sockets are closed."""
     parts = _parts()
-    with _socket(port) as listener:
+    with listen(port) as listener:
         gate = Gate(listener.getsockname()[1])
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
@@ -70,13 +68,6 @@ def _parts() -> dict[str, bytes]:
     tags = (f'<script src="{name}"></script>' for name in ("constants.js", *SCRIPTS))
     parts["index.html"] = Template(asset("play", "play.html")).substitute(icon=ICON, scripts="\n".join(tags))
     return {name: text.encode() for name, text in parts.items()}
-
-
-def _socket(port: int) -> socket.socket:
-    try:
-        return socket.create_server((HOST, port))
-    except OSError as error:
-        raise PlayError(f"port {port} of {HOST} is not to be had: {error.strerror or error}") from None
 
 
 def _limits() -> dict[str, Any]:

@@ -1,5 +1,5 @@
-// The player: goes through a recording in time. State is where it is; everything on the page is drawn from that.
-(async () => {
+// Player.start(recording): goes through a recording in time. State is where it is; everything on the page is drawn from that.
+const Player = { start: async (base64) => {
   const SPEEDS = [1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16, 32];
   const KEYS = [
     ["space", "play or pause"], ["← →", "a tick back or forward; with shift a second"],
@@ -10,7 +10,7 @@
   const { $ } = Dom;
   const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1 };
 
-  const recording = await Recording.open($("data").textContent);
+  let recording = await Recording.open(base64);
   const viewport = Viewport.build($("stage"), () => { timeline.show(episode(), Viewport.theme()); redraw(); });
   const views = Views.build($("views"), () => redraw());
   const tip = $("tip");
@@ -97,8 +97,10 @@
     state.at = Math.min(end, state.at + seconds * SPEEDS[state.speed] / episode().description.seconds);
     if (state.at < end) return;
     rest += seconds;
-    if (last()) pause();
-    else if (rest > 1) [rest] = [0, choose(state.world, state.episode + 1)];
+    if (last()) {
+      pause();
+      document.dispatchEvent(new Event("ended"));
+    } else if (rest > 1) [rest] = [0, choose(state.world, state.episode + 1)];
   }
 
   // ---- what is seen of it
@@ -221,8 +223,16 @@
   Views.explain($("keys"), KEYS);
   choose(0, 0);
   if (!Viewport.still()) play();
-  window.outlast = { state, seek, play, pause, follow, choose };
-})().catch((error) => {
-  document.body.textContent = `This recording cannot be played here: ${error.message}. A current browser is needed.`;
-  throw error;
-});
+
+  // Another recording in place of this one; speed, views and the followed agent stay.
+  async function load(base64) {
+    recording = await Recording.open(base64);
+    Object.assign(state, { world: 0, episode: 0 });
+    choose(0, 0);
+    play();
+  }
+
+  const atEnd = () => !state.playing && last() && row() === episode().length - 1;
+  window.outlast = { state, seek, play, pause, follow, choose, load, atEnd };
+  return window.outlast;
+} };

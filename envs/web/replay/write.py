@@ -15,7 +15,8 @@ from ...storage.atomic_write import atomic_write
 from ..assets import SHARED, assemble
 from .pack import PACKING, EpisodeTrack, pack
 
-SCRIPTS = ("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "player.js")
+PLAYING = ("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "player.js")
+SCRIPTS = (*SHARED, *PLAYING, "replay.js")
 
 
 def write_page(
@@ -48,7 +49,7 @@ def write_page(
 def page_html(recorded: dict[int, list[EpisodeTrack]], title: str) -> str:
     """The page itself, as HTML."""
     data = base64.b64encode(pack(title, recorded)).decode()
-    return assemble("replay", "page.html", title, (*SHARED, *SCRIPTS), data, PACKING=PACKING)
+    return assemble("replay", "page.html", title, SCRIPTS, data, PACKING=PACKING)
 
 
 def record_ticks(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int]) -> dict[int, list[EpisodeTrack]]:

@@ -1,12 +1,16 @@
-"""Access control: only pages that this server gave out, on this machine, with its token, reach the game.
+"""Access control: only pages that a server gave out, on this machine, with its token, reach what it serves.
 
 Other programs of this machine, other users and other web pages can reach a port on 127.0.0.1. The token is
 needed against those; the Host header is checked against names that were made to point here (DNS rebinding), the Origin
 header against other web pages, from which browsers let anybody open a websocket.
 """
 
+import os
 import secrets
+import socket
 from typing import Any
+
+from ..errors import PlayError
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
@@ -36,10 +40,10 @@ class Gate:
     def path(self, request: Any) -> str | None:
         """The path behind the token; None if the request is refused.
 
-        request: websockets.http11.Request. Only websockets must name their origin: browsers always do for them, and
-        never for a page that somebody opens.
+        request: websockets.http11.Request, or a handler of http.server. Only websockets must name their origin:
+        browsers always do for them, and never for a page that somebody opens.
         """
-        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        hosts, origins = (request.headers.get_all(name) or [] for name in ("Host", "Origin"))
         if len(hosts) != 1 or hosts[0] not in self._names():
             return None
         token, slash, path = str(request.path).removeprefix("/").partition("/")
@@ -50,7 +54,7 @@ class Gate:
         return path if all(origin == f"http://{hosts[0]}" for origin in origins) else None
 
     def headers(self) -> dict[str, str]:
-        """Of every answer. The page may load from, and connect to, this server only."""
+        """Of every answer of a game. The page may load from, and connect to, this server only."""
         live = " ".join(f"ws://{name}" for name in self._names())
         policy = {
             "default-src": "'none'",
@@ -66,3 +70,12 @@ class Gate:
 
     def _names(self) -> tuple[str, ...]:
         return tuple(f"{name}:{self.port}" for name in NAMES)
+
+
+def listen(port: int) -> socket.socket:
+    """A socket that listens at `port` of HOST (0: a free one). Raises PlayError if that is not to be had."""
+    try:
+        return socket.create_server((HOST, port))
+    except OSError as error:
+        cure = "leave --port out for one that is free"
+        raise PlayError(f"port {port} of {HOST} is not to be had: {os.strerror(error.errno or 0)}; {cure}") from None

@@ -1,0 +1,119 @@
+"""A server of one page that plays episodes as they are made, at a port of the loopback interface."""
+
+import contextlib
+import json
+import logging
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Protocol
+
+from ...inspect.trace import Json
+from ..assets import SHARED, STYLE, assemble
+from ..gate import HEADERS, Gate, listen
+from .pack import PACKING
+from .write import PLAYING
+
+SCRIPTS = (*SHARED, *PLAYING, "watch.js")
+STYLES = (STYLE, "watch.css")
+PATIENCE = 10  # seconds for a request to arrive
+REFUSED = "Not from here: open the address that `outlast watch` printed.\n"
+logger = logging.getLogger(__name__)
+
+
+class Feed(Protocol):
+    """What the page shows. Its methods are called from several threads."""
+
+    def status(self) -> Json:
+        """The state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
+
+    def episode(self) -> Json | None:
+        """The newest episode, {number, steps, game, data: base64 of `pack`}; None without any."""
+
+
+@contextlib.contextmanager
+def serving(feed: Feed, title: str, port: int = 0) -> Iterator[str]:
+    """Serve the page at `port` of 127.0.0.1 (0: a free one) from threads of its own, until the context ends.
+
+    Args:
+        feed: What the page shows.
+        title: Of the page.
+        port: Where.
+
+    Yields:
+        The address to open.
+
+    Raises:
+        PlayError: The port is not to be had.
+    """
+    page = assemble(
+        "replay", "page.html", title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING
+    )  # its own policy lets its inlined scripts run, and connect to this server only
+    with listen(port) as listener:
+        gate = Gate(listener.getsockname()[1])
+        server = _Server(listener.getsockname(), _Handler, bind_and_activate=False)
+        server.socket.close()
+        server.socket = listener
+        server.gate, server.answers = gate, _answers(feed, page)
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+        thread.start()
+        try:
+            yield gate.address
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def _answers(feed: Feed, page: str) -> dict[str, Callable[[], tuple[str, bytes]]]:
+    """What makes the type and the content of each path behind the token."""
+    text = page.encode()
+    return {
+        "": lambda: ("text/html", text),
+        "status.json": lambda: ("application/json", _json(feed.status())),
+        "episode.json": lambda: ("application/json", _json(feed.episode())),
+    }
+
+
+def _json(value: Json | None) -> bytes:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
+
+
+class _Server(ThreadingHTTPServer):
+    gate: Gate
+    answers: dict[str, Callable[[], tuple[str, bytes]]]
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Of a request: browsers drop connections as they like, everything else is a fault of ours."""
+        error = sys.exception()
+        if not isinstance(error, OSError):
+            logger.error("a request failed", exc_info=error)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+    timeout = PATIENCE
+
+    def do_GET(self) -> None:  # the name that http.server calls
+        path = self.server.gate.path(self)
+        if path is None:
+            self._reply(HTTPStatus.FORBIDDEN, "text/plain", REFUSED.encode())
+        elif path not in self.server.answers:
+            self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"There is no such file.\n")
+        else:
+            self._reply(HTTPStatus.OK, *self.server.answers[path]())
+
+    def _reply(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body))}
+        for name, value in (HEADERS | headers).items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def version_string(self) -> str:
+        return "outlast"
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  # as http.server names it
+        """Requests are not logged."""

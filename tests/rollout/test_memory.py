@@ -1,0 +1,80 @@
+"""Policies with a memory are told where episodes begin."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import outlast
+from outlast.ecs import Clock
+from outlast.envs.rollout.local import rollout, ticks
+from outlast.envs.rollout.memory import told
+from outlast.envs.rollout.policies import POLICIES
+from tests.conftest import scaled
+from tests.helpers.execution_modes import short
+from tests.helpers.remembering import Remembering
+
+WORLDS, STEPS = scaled(13, least=3), scaled(160, least=28)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_a_policy_with_a_memory_is_told_where_episodes_begin(mode: AutoresetMode) -> None:
+    """Called once a tick, it has been called since as often as the clock says; also after resets of some worlds."""
+    env, policy = outlast.make_vec(short("ffa_3"), WORLDS, seed=3, autoreset_mode=mode), Remembering()
+    act, clock = told(policy, env), env.worlds[Clock]
+    observations, _ = env.reset()
+    for tick in range(STEPS):
+        actions = act(observations)
+        assert policy.calls is not None
+        assert policy.calls.tolist() == clock.tick[:, 0].tolist()
+        observations, _, terminated, truncated, _ = env.step(actions)
+        some = np.arange(WORLDS) == tick % (3 * WORLDS)
+        if mode is AutoresetMode.DISABLED:
+            some |= terminated | truncated
+        if some.any():
+            observations, _ = env.reset(options={"reset_mask": some})
+    assert clock.episode.min() >= 1
+    assert [where.all() for where in policy.told[:2]] == [True, False]
+
+
+def test_a_policy_with_a_memory_is_told_of_states() -> None:
+    """Also of one of the very tick that it would have gone on to, and of the same episode begun again."""
+    env, policy = outlast.make_vec(short("ffa_3"), 3, seed=3), Remembering()
+    act, observations = told(policy, env), env.reset()[0]
+    for _ in range(4):
+        observations, *_ = env.step(act(observations))
+    act(env.set_state(env.get_state([1]), [1]))
+    assert policy.told[-1].tolist() == [False, True, False]
+    assert policy.calls is not None
+    assert policy.calls.tolist() == [4, 0, 4]
+    for _ in range(2):
+        act(env.reset(seed=3)[0])
+        assert policy.told[-1].all()
+    before = len(policy.told)
+    env.step(act(env.reset(seed=3)[0]))
+    act(env.observe())
+    assert len(policy.told) == before + 1
+
+
+def test_a_policy_without_a_memory_is_itself() -> None:
+    env = outlast.make_vec("ffa_1", 2, seed=0)
+    policy = POLICIES["noop"](env, 0)
+    assert told(policy, env) is policy
+
+
+def test_rollouts_tell_a_policy_where_episodes_begin() -> None:
+    env, policy = outlast.make_vec(short("ffa_3"), WORLDS, seed=3), Remembering()
+    seen = []
+
+    def check(where: Any) -> None:
+        if policy.calls is not None:  # the step of a world that restarts is at tick 0
+            seen.append(np.where(env.worlds[Clock].tick[:, 0], policy.calls + 1, 0) == env.worlds[Clock].tick[:, 0])
+
+    rollout(env, policy, STEPS, watch=check)
+    assert np.all(seen)
+    assert len(policy.told) > 1
+    other = Remembering()
+    for _ in ticks(env, other, 30):
+        pass
+    assert other.told[0].all()

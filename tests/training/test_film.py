@@ -1,0 +1,171 @@
+"""Episodes and films of checkpoints, made while a run goes on."""
+
+import logging
+import random
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from outlast import variant
+from outlast.components import Body
+from outlast.envs.rendering import video
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from tests.helpers.kept_policies import RESULTS, kept_policy
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+from outlast.training import film, run_header  # noqa: E402
+from outlast.training.episode import episode, recorded_scenario  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.film import film_checkpoint  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return kept_policy(tmp_path_factory.mktemp("run") / "steps_0000001024.zip")
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(film, "MOST", 60)
+
+
+# ---- episodes
+
+
+def test_an_episode_is_played_to_its_end_and_is_the_same_again(policy: Path) -> None:
+    paths = []
+    for seed in (3, 3, 4):
+        with episode(policy, seed=seed, most=5000) as played:
+            places = [played.worlds[Body].x[0].copy() for _ in played.ticks]
+        paths.append(np.array(places))
+        assert (played.scenario.name, played.differs) == ("teams_3", "")
+    assert 10 < len(paths[0]) < 5000
+    assert np.array_equal(paths[0], paths[1])
+    assert not np.array_equal(paths[0][:5], paths[2][:5])
+
+
+def test_an_episode_that_goes_on_is_left(policy: Path) -> None:
+    with episode(policy, seed=0, most=7) as played:
+        assert list(played.ticks) == list(range(8))
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        variant("ffa_1"),
+        variant("teams_2+health_cap+bounty").replace(melee_damage=7, safe_zone_radii=(8.0, 4.0)),
+        variant("ffa_3+steering").replace(n_agents=5, cameras_mode="revealed"),
+    ],
+    ids=lambda scenario: scenario.name,
+)
+def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
+    made, differs = recorded_scenario({"scenario": fingerprint(scenario)})
+    assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
+
+
+def test_what_differs_from_an_earlier_version_is_reported() -> None:
+    header = run_header.read_checkpoint(RESULTS / "ffa_1-original-0.zip", (), ())[0]
+    made, differs = recorded_scenario(header)
+    assert made.name == "ffa_1"
+    assert differs == "give_last_passes_on is not there there and True here"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "castles"}, "there is no variant 'castles'"),
+        ({"code": {"lava": ["mine.Lava", "3.11", "0" * 8]}}, "lava are not outlast's own"),
+        ({"numbers": {"melee_damage": "much"}}, "melee.damage = 'much'"),
+        ({"numbers": {"agents_count": 10**9}}, "cannot be made from a checkpoint"),
+        ({"numbers": {"physics_substeps": 10**9}}, "at most 1000 is accepted"),
+    ],
+)
+def test_a_scenario_that_cannot_be_made_is_refused(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(TrainingError, match=words):
+        recorded_scenario({"scenario": fingerprint(variant("ffa_2")) | change})
+
+
+# ---- films
+
+
+def test_a_film_is_short_whole_and_named_after_the_checkpoint(policy: Path, tmp_path: Path) -> None:
+    (path,) = film_checkpoint(policy, tmp_path / "films")
+    assert path == tmp_path / "films" / "steps_0000001024.webm"
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+    read = cv2.VideoCapture(str(path))
+    assert read.get(cv2.CAP_PROP_FRAME_COUNT) == film.MOST // film.EVERY + 1
+    assert read.get(cv2.CAP_PROP_FRAME_WIDTH) == film.SIZE
+
+
+def test_a_film_leaves_random_numbers_and_threads_alone(policy: Path, tmp_path: Path) -> None:
+    torch.set_num_threads(2)
+
+    def states() -> list[Any]:
+        numpy = np.random.get_state()  # noqa: NPY002  # that of the user's own code
+        return [torch.get_rng_state().tolist(), torch.get_num_threads(), random.getstate(), numpy[1].tolist(), numpy[2]]
+
+    before = states()
+    assert film_checkpoint(policy, tmp_path)
+    assert states() == before
+
+
+def test_films_of_one_seed_begin_in_the_same_world(tmp_path: Path) -> None:
+    firsts = []
+    for k in range(2):
+        path = kept_policy(tmp_path / f"steps_{k}.zip", f"ffa_2-original-{k}")
+        read = cv2.VideoCapture(str(film_checkpoint(path, tmp_path)[0]))
+        firsts.append(read.read()[1])
+    assert np.array_equal(*firsts)
+
+
+def test_a_scenario_that_is_given_is_played(policy: Path, tmp_path: Path) -> None:
+    ours = variant("teams_3").replace(ending_limit=20)
+    (path,) = film_checkpoint(policy, tmp_path, ours)
+    assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) == 20 // film.EVERY + 1
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"not a checkpoint"])
+def test_what_goes_wrong_is_logged_and_ends_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes
+) -> None:
+    (tmp_path / "steps_1.zip").write_bytes(content)
+    with caplog.at_level(logging.WARNING, "outlast"):
+        assert film_checkpoint(tmp_path / "steps_1.zip", tmp_path) == []
+    assert "there is no film of" in caplog.text
+    assert [path.name for path in tmp_path.iterdir()] == ["steps_1.zip"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), video.writer.FilmError("cut short")])
+def test_a_full_disk_ends_nothing(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
+) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(video.writer, "_verify", fail)
+    with caplog.at_level(logging.WARNING, "outlast"):
+        assert film_checkpoint(policy, tmp_path) == []
+    assert str(error.args[-1]) in caplog.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_ends_nothing(policy: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert film_checkpoint(policy, tmp_path / "file" / "films") == []
+
+
+def test_ctrl_c_is_raised_and_leaves_nothing(policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(video.writer, "_verify", stop)
+    with pytest.raises(KeyboardInterrupt):
+        film_checkpoint(policy, tmp_path)
+    assert list(tmp_path.iterdir()) == []

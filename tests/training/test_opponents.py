@@ -1,0 +1,269 @@
+"""Opponents that are drawn per world: who plays whom, whose samples are trained on, who won, ratings, going on."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import make_vec
+from outlast.components import Side
+from outlast.ecs import Clock, Entity
+from tests.helpers.execution_modes import short
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.lane import NOBODY  # noqa: E402
+from outlast.training.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
+from outlast.training.resume import capture, restore  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+WORLDS, STEPS = 12, 60
+SHORT = short("teams_3").replace(ending_limit=25, agents_health=8)  # ends early, both ways
+MIX = {"self": 1.0, "past": 1.0, "scripted": 1.0}
+
+
+def make(seed: int = 5, scenario: Any = SHORT, **options: Any) -> Trainer:
+    size = {"worlds": WORLDS, "rollout": WORLDS * STEPS, "settings": {"n_epochs": 1}, "opponents": MIX, "snapshots": 1}
+    return Trainer(TrainingConfig(scenario, "fast", seed=seed, **(size | options)))
+
+
+def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[float, float]) -> Opponents:
+    """A pool with these games won and played."""
+    opponents = Opponents(weights, {}, make_vec(SHORT, 1), prioritised=prioritised)
+    for one in opponents.all.values():
+        one.won, one.games = figures.get(one.name, (0.0, 0.0))
+    return opponents
+
+
+def shares(opponents: Opponents) -> dict[str, float]:
+    indices, weights = opponents.chances()
+    return {opponents.all[k].name: weight / weights.sum() for k, weight in zip(indices, weights, strict=True)}
+
+
+# ---- the pool
+
+
+def test_opponents_are_drawn_by_weight() -> None:
+    assert shares(pool({"self": 1, "scripted": 2, "random": 1})) == {"self": 0.25, "scripted": 0.5, "random": 0.25}
+    assert shares(pool({"self": 0.25, "past": 0.75})) == {"self": 1.0}  # until there is a past
+    assert shares(pool({"scripted": 3, "past": 1})) == {"self": 0.25, "scripted": 0.75}
+
+
+def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> None:
+    given = pool({"self": 2, "scripted": 1, "random": 1}, True, scripted=(10, 100), random=(99, 100))
+    found = shares(given)
+    assert found["self"] == pytest.approx(0.5)
+    assert sum(found.values()) == pytest.approx(1)
+    priority = {
+        name: (1 - given_wins) ** 2 + 0.02 for name, given_wins in (("scripted", 10.5 / 101), ("random", 99.5 / 101))
+    }
+    assert found["scripted"] / found["random"] == pytest.approx(priority["scripted"] / priority["random"])
+
+
+def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
+    trainer = make()
+    opponents = trainer.opponents
+    for step in range(1, 41):
+        opponents.remember(trainer.policies, step, {0})
+    at = [int(opponents.all[k].name.partition("@")[2]) for k in opponents.past]
+    assert len(at) == PAST_SELVES
+    assert (at[0], at[-1]) == (1, 40)
+    assert max(np.diff(at)) < 40 / 2
+    assert {k for k, one in opponents.all.items() if one.past} == set(opponents.past)
+    leaving = opponents.past[1]
+    for step in range(41, 81):
+        opponents.remember(trainer.policies, step, {0, leaving})
+    assert leaving not in opponents.past
+    assert leaving in opponents.all
+
+
+def test_a_past_self_stays_as_it_was() -> None:
+    trainer = make()
+    trainer.update(trainer.collect())
+    (number,) = trainer.opponents.past
+    then = [weight.clone() for weight in trainer.opponents.all[number].policies[0].parameters()]
+    trainer.update(trainer.collect())
+    now = list(trainer.opponents.all[number].policies[0].parameters())
+    assert all(torch.equal(one, other) for one, other in zip(then, now, strict=True))
+    assert not torch.equal(now[-1], list(trainer.policies[0].parameters())[-1])
+
+
+def test_ratings_follow_the_games() -> None:
+    opponents = pool({"self": 1, "scripted": 1})
+    opponents.all[9] = Opponent("past@7", 0.0, [torch.nn.Linear(1, 1)])  # type: ignore[list-item]
+    for _ in range(300):
+        opponents.record(1, 3.0, 4)  # three of four
+        opponents.record(9, 2.0, 4)
+    own, scripted, past = (opponents.all[k].rating for k in (0, 1, 9))
+    assert own - scripted == pytest.approx(400 * np.log10(3), abs=10)
+    assert past == 1000
+    tags = opponents.report()
+    assert tags["wins/scripted"] == 0.75
+    assert tags["games/scripted"] == 1200
+    opponents.record(1, 0.0, 10)
+    assert opponents.report()["wins/scripted"] == pytest.approx(0.75 * 0.9 * 1200 / (0.9 * 1200 + 10))
+
+
+# ---- playing
+
+
+class Watched:
+    """What is true before each step of a rollout: by its lane, and by the worlds themselves."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.rows: list[dict[str, Any]] = []
+        lane, inner = trainer.lane, trainer.lane.act
+
+        def act(*given: Any) -> Any:
+            clock = lane.env.worlds[Clock]
+            key = np.stack([clock.world[:, 0], clock.episode[:, 0]], 1).astype(int)
+            row = {"opponent": lane.opponent.copy(), "own": lane.own.copy(), "key": key}
+            chosen = inner(*given)
+            self.rows.append(
+                row | {"actions": chosen.copy(), "seen": {k: v.copy() for k, v in lane.env.observe().items()}}
+            )
+            return chosen
+
+        lane.act = act  # type: ignore[method-assign]
+
+
+def test_opponents_change_only_where_an_episode_begins_and_sides_are_swapped() -> None:
+    trainer = make()
+    watched = Watched(trainer)
+    for _ in range(3):
+        trainer.update(trainer.collect())
+    rows = watched.rows
+    drawn: dict[tuple[int, int], set[tuple[int, int]]] = {}
+    for row in rows:
+        for w in range(WORLDS):
+            drawn.setdefault(tuple(row["key"][w]), set()).add((int(row["opponent"][w]), int(row["own"][w])))
+    assert all(len(each) == 1 for each in drawn.values())
+    assert all(own == sum(key) % 2 for key, each in drawn.items() for opponent, own in each)
+    assert len(Counter(opponent for each in drawn.values() for opponent, _ in each)) > 2
+
+
+def test_samples_of_opponents_are_not_trained_on() -> None:
+    trainer = make()
+    watched = Watched(trainer)
+    rollout = trainer.collect()
+    sides = trainer.env.worlds[Side].side[0, trainer.env.worlds.span("agent")]
+    for row, learner in zip(watched.rows, rollout.learner.reshape(STEPS, WORLDS, -1), strict=True):
+        theirs = (row["opponent"][:, None] > 0) & (row["own"][:, None] != sides)
+        assert np.array_equal(learner == NOBODY, theirs)
+    masked = rollout.learner == NOBODY
+    assert 0.1 < masked.mean() < 0.6
+    before = [weight.clone() for weight in trainer.policies[0].parameters()]
+    twin = make()
+    other = twin.collect()
+    for name in ("advantages", "values", "log_probs"):
+        getattr(other, name)[masked] = 1e6  # whatever is there
+    trainer.update(rollout)
+    twin.update(other)
+    after = [list(each.policies[0].parameters()) for each in (trainer, twin)]
+    assert all(torch.equal(one, two) for one, two in zip(*after, strict=True))
+    assert not all(torch.equal(one, two) for one, two in zip(before, after[0], strict=True))
+
+
+def test_scripted_opponents_do_what_the_policy_does() -> None:
+    from outlast.envs.rollout.policies import scripted_policy
+
+    trainer = make(opponents={"scripted": 1.0})
+    watched, script = Watched(trainer), scripted_policy(trainer.env)
+    rollout = trainer.collect()
+    for row, learner in zip(watched.rows, rollout.learner.reshape(STEPS, WORLDS, -1), strict=True):
+        expected = script(row["seen"])
+        assert np.array_equal(row["actions"][learner == NOBODY], expected[learner == NOBODY])
+        assert not np.array_equal(row["actions"], expected)
+
+
+def test_games_are_those_that_a_plain_loop_counts() -> None:
+    """Who outlived, in a second batch of worlds that do the same."""
+    trainer = make(opponents={"scripted": 1.0}, scenario=SHORT.replace(safe_zone_damage=3))
+    env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
+    env.set_state(trainer.env.get_state())
+    watched = Watched(trainer)
+    for _ in range(3):
+        trainer.collect()
+    agents, life = env.worlds.span("agent"), np.zeros((WORLDS, 2))
+    sides, found = env.worlds[Side].side[0, agents], Counter[str]()
+    for row in watched.rows:
+        _, _, terminated, truncated, _ = env.step(row["actions"])
+        for w in range(WORLDS):
+            for s in range(2):
+                life[w, s] += env.worlds[Entity].alive[w, agents][sides == s].any()
+            if terminated[w] or truncated[w]:
+                own, other = life[w, row["own"][w]], life[w, 1 - row["own"][w]]
+                found["won"] += 1 if own > other else 0.5 if own == other else 0  # type: ignore[assignment]
+                found["games"] += 1
+                life[w] = 0
+        if (done := terminated | truncated).any():
+            env.reset(options={"reset_mask": done})
+    scripted = trainer.opponents.all[1]
+    assert scripted.total == found["games"] > 20
+    assert scripted.won == found["won"]
+    assert 0 < found["won"] < found["games"]
+
+
+# ---- a policy for each side
+
+
+@pytest.mark.parametrize(("policies", "count"), [("shared", 1), ("side", 2), ("agent", 4)])
+def test_every_learner_trains_on_its_own_agents(policies: str, count: int) -> None:
+    trainer = make(policies=policies, opponents={"self": 1.0})
+    assert len(trainer.learners) == count
+    rollout = trainer.collect()
+    expected = {"shared": [0, 0, 0, 0], "side": [0, 0, 1, 1], "agent": [0, 1, 2, 3]}[policies]
+    assert np.array_equal(rollout.learner.reshape(STEPS, WORLDS, 4), np.broadcast_to(expected, (STEPS, WORLDS, 4)))
+    rollout.learner[rollout.learner == count - 1] = NOBODY  # so that the last one has nothing to learn
+    before = [torch.nn.utils.parameters_to_vector(each.parameters()).detach().clone() for each in trainer.policies]
+    trainer.update(rollout)
+    after = [torch.nn.utils.parameters_to_vector(each.parameters()).detach() for each in trainer.policies]
+    assert [torch.equal(*pair) for pair in zip(before, after, strict=True)] == [False] * (count - 1) + [True]
+
+
+def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
+    from outlast import load_policy
+    from outlast.training.checkpoint import write_checkpoint
+
+    trainer = make(policies="side", opponents={"self": 1.0})
+    for policy, value in zip(trainer.policies, (0, 2), strict=True):  # one always moves back, one always ahead
+        with torch.no_grad():
+            policy.actor.last.weight.zero_()
+            policy.actor.last.bias[value] = 50
+    write_checkpoint(tmp_path / "a.zip", capture(trainer, trainer.config.header()))
+    actions = load_policy(tmp_path / "a.zip")(trainer.env.observe())
+    assert (actions[:, :2, 0] == 0).all()
+    assert (actions[:, 2:, 0] == 2).all()
+
+
+# ---- going on
+
+
+@pytest.mark.parametrize("policies", ["shared", "side"])
+def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
+    whole, parts = (make(policies=policies, prioritised=True) for _ in range(2))
+    for trainer in (whole, parts):
+        for _ in range(3):
+            trainer.update(trainer.collect())
+            trainer.report()
+    again = make(policies=policies, prioritised=True)
+    restore(again, capture(parts, parts.config.header()))
+    for _ in range(3):
+        one, two = whole.collect(), again.collect()
+        assert np.array_equal(one.actions, two.actions)
+        assert np.array_equal(one.learner, two.learner)
+        assert np.array_equal(one.advantages, two.advantages)
+        assert whole.report() == again.report()
+        assert whole.update(one) == again.update(two)
+    assert whole.opponents.all.keys() == again.opponents.all.keys()
+
+
+def test_a_world_is_played_the_same_in_any_batch() -> None:
+    """Actions and opponents are functions of the world, not of the batch."""
+    small, large = (make(worlds=n, rollout=n * 40, opponents={"self": 1.0, "scripted": 1.0}) for n in (4, WORLDS))
+    one, two = small.collect().actions, large.collect().actions
+    assert np.array_equal(one, two[:, : one.shape[1]])

@@ -1,0 +1,296 @@
+"""The page of outlast watch: who can reach it, what it plays, and how it goes on to the next episode."""
+
+import base64
+import contextlib
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+import outlast
+from outlast.envs.rollout.local import ticks
+from outlast.envs.rollout.policies import scripted_policy
+from outlast.envs.web.replay.pack import pack
+from outlast.envs.web.replay.server import PATIENCE, serving
+from outlast.envs.web.replay.write import record_ticks
+from tests.web.browser import TITLE
+from tests.web.clients import answer
+
+FIGURES = [
+    {"group": "speed", "name": "collecting", "text": "90.1k/s", "points": None},
+    {"group": "episodes", "name": "length", "text": "812", "points": [[1000, 300.0], [2000, 500.0], [4000, 812.0]]},
+    {"group": "episodes", "name": "kills", "text": "0.00", "points": [[1000, 0.0], [2000, 0.0]]},
+    {"group": "wins", "name": "scripted", "text": "12 % (310)", "points": [[1000, 0.12]]},
+    {"group": "learning", "name": "KL", "text": "0.0113", "points": None},
+]
+
+
+class Run:
+    """A run that does what a test says."""
+
+    def __init__(self) -> None:
+        self.message, self.figures = "", FIGURES
+        self.newest: dict[str, Any] | None = None
+        self.made: dict[str, Any] | None = None
+        self.asked: list[str] = []
+
+    def status(self) -> dict[str, Any]:
+        self.asked.append("status")
+        made = self.made and {key: self.made[key] for key in ("number", "steps")}
+        return {"message": self.message, "newest": self.newest, "episode": made, "figures": self.figures}
+
+    def episode(self) -> dict[str, Any] | None:
+        self.asked.append("episode")
+        return self.made
+
+    def make(self, number: int, steps: int, length: int = 12) -> None:
+        """An episode of a checkpoint of so many steps is there."""
+        env = outlast.make_vec("ffa_2", 1, seed=number)
+        data = pack("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))
+        self.newest = {"steps": steps, "age": 200.0}
+        encoded = base64.b64encode(data).decode()
+        self.made = {"number": number, "steps": steps, "game": "ffa_2", "data": encoded}
+
+
+@pytest.fixture
+def run() -> Run:
+    return Run()
+
+
+@pytest.fixture
+def place(run: Run) -> Iterator[str]:
+    with serving(run, TITLE) as address:
+        yield address
+
+
+# ---- the server
+
+
+def test_the_page_and_its_data_are_served_with_strict_headers(place: str, run: Run) -> None:
+    run.make(3, 2048)
+    kinds = {"": "text/html", "status.json": "application/json", "episode.json": "application/json"}
+    bodies = {}
+    for name, kind in kinds.items():
+        status, headers, bodies[name] = answer(place, urlsplit(place).path + name)
+        assert (status, headers["Content-Type"]) == (200, f"{kind}; charset=utf-8")
+        assert (headers["Cache-Control"], headers["Referrer-Policy"]) == ("no-store", "no-referrer")
+        assert (headers["X-Content-Type-Options"], headers["X-Frame-Options"]) == ("nosniff", "DENY")
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        assert headers["Server"] == "outlast"
+    page = bodies[""].decode()
+    assert "connect-src 'self'" in page
+    assert "default-src 'none'" in page
+    assert TITLE not in page
+    assert json.loads(bodies["status.json"])["figures"] == FIGURES
+    assert json.loads(bodies["episode.json"]) == run.made
+
+
+def test_without_an_episode_there_is_none(place: str) -> None:
+    assert json.loads(answer(place, urlsplit(place).path + "episode.json")[2]) is None
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("{token}/", 200),
+        ("{token}", 403),
+        ("/", 403),
+        ("/status.json", 403),
+        ("/{wrong}/status.json", 403),
+        ("{token}/../status.json", 404),
+        ("{token}/../../../etc/passwd", 404),
+        ("{token}/%2e%2e/log.csv", 404),
+        ("{token}/log.csv", 404),
+        ("{token}//etc/passwd", 404),
+        ("{token}/watch.js", 404),
+        ("{token}/status.json?x=1", 404),
+        ("http://127.0.0.1/{token}/", 403),
+    ],
+)
+def test_only_what_is_served_is_served(place: str, run: Run, path: str, status: int) -> None:
+    token = urlsplit(place).path.strip("/")
+    assert answer(place, path.format(token=f"/{token}", wrong=token[::-1]))[0] == status
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 200),
+        ({"Host": "example.com"}, 403),
+        ({"Host": "127.0.0.1"}, 403),
+        ({"Host": ()}, 403),
+        ({"Origin": "http://example.com"}, 403),
+        ({"Origin": "null"}, 403),
+    ],
+)
+def test_only_this_host_is_answered(place: str, headers: dict[str, Any], status: int) -> None:
+    assert answer(place, urlsplit(place).path + "status.json", **headers)[0] == status
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "CONNECT"])
+def test_only_reading_is_possible(place: str, run: Run, method: str) -> None:
+    assert answer(place, method=method)[0] == 501
+    assert not run.asked
+
+
+@pytest.mark.parametrize("noise", [b"\x16\x03\x01\x02", b"GET\r\n\r\n", b"GET / HTTP/9\r\n\r\n", b"A" * 100_000, b""])
+def test_noise_on_the_line_ends_nothing(place: str, noise: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.create_connection(("127.0.0.1", urlsplit(place).port)) as line, contextlib.suppress(OSError):
+        line.sendall(noise)
+        line.shutdown(socket.SHUT_WR)
+        line.recv(100)
+    assert answer(place)[0] == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_a_client_that_says_nothing_holds_up_nobody(place: str) -> None:
+    with socket.create_connection(("127.0.0.1", urlsplit(place).port)):
+        begun = time.monotonic()
+        assert answer(place)[0] == 200
+        assert time.monotonic() - begun < PATIENCE / 2
+
+
+def test_only_loopback_is_bound_and_the_end_closes_it(run: Run) -> None:
+    before = threading.active_count()
+    with serving(run, TITLE) as address:
+        port = urlsplit(address).port
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("::1", port), timeout=2)
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), timeout=2)
+    assert threading.active_count() == before
+
+
+# ---- the page
+
+
+@pytest.fixture
+def opened(browser: Any, compiled: None, place: str) -> Iterator[Callable[..., Any]]:
+    """Opens the page: opened(**options of the context). It must log nothing and reach no other host."""
+    contexts, complaints, hosts = [], list[str](), set[str]()
+
+    def look(**options: Any) -> Any:
+        context = browser.new_context(**({"viewport": {"width": 1400, "height": 900}} | options))
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: hosts.add(urlsplit(request.url).netloc))
+        page.goto(place)
+        return page
+
+    yield look
+    for context in contexts:
+        context.close()
+    assert complaints == []
+    assert hosts - {""} == {urlsplit(place).netloc}
+
+
+def wait(page: Any, condition: str) -> None:
+    """Until a JavaScript expression is true. The page's own policy keeps playwright from polling it."""
+    deadline = time.monotonic() + 20
+    while not page.evaluate(f"!!({condition})"):
+        assert time.monotonic() < deadline, condition
+        page.wait_for_timeout(20)
+
+
+def shown(page: Any) -> str:
+    return str(page.inner_text(".checkpoint"))
+
+
+def test_it_waits_and_then_plays(opened: Any, run: Run) -> None:
+    run.message = "There is no checkpoint in <b>runs</b> yet."
+    page = opened()
+    page.wait_for_selector("#message:visible")
+    assert page.inner_text("#message") == run.message
+    assert page.is_visible(".empty")
+    assert page.is_hidden("footer")
+    run.message = ""
+    run.make(1, 1_024_000, length=400)
+    wait(page, "window.outlast && outlast.state.playing && outlast.state.at > 1")
+    assert shown(page).split() == ["1,024,000", "agent-steps", "saved", "3", "min", "ago"]
+    assert page.is_hidden("#message")
+    assert page.is_hidden(".empty")
+    assert page.inner_text("h1") == f"ffa_2: {TITLE}"
+
+
+def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
+    run.make(1, 1024)
+    page = opened()
+    page.wait_for_selector(".charts div")
+    cells = [(cell.inner_text().split("\n"), cell.locator("svg").count()) for cell in page.locator(".charts div").all()]
+    assert cells == [(["length", "812"], 1), (["kills", "0.00"], 1), (["wins v scripted", "12 % (310)"], 0)]
+    assert page.inner_text(".numbers") == "collecting 90.1k/s · KL 0.0113"
+    first = page.locator(".charts svg").nth(0)
+    assert first.get_attribute("aria-label") == "300 to 812, from 1,000 to 4,000 agent-steps"
+    drawn = [tuple(map(float, point.split(","))) for point in first.locator("polyline").get_attribute("points").split()]
+    assert [x for x, _ in drawn] == [0, 33.3, 100]
+    assert drawn[0][1] > drawn[1][1] > drawn[2][1] == 1
+    run.figures = [{**FIGURES[1], "text": "900"}]
+    wait(page, "document.querySelectorAll('.charts div').length === 1")
+    assert page.inner_text(".charts dd") == "900"
+
+
+def test_at_the_end_of_an_episode_the_newest_one_is_played(opened: Any, run: Run) -> None:
+    run.make(1, 1024, length=40)
+    page = opened()
+    wait(page, "window.outlast")
+    page.evaluate("outlast.follow(1)")
+    page.keyboard.press("v")
+    run.make(2, 2048, length=60)
+    page.wait_for_timeout(200)
+    assert page.inner_text("#length") == "40"  # the running episode goes on
+    wait(page, "document.querySelector('#length').textContent === '60'")
+    assert shown(page).startswith("2,048 agent-steps")
+    assert page.evaluate("outlast.state.playing")
+    assert page.evaluate("outlast.state.follow") == 1
+    assert page.get_attribute("[data-view=cones]", "aria-pressed") == "false"
+
+
+def test_without_another_episode_it_is_played_again(opened: Any, run: Run) -> None:
+    run.make(1, 1024, length=20)
+    page = opened()
+    wait(page, "window.outlast && outlast.atEnd()")
+    wait(page, "outlast.state.playing")
+    assert shown(page).startswith("1,024 agent-steps")
+
+
+def test_who_has_stopped_it_is_asked(opened: Any, run: Run) -> None:
+    run.make(1, 1024, length=40)
+    page = opened()
+    wait(page, "window.outlast")
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowLeft")
+    run.make(2, 2048, length=60)
+    page.wait_for_selector(".run > button:visible")
+    assert "newest: 2,048, 3 min ago" in shown(page)
+    assert page.inner_text("#length") == "40"
+    page.click(".run > button")
+    wait(page, "document.querySelector('#length').textContent === '60'")
+    assert page.is_hidden(".run > button")
+
+
+def test_several_browsers_watch_one_run(opened: Any, run: Run) -> None:
+    run.make(1, 1024, length=400)
+    pages = [opened(), opened(viewport={"width": 390, "height": 844}, is_mobile=True)]
+    for page in pages:
+        wait(page, "window.outlast && outlast.state.at > 1")
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_server_that_has_ended_is_reported_and_the_episode_goes_on(browser: Any, compiled: None, run: Run) -> None:
+    run.make(1, 1024, length=20)
+    with browser.new_context() as context:
+        with serving(run, TITLE) as address:
+            page = context.new_page()
+            page.goto(address)
+            wait(page, "window.outlast")
+        page.wait_for_selector("#message:visible")
+        assert page.inner_text("#message") == "There is no answer: is outlast watch still running?"
+        wait(page, "outlast.atEnd()")
+        wait(page, "outlast.state.playing")

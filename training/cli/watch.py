@@ -1,0 +1,60 @@
+"""outlast watch: a page that plays the newest checkpoint of a run, and shows its numbers, while it goes on."""
+
+import argparse
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.cli.options import add_page, announce, printable
+
+from .. import run_header
+from ..errors import TrainingError
+
+LISTED = 5  # runs that a message names
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("watch", help="see the newest policy of a run play, and its numbers, in the browser")
+    command.add_argument("run_folder", type=Path, metavar="RUN", help="folder of a run of `outlast train`")
+    add_page(command)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C; the exit status. Raises TrainingError, PlayError."""
+    try:
+        from ..watch import RunWatcher
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"watching needs {error.name}: pip install 'outlast[train]'") from error
+    from outlast.envs.web.replay.server import serving
+
+    folder = options.run_folder
+    _check(folder)
+    name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
+    recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
+    recorder.start()
+    try:
+        with serving(watcher, printable(str(folder.resolve().name)), options.port) as address:
+            announce(options, f"{name}: its newest policy plays at {address}\nCtrl-C ends this.", address)
+            while not stop.wait(1):  # on Windows, Ctrl-C does not end a longer wait
+                pass
+    except KeyboardInterrupt:
+        print(file=sys.stderr)  # behind the ^C
+    finally:
+        stop.set()
+        recorder.join()
+    return 0
+
+
+def _check(folder: Path) -> None:
+    """TrainingError if that is no folder, or one around several runs. A run without a checkpoint yet is one."""
+    if not folder.is_dir():
+        raise TrainingError(f"there is no folder {folder}: give that of a run, as `outlast train` printed it")
+    if not (folder / run_header.NAME).exists() and not any(folder.glob("*.zip")):
+        runs = sorted(path.parent for path in folder.glob(f"*/{run_header.NAME}"))
+        if runs:
+            more = ", ..." if len(runs) > LISTED else ""
+            listed = ", ".join(str(path) for path in runs[:LISTED])
+            raise TrainingError(f"{folder} holds several runs; choose one: {listed}{more}")

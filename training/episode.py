@@ -1,0 +1,104 @@
+"""An episode that the policy of a checkpoint plays with itself, to look at: for films and pages."""
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from gymnasium.vector import AutoresetMode
+
+import outlast
+from outlast.ecs import Worlds
+from outlast.envs.rollout.memory import told
+from outlast.envs.scenarios import renamed
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.serialize import check_repetitions, planned
+from outlast.envs.scenarios.variants import variant
+
+from . import run_header
+from .errors import TrainingError
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One world in which a policy plays an episode.
+
+    Attributes:
+        worlds: The world, which is reset when the first of the ticks is asked for.
+        ticks: Each item that is asked for is one more tick, until the episode ends; the first one is the reset.
+        scenario: What is played.
+        differs: How that differs from what the policy was trained in; "" if it does not.
+    """
+
+    worlds: Worlds
+    ticks: Iterator[int]
+    scenario: Scenario
+    differs: str
+
+
+@contextlib.contextmanager
+def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[Episode]:
+    """An episode of a checkpoint's policy; its agents and all that they meet come from `seed`.
+
+    PyTorch's global random numbers and its number of threads stay as they are.
+
+    Args:
+        path: The checkpoint.
+        seed: Of the world and of the policy's actions.
+        most: Ticks, after which an episode that goes on is left.
+        scenario: What is played; None: what the checkpoint says, see `recorded_scenario`.
+
+    Raises:
+        TrainingError: The checkpoint is broken, of another game, or of one that it does not say enough of.
+    """
+    header, _ = run_header.read_checkpoint(path, (), ("scenario",))
+    game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
+    import torch  # here, as the command line must not wait for it
+
+    with torch.random.fork_rng(devices=[]):  # of which networks draw their first weights
+        player = outlast.load_policy(path, seed)
+    game = player.scenario(game)
+    mode = AutoresetMode.DISABLED
+    env = outlast.make_vec(game, 1, seed=seed, autoreset_mode=mode, copy=False, check_actions=False)
+
+    def ticks() -> Iterator[int]:
+        act = told(player, env)
+        observations, _ = env.reset()
+        yield 0
+        for tick in range(1, most + 1):
+            observations, _, terminated, truncated, _ = env.step(act(observations))
+            yield tick
+            if terminated[0] or truncated[0]:
+                break
+
+    with contextlib.closing(env):
+        player.check(env)
+        yield Episode(env.worlds, ticks(), game, differs)
+
+
+def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
+    """The scenario of a run that `outlast train` began: a variant, with other numbers.
+
+    Args:
+        header: run.json of the run, or of one of its checkpoints.
+
+    Returns:
+        The scenario; and what differs from the one of the run, which another version of outlast may have begun, or "".
+
+    Raises:
+        TrainingError: The file does not say enough of it: it was no variant, or had mechanics of the user's own.
+    """
+    given = header["scenario"]
+    try:
+        plain = variant(given["name"])
+        if given.get("code"):
+            raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
+        numbers = renamed.current(given["numbers"], renamed.NUMBERS)
+        check_repetitions(numbers)
+        known = {name: value for name, value in numbers.items() if name in plain.numbers()}
+        made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+        planned(made)
+    except ValueError as error:
+        raise TrainingError(f"the scenario {given['name']!r} cannot be made from a checkpoint: {error}") from error
+    return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name

@@ -1,0 +1,43 @@
+"""A short film of a checkpoint's policy, made while a run goes on."""
+
+import logging
+from pathlib import Path
+
+from outlast.envs.scenarios.scenario import Scenario
+
+from .episode import episode
+
+MOST, EVERY = 900, 3  # ticks that are shown, which is half a minute of the paper's variants; and from frame to frame
+SIZE, FPS = 256, 20  # pixels; frames a second: with EVERY, twice real time
+logger = logging.getLogger(__name__)
+
+
+def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:
+    """Film the beginning of an episode that a checkpoint's policy plays with itself. Takes a second or two.
+
+    Nothing that a training run goes by is touched: no global random numbers, no number of threads. Whatever goes
+    wrong, as on a full disk, is logged, as a run is worth more than its films. Ctrl-C is raised. There is a whole film
+    or none.
+
+    Args:
+        checkpoint: The file of the checkpoint.
+        folder: Where the film goes, made if it is not there: NAME.webm for NAME.zip.
+        scenario: What is played; None: what the checkpoint says, which is enough for variants.
+        seed: Of the episode: films of one run with the same seed begin in the same world.
+
+    Returns:
+        The film; nothing if it could not be made.
+    """
+    from outlast.envs.rendering.video import footage, write_film  # here, as these load OpenCV
+
+    target = folder / f"{checkpoint.stem}.webm"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with episode(checkpoint, seed=seed, most=MOST, scenario=scenario) as played:
+            if played.differs:
+                logger.warning("%s: %s is not quite what it was: %s", checkpoint, played.scenario.name, played.differs)
+            write_film(target, footage(played.worlds, played.ticks, [0], size=SIZE, every=EVERY), FPS)
+    except Exception as error:  # of the disk, the encoder, the world, the policy
+        logger.warning("there is no film of %s: %s", checkpoint, str(error) or type(error).__name__)
+        return []
+    return [target]

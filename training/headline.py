@@ -1,0 +1,83 @@
+"""The few numbers of a run that somebody looks at while it goes on, from the tags of its log. Needs no PyTorch."""
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number to look at.
+
+    Attributes:
+        group: What it is about, one of GROUPS.
+        name: What it is called, unique in its group.
+        value: The number.
+        text: The same to be read.
+    """
+
+    group: str
+    name: str
+    value: float
+    text: str
+
+
+def large(value: float) -> str:
+    """A number of three digits, with k, M or G: 36.5k."""
+    for unit in ("", "k", "M", "G"):
+        if abs(value) < 999.5 or unit == "G":
+            break
+        value /= 1000
+    digits = 0 if not unit or abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
+    return f"{value:.{digits}f}{unit}"
+
+
+def _rate(value: float) -> str:
+    return f"{large(value)}/s"
+
+
+def _fixed(digits: int) -> Callable[[float], str]:
+    return lambda value: f"{value:,.{digits}f}"
+
+
+def _mean(values: Iterable[float]) -> float:
+    each = list(values)
+    return sum(each) / len(each)
+
+
+# Group, name, tags (of each side or agent, where there are several), how those become one number, and its text.
+_FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callable[[float], str]], ...] = (
+    ("speed", "collecting", r"time/collected_per_second", _mean, _rate),
+    ("speed", "updating", r"time/updated_per_second", _mean, _rate),
+    ("episodes", "length", r"rollout/steps", _mean, _fixed(0)),
+    ("episodes", "return", r"rollout/reward\d+", _mean, _fixed(1)),
+    ("episodes", "kills", r"rollout/kills\d*", sum, _fixed(2)),
+    ("episodes", "heals used", r"rollout/heals_used", _mean, _fixed(2)),
+    ("learning", "epochs", r"train/epochs", _mean, _fixed(1)),
+    ("learning", "KL", r"train/approx_kl", _mean, _fixed(4)),
+    ("learning", "entropy", r"train/entropy", _mean, _fixed(2)),
+    ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
+)
+GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
+WINS, GAMES = "wins/", "games/"  # by opponent: the share of late that was won, 0 to 1; how many games in all
+
+
+def headline(tags: Mapping[str, float]) -> list[Figure]:
+    """The figures for which there are tags, in the order in which to show them; numbers that are not finite are none.
+
+    Args:
+        tags: What was logged last, by tag. Of numbered tags ("rollout/kills0") the kills of all sides are added up, of
+            returns it is the mean.
+    """
+    finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
+    found = []
+    for group, name, pattern, combine, text in _FIGURES:
+        if values := [value for tag, value in finite.items() if re.fullmatch(pattern, tag)]:
+            found.append(Figure(group, name, combine(values), text(combine(values))))
+    for tag, share in finite.items():
+        if tag.startswith(WINS):
+            name, games = tag.removeprefix(WINS), finite.get(tag.replace(WINS, GAMES, 1))
+            of = "" if games is None else f" ({large(games)})"
+            found.append(Figure("wins", name, share, f"{100 * share:.0f} %{of}"))
+    return sorted(found, key=lambda figure: GROUPS.index(figure.group))
