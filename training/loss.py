@@ -91,7 +91,9 @@ def ppo_loss(
     return Loss(total, policy, value, mean_entropy, divergence, clipped)
 
 
-def imitation_loss(logs: Tensor, values: Tensor, *, actions: Tensor, returns: Tensor, numbers: Hyperparameters) -> Loss:
+def imitation_loss(
+    log_probs: Tensor, values: Tensor, entropy: Tensor, differs: Tensor, *, returns: Tensor, numbers: Hyperparameters
+) -> Loss:
     """The loss of a minibatch where a policy learns to do as a teacher does: cross-entropy, and that of its values.
 
     All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
