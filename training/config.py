@@ -120,9 +120,6 @@ class TrainingConfig:
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        for name in ("warm_start", "anneal"):  # runs of before have neither
-            if not kept[name]:
-                del kept[name]
         if not self.numbers.anneal:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}

@@ -188,7 +188,8 @@ class TrainingRun:
 
     def _check_plan(self, header: run_header.Header) -> None:
         """Refuse to go on with other numbers: it would not be the same run."""
-        then, now = header["plan"], json.loads(json.dumps(self.config.header()["plan"]))
+        earlier = TrainingConfig(self.config.scenario).header()["plan"]  # what a run of before does not say yet
+        then, now = json.loads(json.dumps([earlier | header["plan"], self.config.header()["plan"]]))
         differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
