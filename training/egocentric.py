@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
+from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
 from .rows import Rows
 
@@ -33,9 +34,11 @@ class Egocentric(nn.Module):
     me: Tensor
 
     def __init__(self, layout: ObservationLayout) -> None:
-        """layout: With the fields of the agent's own place, velocity and angle."""
+        """layout: With the fields of the agent's own place, velocity and angle. Raises TrainingError without them."""
         super().__init__()
         columns = layout.field_columns()
+        if not columns[OWN].keys() >= {*ME}:
+            raise TrainingError(f"preset egocentric needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
         self.register_buffer("me", torch.tensor([columns[OWN][name] for name in ME]), persistent=False)
         self.own, self.entities = Columns(), Columns()
         for key in layout.alone:
