@@ -1,4 +1,4 @@
-"""The tables and the plot of docs/performance.md, and the tables of docs/training.md and README, from the results of a machine.
+"""Tables of docs/performance.md, docs/training.md and README, and a plot, from the results of a machine.
 
     python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
 

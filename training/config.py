@@ -16,6 +16,7 @@ from .presets import DEAD, preset
 from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
+FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 SNAPSHOTS = 10  # updates between past selves
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
@@ -76,7 +77,7 @@ class TrainingConfig:
     """
 
     scenario: Scenario
-    preset: str = "original"
+    preset: str = FAST
     steps: int = 10_000_000
     seed: int = 0
     worlds: int = 0
@@ -126,8 +127,8 @@ class TrainingConfig:
 
     @property
     def numbers(self) -> Hyperparameters:
-        """Of PPO. Raises TrainingError if one is out of range."""
-        return replace(preset(self.preset).numbers, **self.settings)
+        """Of PPO. Raises TrainingError if one is not there, or out of range."""
+        return preset(self.preset).numbers.changed(self.settings)
 
     @property
     def teacher(self) -> tuple[str, int]:

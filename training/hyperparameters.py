@@ -1,9 +1,9 @@
-"""PPO's hyperparameters in the authors' runs, and the ranges that others may be from."""
+"""PPO's hyperparameters in the authors' runs, and what others may be."""
 
 import difflib
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from .errors import TrainingError
@@ -44,14 +44,31 @@ class Hyperparameters:
     scale_rewards: bool = False
 
     def __post_init__(self) -> None:
-        """Raises TrainingError where a number is out of its range."""
-        for name, (words, fits) in RANGES.items():
-            value = getattr(self, name)
+        """Raises TrainingError where a number is of another type, or out of its range."""
+        for name, kind in KINDS.items():
+            value: Any = getattr(self, name)
+            words, fits = RANGES.get(name, ANY)
+            kinds: Any = (float, int) if kind is float else kind
+            if not isinstance(value, kinds) or isinstance(value, bool) != (kind is bool):
+                raise TrainingError(f"{name}={value}: {example(name)} is needed")
             if not (fits(value) and value < math.inf):
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
+    def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
+        """These with others in some places. Raises TrainingError for what there is not, or what cannot be."""
+        for name in settings:
+            if name not in KINDS:
+                near = difflib.get_close_matches(name, KINDS, 1)
+                hint = f"did you mean {near[0]}? " if near else ""
+                raise TrainingError(f"PPO has no number '{name}'; {hint}it has: {', '.join(KINDS)}")
+        return replace(self, **settings)
+
+
+KINDS: dict[str, type] = {each.name: type(each.default) for each in fields(Hyperparameters)}
+
 
 Range = tuple[str, Callable[[float], bool]]  # in words, and as a rule
+ANY: Range = ("", lambda value: True)
 POSITIVE: Range = ("above 0", lambda value: value > 0)
 NOT_NEGATIVE: Range = ("of at least 0", lambda value: value >= 0)
 SHARE: Range = ("from 0 to 1", lambda value: 0 <= value <= 1)
@@ -69,20 +86,19 @@ RANGES: dict[str, Range] = {
 }
 
 
+def example(name: str) -> str:
+    """What a number is like, in words."""
+    return "true or false" if KINDS[name] is bool else f"a number like {getattr(Hyperparameters, name)}"
+
+
 def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
     """Hyperparameters out of texts like "gamma=0.999". Raises TrainingError."""
-    known = {name: type(value) for name, value in asdict(Hyperparameters()).items()}
-    numbers: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise TrainingError(f"PPO has no number '{name}'; {hint}it has: {', '.join(known)}")
         try:
-            numbers[name] = TRUTHS[value.lower()] if known[name] is bool else known[name](value)
+            settings[name] = TRUTHS[value.lower()] if KINDS.get(name) is bool else KINDS.get(name, str)(value)
         except (ValueError, KeyError) as error:
-            example = "true or false" if known[name] is bool else f"a number like {getattr(Hyperparameters, name)}"
-            raise TrainingError(f"{text}: {example} is needed") from error
-    Hyperparameters(**numbers)
-    return numbers
+            raise TrainingError(f"{text}: {example(name)} is needed") from error
+    Hyperparameters().changed(settings)
+    return settings

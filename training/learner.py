@@ -60,7 +60,8 @@ class Learner:
         rate = self.numbers.learning_rate * (left if self.numbers.anneal else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        samples, batches = Samples(rollout, self.device), max(1, round(len(chosen) / self.numbers.batch_size))
+        wanted = max(1, round(len(chosen) / self.numbers.batch_size))
+        samples, batches = Samples(rollout, self.device), min(wanted, len(chosen) // 2)  # one has no spread
         figures, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
@@ -108,7 +109,7 @@ class Learner:
 
     def _descend(self, total: Tensor) -> None:
         self.optimizer.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward(total)
         nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
         self.optimizer.step()
 

@@ -27,6 +27,7 @@ STEP = 4.0  # Elo points of a game that was won although it should have been dra
 SCALE = 400.0  # Elo points of odds of ten to one
 FORGET = 0.9  # of earlier games, with each update: learners change
 WRONG = "opponents in rest.pt of the checkpoint are not what a run goes on with"
+HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # a rating, games, digits of agent-steps in a checkpoint
 LEAST = 0.02  # of the priority of an opponent that always loses
 
 
@@ -193,8 +194,9 @@ class Opponents:
         past = given.get("past") if isinstance(given, dict) else None
         if not isinstance(past, dict):
             raise TrainingError(WRONG)
+        pool = {number: one for number, one in self.all.items() if not one.past}
         for number, kept in past.items():
-            if type(number) is not int or number in self.all or number < 0 or not isinstance(kept, dict):
+            if type(number) is not int or number in pool or number < 0 or not isinstance(kept, dict):
                 raise TrainingError(WRONG)
             weights, name = kept.get("weights"), kept.get("name")
             if (
@@ -204,19 +206,24 @@ class Opponents:
                 or not is_past(name)
             ):
                 raise TrainingError(WRONG)
-            self.all[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
-            for policy, own in zip(self.all[number].policies, weights, strict=True):
+            pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
+            for policy, own in zip(pool[number].policies, weights, strict=True):
                 load_weights(policy, own, f"{name} in rest.pt")
-        self.past = sorted(number for number, kept in past.items() if kept.get("drawn"))
-        check_state(given.get("figures"), self.state()["figures"], "opponents")
-        for number, one in self.all.items():
-            one.rating, one.won, one.games, total = given["figures"][number].tolist()
+        figures = given.get("figures")
+        check_state(figures, {number: torch.zeros(4, dtype=torch.float64) for number in pool}, "opponents")
+        for rating, won, games, total in (kept.tolist() for kept in figures.values()):
+            if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
+                raise TrainingError(WRONG)
+        self.all, self.past = pool, sorted(number for number, kept in past.items() if kept.get("drawn"))
+        for number, one in pool.items():
+            one.rating, one.won, one.games, total = figures[number].tolist()
             one.total = int(total)
 
 
 def is_past(name: str) -> bool:
     """Whether it is the name of a past self."""
-    return name.startswith(f"{PAST}@") and name.partition("@")[2].isdecimal()
+    steps = name.removeprefix(f"{PAST}@")
+    return steps != name and steps.isdecimal() and len(steps) < LONGEST
 
 
 def frozen(policy: ActorCritic) -> ActorCritic:

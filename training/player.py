@@ -113,7 +113,7 @@ class Player:
         self._check(observations)
         with one_thread(), torch.inference_mode():
             actions = self._act(self.packer(observations))
-        return actions.reshape(*observations[OWN].shape[:-1], -1)
+        return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def _act(self, seen: Observed) -> Array:
         """Actions of a batch of agents, int64 (batch, actions)."""

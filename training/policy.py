@@ -19,31 +19,33 @@ GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baseline
 class MultiCategorical(nn.Module):
     """Independent categorical distributions, given the logits of all of them in one row.
 
-    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Log probabilities are (values, actions, batch): PyTorch's softmax is several times as fast along the first axis.
     Actions with fewer values than others are filled up with values of probability 0.
     """
 
     where: Tensor
     never: Tensor
+    beyond: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
         """sizes: how many values each action has."""
         super().__init__()
-        self.count, longest, start = len(sizes), max(sizes), 0
-        where = torch.zeros(longest, self.count, dtype=torch.long)
-        never = torch.full((longest, self.count), NEVER)
+        self.shape, start = (max(sizes), len(sizes)), 0
+        where, never = torch.zeros(self.shape, dtype=torch.long), torch.full(self.shape, NEVER)
         for k, size in enumerate(sizes):
             where[:size, k] = torch.arange(start, start + size)
             never[:size, k] = 0
             start += size
         self.register_buffer("where", where.flatten(), persistent=False)
         self.register_buffer("never", never.flatten(), persistent=False)
+        beyond = torch.arange(1, max(sizes))[:, None, None] >= torch.tensor(sizes)[:, None]
+        self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
         """(values, actions, batch) of all values, given the features that the head makes logits of."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
         logits = torch.addmm(bias[:, None], weight, features.T)
-        return logits.view(-1, self.count, len(features)).log_softmax(0)
+        return logits.view(*self.shape, len(features)).log_softmax(0)
 
     @staticmethod
     def of(actions: Tensor, logs: Tensor) -> Tensor:
@@ -60,10 +62,9 @@ class MultiCategorical(nn.Module):
         """Joint actions, int64 (batch, actions)."""
         return logs.argmax(0).T
 
-    @staticmethod
-    def draw(logs: Tensor, uniform: Tensor) -> Tensor:
+    def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
         """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
-        below = logs.exp().cumsum(0)[:-1]  # without the last, which rounding may leave below 1
+        below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
         return (below <= uniform.T).sum(0).T
 
 
@@ -104,7 +105,7 @@ class ActorCritic(nn.Module):
         logs = self._logs(self.actor.inner(self.extractors[0](seen)))
         if generator is None:
             return self.choices.likeliest(logs)
-        return self.choices.draw(logs, torch.rand((len(seen), self.choices.count), generator=generator))
+        return self.choices.draw(logs, torch.rand((len(seen), self.choices.shape[1]), generator=generator))
 
     def take(self, other: "ActorCritic") -> None:
         """Become the same function of observations as a policy whose inputs may be scaled otherwise.

@@ -12,6 +12,7 @@ from .errors import TrainingError
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
+DEAREST = 1e30  # reward, or sum of rewards: float32, also when it is squared in float64
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class RewardScale:
     """
 
     MEMORY = 50.0
+    LEAST = 1e-8  # where nothing is paid for long, the deviation falls without end
 
     def __init__(self, agents: int, gamma: float) -> None:
         """agents: of all worlds. gamma: discount of a step."""
@@ -76,7 +78,7 @@ class RewardScale:
         self.variance += share * (sums.var() - self.variance + (1 - share) * apart**2)
         self.mean += share * apart
         self.count = kept + sums.size
-        return math.sqrt(self.variance) or 1.0
+        return max(math.sqrt(self.variance), self.LEAST)
 
     def state(self) -> dict[str, torch.Tensor]:
         """What a run goes on with: float64 tensors by name."""
@@ -86,7 +88,9 @@ class RewardScale:
     def restore(self, given: Any) -> None:
         """Go on from what `state` returned. Raises TrainingError for anything else."""
         check_state(given, self.state(), "rewards")
-        if given["count"] < 0 or given["variance"] < 0:
-            raise TrainingError("rewards in rest.pt of the checkpoint cannot vary less than not at all")
+        for name, value in given.items():
+            low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
+            if not ((value >= low) & (value <= high)).all():
+                raise TrainingError(f"rewards {name} in rest.pt of the checkpoint is beyond {low:g} to {high:g}")
         self.sums = given["sums"].numpy().copy()
         self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))

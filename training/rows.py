@@ -85,9 +85,8 @@ class PaddedRows:
     @property
     def rows(self) -> Tensor:
         """float32 (batch, layout.rows, layout.features), the entities, filled up with zeros."""
-        return self.packed[:, self.layout.own + self.layout.rows :].view(
-            len(self), self.layout.rows, self.layout.features
-        )
+        cells = self.packed[:, self.layout.own + self.layout.rows :]
+        return cells.view(len(self), self.layout.rows, self.layout.features)
 
     def select(self, index: Tensor) -> PaddedRows:
         """Those of some agents, int64 (some,)."""

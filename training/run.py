@@ -187,9 +187,10 @@ class TrainingRun:
             raise TrainingError(f"{wrong}; make room there, and go on with --resume") from error
 
     def _check_plan(self, header: run_header.Header) -> None:
-        """Refuse to go on with other numbers: it would not be the same run."""
-        earlier = TrainingConfig(self.config.scenario).header()["plan"]  # what a run of before does not say yet
-        then, now = json.loads(json.dumps([earlier | header["plan"], self.config.header()["plan"]]))
+        """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual."""
+        usual = TrainingConfig(self.config.scenario, self.config.preset)
+        plans = usual.header()["plan"] | header["plan"], self.config.header()["plan"]
+        then, now = (json.loads(json.dumps(plan)) for plan in plans)
         differ = [key for key in now if now[key] != then.get(key) and key not in ("device", "threads")]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)

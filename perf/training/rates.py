@@ -1,28 +1,33 @@
 """Where the time of training goes: collecting and updating, and what in them.
 
-    python -m perf.training [--variants ffa_2 teams_3] [--preset original] [--threads 2] [--save MACHINE]
+    python -m perf.training.rates [--variants ffa_2 teams_3] [--preset original] [--worlds 256] [--rollout 32768]
+        [--threads 2] [--device cpu] [--save MACHINE]
 
-One rollout as `outlast train` has it (16384 environment steps, 64 worlds) and a number of epochs of one update, with
-random initial weights. Rates are in agent-steps a second while collecting, samples a second while updating; shares are
-of either part. Best of three rounds.
+One rollout as `outlast train` has it and a number of epochs of one update, with random initial weights. Rates are in
+agent-steps a second while collecting, samples a second while updating; shares are of either part. Best of three rounds.
 """
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import torch
-from stable_baselines3.common.logger import Logger
 
 from outlast import variant
-from outlast.training.ppo import SharedPPO
-from outlast.training.presets import PRESETS, preset
+from outlast.training import learner
+from outlast.training.config import TrainingConfig
+from outlast.training.presets import PRESETS
+from outlast.training.rollout import Rollout
+from outlast.training.rows import PaddedRows, Rows
+from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
 ROUNDS, EPOCHS = 3, 2
-COLLECTING = ("worlds", "observations", "networks", "statistics")
-UPDATING = ("minibatches", "forward", "backward", "clipping", "optimiser")
+PARTS = (
+    *("worlds", "observations", "networks", "statistics"),  # while collecting
+    *("minibatches", "loss", "backward", "clipping", "optimiser"),  # while updating, with networks
+)
 
 
 class Stopwatch:
@@ -31,27 +36,27 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
 
-    def wrap(self, target: Any, name: str, label: str) -> None:
-        """Let `target.name` be measured under a label."""
-        inner = getattr(target, name)
+    def wrap(self, label: str, target: Any, *names: str) -> None:
+        """Let functions of `target` be measured under a label."""
+        for name in names:
+            setattr(target, name, self.timed(label, getattr(target, name)))
 
-        def timed(*args: Any, **keywords: Any) -> Any:
-            return self.run(label, lambda: inner(*args, **keywords))
+    def timed(self, label: str, inner: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **keywords: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return inner(*args, **keywords)
+            finally:
+                self.seconds[label] += time.perf_counter() - start
 
-        setattr(target, name, timed)
+        return call
 
-    def run(self, label: str, call: Callable[[], Any]) -> Any:
+    def measure(self, call: Callable[[], Any]) -> tuple[float, dict[str, float]]:
+        """Seconds of one call, and of what was wrapped in it."""
+        self.seconds.clear()
         start = time.perf_counter()
-        try:
-            return call()
-        finally:
-            self.seconds[label] += time.perf_counter() - start
-
-    def each(self, label: str, items: Iterator[Any]) -> Iterator[Any]:
-        """The items, with the time that it takes to make them."""
-        end = object()
-        while (item := self.run(label, lambda: next(items, end))) is not end:
-            yield item
+        call()
+        return time.perf_counter() - start, dict(self.seconds)
 
 
 def main() -> None:
@@ -59,61 +64,61 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--variants", nargs="+", default=["ffa_2", "teams_3"])
     parser.add_argument("--preset", choices=PRESETS, default="original")
+    parser.add_argument("--worlds", type=int, default=0)
+    parser.add_argument("--rollout", type=int, default=0)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--device", default="cpu")
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
-    table = Table("training", "variant", "part", "a second", *COLLECTING, *UPDATING, "rest")
+    table, clock = Table("training", "variant", "part", "a second", *PARTS, "rest"), watched_functions()
     for name in given.variants:
-        model = make(name, given)
-        clock = watched(model)
-        best = {label: min(measure(call, clock) for _ in range(ROUNDS)) for label, call in parts(model).items()}
-        for label, (seconds, shares) in best.items():
-            rate = model.rollout_buffer.alive.size * (EPOCHS if label == "updating" else 1) / seconds
-            known = [shares.get(each, 0.0) / seconds for each in (*COLLECTING, *UPDATING)]
+        config = TrainingConfig(
+            variant(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
+            settings={"n_epochs": EPOCHS, "target_kl": 0.0},
+        )  # fmt: skip
+        trainer = Trainer(config, given.threads)
+        watch(trainer, clock)
+        rollout = trainer.collect()
+        for label, (seconds, shares) in parts(trainer, rollout, clock).items():
+            rate = rollout.alive.size * (EPOCHS if label == "updating" else 1) / seconds
+            known = [shares.get(each, 0.0) / seconds for each in PARTS]
             table.add(name, label, f"{rate:,.0f}", *map(percent, known), percent(1 - sum(known)))
     table.finish(given.save)
 
 
-def make(name: str, given: Any) -> SharedPPO:
-    model = SharedPPO(
-        variant(name), preset(given.preset), device=given.device, threads=given.threads, n_epochs=EPOCHS, target_kl=None
-    )
-    model.set_logger(Logger(None, []))
-    model._update_current_progress_remaining(0, 1)
-    model.collect()
-    return model
+def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tuple[float, dict[str, float]]]:
+    """Seconds of collecting and of updating, and of what is in them: the best round of each."""
+    calls = {"collecting": trainer.collect, "updating": lambda: trainer.update(rollout)}
+    return {
+        label: min((clock.measure(call) for _ in range(ROUNDS)), key=lambda each: each[0])
+        for label, call in calls.items()
+    }
 
 
-def parts(model: SharedPPO) -> dict[str, Callable[[], None]]:
-    return {"collecting": model.collect, "updating": model.train}
-
-
-def measure(call: Callable[[], None], clock: Stopwatch) -> tuple[float, dict[str, float]]:
-    """Seconds of one call, and of what was wrapped in it."""
-    clock.seconds.clear()
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start, dict(clock.seconds)
-
-
-def watched(model: SharedPPO) -> Stopwatch:
-    """A clock on the parts of a model."""
-    clock, buffer = Stopwatch(), model.rollout_buffer
-    clock.wrap(model.base_env, "step", "worlds")
-    clock.wrap(model.base_env, "reset", "worlds")
-    clock.wrap(model.base_env, "observe", "observations")
-    clock.wrap(model.policy, "forward", "networks")
-    clock.wrap(model.collector.behaviour, "before_step", "statistics")
-    clock.wrap(model.collector.behaviour, "after_step", "statistics")
-    clock.wrap(model.collector.episodes, "add", "statistics")
-    get = buffer.get
-    buffer.get = lambda size: clock.each("minibatches", iter(get(size)))
-    clock.wrap(model.policy, "evaluate_actions", "forward")
-    clock.wrap(torch.Tensor, "backward", "backward")
-    clock.wrap(torch.nn.utils, "clip_grad_norm_", "clipping")
-    clock.wrap(model.policy.optimizer, "step", "optimiser")
+def watched_functions() -> Stopwatch:
+    """A clock on what all trainers share."""
+    clock = Stopwatch()
+    for rows in (Rows, PaddedRows, learner.Samples):
+        clock.wrap("minibatches", rows, "select")
+    clock.wrap("loss", learner, "ppo_loss", "normalised")
+    clock.wrap("backward", torch.autograd, "backward")
+    clock.wrap("clipping", torch.nn.utils, "clip_grad_norm_")
     return clock
+
+
+def watch(trainer: Trainer, clock: Stopwatch) -> None:
+    """Put a clock on the parts of a trainer."""
+    clock.wrap("worlds", trainer.env, "step", "reset")
+    clock.wrap("observations", trainer.env, "observe")
+    clock.wrap("observations", trainer.lane, "packer")
+    for one in trainer.learners:
+        clock.wrap("networks", one.policy, "forward")
+        clock.wrap("networks", one.policy.choices, "draw", "of")
+        clock.wrap("loss", one.policy.choices, "entropy")
+        clock.wrap("optimiser", one.optimizer, "zero_grad", "step")
+    clock.wrap("networks", trainer.lane, "noise")
+    clock.wrap("statistics", trainer.lane.behaviour, "after_step")
+    clock.wrap("statistics", trainer.lane.episodes, "add")
 
 
 def percent(share: float) -> str:

@@ -175,3 +175,29 @@ def test_what_is_not_the_original_is_refused_in_a_sentence(
     assert ended.value.code == 2
     assert message.format(**names) in capsys.readouterr().err.splitlines()[-1]
     assert not (checkout / "masurvival" / "envs" / "log").exists()  # nothing was timed
+
+
+def test_rates_of_training_are_shared_out_among_its_parts(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, one_torch_thread: None
+) -> None:
+    pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    from outlast.training import learner, rows
+    from perf.training import rates
+
+    for target in (learner, learner.Samples, rows.Rows, rows.PaddedRows, rates.torch.autograd, rates.torch.nn.utils):
+        for name in {"ppo_loss", "normalised", "select", "backward", "clip_grad_norm_"} & vars(target).keys():
+            monkeypatch.setattr(target, name, getattr(target, name))  # put back behind the test
+    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
+    small = ("--variants", "ffa_2", "--worlds", "4", "--rollout", "128", "--threads", "1")
+    for preset in ("original", "fast"):
+        monkeypatch.setattr(sys, "argv", ["perf.training.rates", *small, "--preset", preset, "--save", preset])
+        rates.main()
+        with (tmp_path / preset / "training.csv").open() as file:
+            found = list(csv.DictReader(file))
+        assert [row["part"] for row in found] == ["collecting", "updating"]
+        for row, without in zip(found, (rates.PARTS[4:], rates.PARTS[:2]), strict=True):
+            shares = {name: float(row[name].rstrip("%") or 0) for name in (*rates.PARTS, "rest")}
+            assert 96 <= sum(shares.values()) <= 104
+            assert shares["networks"] > 5
+            assert not any(shares[name] for name in without)
+            assert float(row["a second"].replace(",", "")) > 10

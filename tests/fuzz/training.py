@@ -12,23 +12,31 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import Logger
 
 import outlast
 from outlast.envs.errors import FaultError, StateError
-from outlast.training import checkpoint
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training import checkpoint, resume
+from outlast.training.config import TrainingConfig
 from outlast.training.errors import TrainingError
 from outlast.training.paper import end_values, figures, results
 from outlast.training.player import Player
-from outlast.training.ppo import SharedPPO
 from outlast.training.presets import preset
-from outlast.training.run import TrainingConfig, TrainingRun
+from outlast.training.run import TrainingRun
+from outlast.training.trainer import Trainer
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
 from tests.fuzz.worlds import folder_of
 
 SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
+SETTINGS = {"batch_size": 16, "n_epochs": 1, "scale_rewards": True}
 CONFIG = TrainingConfig(
-    SMALL, preset="paper", worlds=2, rollout=16, threads=1, settings={"batch_size": 16, "n_epochs": 1}
+    *(SMALL, "paper"),
+    worlds=2,
+    rollout=16,
+    threads=1,
+    settings=SETTINGS,
+    opponents={"self": 0.5, "past": 0.5},
+    snapshots=1,
 )
 
 
@@ -101,12 +109,10 @@ class Checkpoints:
     def __init__(self) -> None:
         torch.set_num_threads(1)
         self.folder = folder_of(self)
-        self.model = SharedPPO(SMALL, preset("paper"), worlds=CONFIG.worlds, steps=CONFIG.rollout, **CONFIG.settings)
-        self.model.set_logger(Logger(None, []))
-        self.model.start()
-        first = checkpoint.capture(self.model, CONFIG.header())
+        self.trainer = Trainer(CONFIG)
+        first = resume.capture(self.trainer, CONFIG.header())
         self._go_on()
-        self.files = [_zip_bytes(files) for files in (first, checkpoint.capture(self.model, CONFIG.header()))]
+        self.files = [_zip_bytes(files) for files in (first, resume.capture(self.trainer, CONFIG.header()))]
         self.valid = self.files[1]
 
     def mutate(self, rng: Random) -> bytes:
@@ -116,21 +122,21 @@ class Checkpoints:
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
-            checkpoint.restore(self.model, checkpoint.read_checkpoint(path))
+            resume.restore(self.trainer, checkpoint.read_checkpoint(path))
             self._go_on()
             return
         run = self.folder / "run"
         shutil.rmtree(run, ignore_errors=True)
         run.mkdir()
         shutil.copy(path, run / checkpoint.NAME.format(1))
-        TrainingRun(dataclasses.replace(CONFIG, steps=1), run, resume=True).model.logger.close()
+        TrainingRun(dataclasses.replace(CONFIG, steps=1), run, resume=True).log.close()
 
     def _go_on(self) -> None:
         try:
-            self.model.collect()
+            rollout = self.trainer.collect()
         except FaultError:  # positions that physics refuses
             return
-        self.model.train()
+        self.trainer.update(rollout)
 
 
 class Policies:
@@ -142,9 +148,8 @@ class Policies:
         torch.set_num_threads(1)
         self.files = []
         for name in ("original", "scaled"):
-            model = SharedPPO(SMALL, preset(name), worlds=2, steps=16, batch_size=16)
-            model.start()
-            self.files.append(_zip_bytes(checkpoint.capture(model, CONFIG.header())))
+            trainer = Trainer(dataclasses.replace(CONFIG, preset=name))
+            self.files.append(_zip_bytes(resume.capture(trainer, CONFIG.header())))
         self.valid = self.files[0]
 
     def mutate(self, rng: Random) -> bytes:
@@ -174,7 +179,7 @@ class Results:
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
         header = {
             "version": 1,
-            "scenario": checkpoint.fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
+            "scenario": fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
         }
         self.header = json.dumps(header | CONFIG.header()).encode()
         (self.folder / "log.csv").write_bytes(self.log)

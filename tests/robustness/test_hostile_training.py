@@ -15,17 +15,14 @@ from outlast import variant
 from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from stable_baselines3.common.logger import Logger  # noqa: E402
-
-from outlast.training import checkpoint  # noqa: E402
+from outlast.training import checkpoint, resume  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
-from outlast.training.ppo import SharedPPO  # noqa: E402
-from outlast.training.presets import preset  # noqa: E402
 from outlast.training.safe_torch import BROKEN, load_tensors  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
 from tests.fuzz.mutations import memory_limit, unzipped, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -33,19 +30,16 @@ Files = dict[str, bytes]
 
 
 @pytest.fixture(scope="module")
-def model() -> SharedPPO:
-    model = SharedPPO(variant("teams_3"), preset("scaled"), worlds=2, steps=16, batch_size=16, n_epochs=1)
-    model.start()
-    return model
+def trainer() -> Trainer:
+    settings = {"batch_size": 16, "n_epochs": 1, "scale_rewards": True}
+    return Trainer(TrainingConfig(variant("teams_3"), "scaled", worlds=2, rollout=16, settings=settings))
 
 
 @pytest.fixture(scope="module")
-def files(model: SharedPPO) -> Files:
+def files(trainer: Trainer) -> Files:
     """The files of a checkpoint after one update."""
-    model.set_logger(Logger(None, []))
-    model.collect()
-    model.train()
-    return checkpoint.capture(model, {"plan": {"seed": 0}})
+    trainer.update(trainer.collect())
+    return resume.capture(trainer, {"plan": {"seed": 0}})
 
 
 # ---- tensors
@@ -144,14 +138,27 @@ def rest_with(files: Files, change: Callable[[Any], Any]) -> Files:
 
 
 def moment(rest: Any, name: str, value: Any) -> None:
-    rest["optimiser"]["state"][0][name] = value
+    rest["learners"][0]["optimiser"]["state"][0][name] = value
+
+
+def rewards(rest: Any, **values: Any) -> None:
+    rest["rewards"].update({name: torch.tensor(value, dtype=torch.float64) for name, value in values.items()})
+
+
+def figures(rest: Any, values: list[float]) -> None:
+    rest["opponents"]["figures"][0] = torch.tensor(values, dtype=torch.float64)
+
+
+def past(rest: Any, number: int, **changes: Any) -> None:
+    rest["opponents"]["past"][number] = {"name": "past@16", "drawn": True, "weights": []} | changes
 
 
 def random_at(rest: Any, left: int, place: int) -> None:
-    state = rest["random"]["actions"].numpy()
+    state = rest["learners"][0]["minibatches"].numpy()
     state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
 
 
+NO_REWARDS = "rewards in rest.pt of the checkpoint is not what a run goes on with"
 RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "nothing": (lambda rest: {"updates": 1}, "a random generator in rest.pt of the checkpoint is no tensor"),
     "a list": (lambda rest: [1], "is not what a run goes on with"),
@@ -161,26 +168,87 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "step of parameter 0 .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
     "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "is not of an optimiser of this policy"),
-    "a parameter": (lambda rest: rest["optimiser"]["state"].pop(1), "is not of an optimiser of this policy"),
+    "a parameter": (
+        lambda rest: rest["learners"][0]["optimiser"]["state"].pop(1),
+        "is not of an optimiser of this policy",
+    ),
     "a generator": (lambda rest: random_at(rest, 624, 624), "in a state that cannot be"),
     "left": (lambda rest: random_at(rest, -1, 5), "in a state that cannot be"),
-    "size": (lambda rest: rest["random"].update(actions=torch.zeros(9, dtype=torch.uint8)), r"uint8 \(9,\): .*5056"),
+    "no rewards": (lambda rest: rest.update(rewards=None), NO_REWARDS),
+    "rewards": (lambda rest: rest.update(rewards=[1.0]), NO_REWARDS),
+    "more rewards": (lambda rest: rewards(rest, more=1.0), NO_REWARDS),
+    "fewer rewards": (lambda rest: rest["rewards"].pop("mean"), NO_REWARDS),
+    "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"rewards sums .* \(7,\): .* \(8,\) is needed"),
+    "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "rewards sums in rest.pt .* is no tensor"),
+    "a kind of mean": (lambda rest: rest["rewards"].update(mean=torch.tensor(0.0)), "mean .* is torch.float32"),
+    "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"rewards mean .* \(2,\): .* \(\) is needed"),
+    "a large sum": (lambda rest: rewards(rest, sums=[0.0] * 7 + [1e300]), "rewards sums .* beyond -1e\\+30 to"),
+    "an endless sum": (lambda rest: rewards(rest, sums=[np.inf] * 8), "rewards sums .* is not finite"),
+    "no number": (lambda rest: rewards(rest, mean=np.nan), "rewards mean .* is not finite"),
+    "variance": (lambda rest: rewards(rest, variance=-1.0), "rewards variance .* beyond 0 to 1e\\+60"),
+    "a large variance": (lambda rest: rewards(rest, variance=1e61), "rewards variance .* beyond 0 to 1e\\+60"),
+    "count": (lambda rest: rewards(rest, count=-1.0), "rewards count .* beyond 0 to 1e\\+60"),
+    "no lane": (
+        lambda rest: rest.update(lane=None),
+        "lane in rest.pt of the checkpoint is not what a run goes on with",
+    ),
+    "an opponent": (
+        lambda rest: rest["lane"]["opponent"].fill_(3),
+        "lane in rest.pt .* names players that there are not",
+    ),
+    "a side": (lambda rest: rest["lane"]["own"].fill_(9), "lane in rest.pt .* names players that there are not"),
+    "no side": (lambda rest: rest["lane"]["own"].fill_(-1), "lane in rest.pt .* names players that there are not"),
+    "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in rest.pt .* is needed"),
+    "a memory": (lambda rest: rest["lane"].update(memory=torch.zeros(8, 5)), "lane memory in rest.pt .* is needed"),
+    "no pool": (lambda rest: rest.update(opponents=[1]), "opponents in rest.pt .* are not what a run goes on with"),
+    "a rating": (lambda rest: figures(rest, [np.inf, 0, 0, 0]), "opponents 0 in rest.pt .* is not finite"),
+    "a high rating": (lambda rest: figures(rest, [1e9, 0, 0, 0]), "opponents in rest.pt .* are not what a run goes on"),
+    "games": (lambda rest: figures(rest, [0, 0, -1, 0]), "opponents in rest.pt .* are not what a run goes on with"),
+    "wins": (lambda rest: figures(rest, [0, 2, 1, 1]), "opponents in rest.pt .* are not what a run goes on with"),
+    "fewer games": (
+        lambda rest: figures(rest, [0, 1, 2, 1]),
+        "opponents in rest.pt .* are not what a run goes on with",
+    ),
+    "a past": (lambda rest: past(rest, 0), "opponents in rest.pt .* are not what a run goes on with"),
+    "a name of a past": (
+        lambda rest: past(rest, 7, name="scripted"),
+        "opponents in rest.pt .* are not what a run goes on with",
+    ),
+    "a long name": (
+        lambda rest: past(rest, 7, name="past@" + "9" * 5000),
+        "opponents in rest.pt .* are not what a run",
+    ),
+    "past weights": (lambda rest: past(rest, 7, weights=[{}]), "past@16 in rest.pt .* does not hold the weights"),
+    "size": (
+        lambda rest: rest["learners"][0].update(minibatches=torch.zeros(9, dtype=torch.uint8)),
+        r"uint8 \(9,\): .*5056",
+    ),
 }
 
 
 @pytest.mark.parametrize("what", RESTS)
-def test_a_run_does_not_go_on_with_what_cannot_be(model: SharedPPO, files: Files, what: str) -> None:
-    before = [weight.clone() for weight in model.policy.parameters()], model.generator.get_state()
+def test_a_run_does_not_go_on_with_what_cannot_be(trainer: Trainer, files: Files, what: str) -> None:
+    before = [weight.clone() for weight in trainer.policies[0].parameters()], trainer.learners[0].generator.get_state()
     (change, reason), whole = RESTS[what], what in ("nothing", "a list")
     with pytest.raises(TrainingError, match=reason):
-        checkpoint.restore(model, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
-    assert all(torch.equal(*pair) for pair in zip(before[0], model.policy.parameters(), strict=True))
-    assert torch.equal(before[1], model.generator.get_state())
-    checkpoint.restore(model, files)
-    assert model.num_timesteps == checkpoint.header_of(files)["steps"]
+        resume.restore(trainer, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
+    assert all(torch.equal(*pair) for pair in zip(before[0], trainer.policies[0].parameters(), strict=True))
+    assert torch.equal(before[1], trainer.learners[0].generator.get_state())
+    resume.restore(trainer, files)
+    assert trainer.steps == checkpoint.header_of(files)["steps"]
 
 
-def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -> None:
+@pytest.mark.parametrize(
+    "extreme", [{"sums": [1e30] * 8}, {"variance": 1e60}, {"variance": 0.0}, {"count": 1e60}, {"mean": -1e30}]
+)
+def test_a_run_goes_on_with_rewards_at_their_limits(trainer: Trainer, files: Files, extreme: dict[str, Any]) -> None:
+    resume.restore(trainer, rest_with(files, lambda rest: rewards(rest, **extreme)))
+    rollout = trainer.collect()
+    assert np.isfinite(rollout.advantages).all()
+    resume.restore(trainer, files)
+
+
+def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -> None:
     weights = torch.load(io.BytesIO(files["policy.pt"]))
     for changed, reason in (
         ({"x": torch.zeros(3)}, "does not hold the weights of this policy"),
@@ -191,9 +259,9 @@ def test_weights_of_something_else_are_refused(model: SharedPPO, files: Files) -
         (weights | {"actor.last.bias": 3}, "actor.last.bias in policy.pt of the checkpoint is no tensor"),
     ):
         with pytest.raises(TrainingError, match=reason):
-            checkpoint.restore(model, files | {"policy.pt": saved(changed)})
+            resume.restore(trainer, files | {"policy.pt": saved(changed)})
     with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
-        checkpoint.restore(model, files | {"worlds.npz": b"x"})
+        resume.restore(trainer, files | {"worlds.npz": b"x"})
 
 
 HEADERS: dict[str, tuple[dict[str, Any], str]] = {

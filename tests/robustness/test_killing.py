@@ -12,7 +12,7 @@ from tests.killing.process import Moment
 from tests.killing.writer import COMPLETE, NOTHING, Writer, temporary_files
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="the same files, written slower")
-for library in ("torch", "stable_baselines3", "tensorboard", "matplotlib", "pyarrow", "minari", "imageio_ffmpeg"):
+for library in ("torch", "tensorboard", "matplotlib", "pyarrow", "minari", "imageio_ffmpeg"):
     pytest.importorskip(library, reason=f"needs {library}: outlast[test]")
 
 KNOWN = {writer.name: writer for writer in writers()}

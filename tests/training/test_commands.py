@@ -24,7 +24,6 @@ from outlast.envs.web.play.game import Game
 from tests.conftest import interrupted_after
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402

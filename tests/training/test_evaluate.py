@@ -14,7 +14,6 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
 from outlast.training.evaluation.evaluation import Evaluation, contenders, labels, ratio  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402

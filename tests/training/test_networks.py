@@ -1,5 +1,9 @@
-"""The networks against plain ones with torch.nn.MultiheadAttention, written from the description of the authors'."""
+"""The networks against plain ones with torch.nn.MultiheadAttention, written from the description of the authors'.
 
+Both in float64, so that what differs is not the rounding.
+"""
+
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,9 +15,18 @@ from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.observation_layout import ObservationLayout, earlier_scales, field_table, layout_of, scales  # noqa: E402
+from outlast.training.observation_layout import (  # noqa: E402
+    MASK,
+    ObservationLayout,
+    earlier_scales,
+    field_table,
+    layout_of,
+    scales,
+)
 from outlast.training.policy import ActorCritic, MultiCategorical  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
+from outlast.training.rows import Packer, PaddedRows, Rows, concatenated  # noqa: E402
+from tests.helpers.trainers import doubled  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 COUNTS = {"ffa_2": 22_832, "ffa_3": 23_856, "teams_2": 22_896, "teams_3": 23_920}  # of the authors' checkpoints
@@ -21,8 +34,11 @@ SIZES = (3, 3, 3, 2, 2, 2)
 Arrays = dict[str, np.ndarray[Any, Any]]
 
 
-def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[ObservationLayout, Arrays, Any, Any]:
-    """Of a scenario after random steps: layout, observations (batch, ...), the same packed, scales."""
+def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[ObservationLayout, Arrays, Any]:
+    """Of a scenario after random steps: layout, observations (batch, ...), scales.
+
+    The first agents see nothing, those behind them one entity, those behind these all that there are.
+    """
     scenario = PRESETS[chosen].scenario(variant(name).replace(agents_health=12))  # the zone kills some
     env = make_vec(scenario, worlds, seed=3)
     observations, _ = env.reset()
@@ -30,20 +46,33 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Obs
     for _ in range(steps):
         observations, *_ = env.step(draw_actions(env, rng))
     layout = layout_of(env)
-    packed = np.zeros((worlds, env.num_agents, layout.size), np.float32)
-    env.observe(out=layout.views(packed))
     flat = {key: array.reshape(-1, *array.shape[2:]).copy() for key, array in observations.items()}
-    return layout, flat, torch.from_numpy(packed.reshape(-1, layout.size)), scales(layout, field_table(env.fields))
+    for k, kind in enumerate(layout.kinds):
+        mask = flat[kind.key + MASK]
+        mask[:4], mask[2:4, :1], mask[4:8] = 0, k == 0, 1
+        flat[kind.key][:8] = rng.normal(0, 3, flat[kind.key][:8].shape)
+    return layout, flat, scales(layout, field_table(env.fields))
+
+
+def packed(chosen: str, layout: ObservationLayout, observations: Arrays) -> Any:
+    """As networks take it, in float64."""
+    return doubled(Packer(layout, leaky=preset(chosen).leaky)(observations))
 
 
 def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
-    """A policy with all parameters random, so that none is without effect."""
+    """A policy with all parameters random, so that none is without effect, in float64."""
     torch.manual_seed(1)
-    policy = ActorCritic(SIZES, lambda _: 1e-3, layout=layout, preset=preset(chosen), scales=own)
+    policy = ActorCritic(SIZES, layout=layout, preset=preset(chosen), scales=own)
     with torch.no_grad():
         for parameter in policy.parameters():
             parameter.normal_(0, 0.1)
-    return policy
+    return policy.double()
+
+
+def evaluated(policy: Any, inputs: Any, actions: Any) -> tuple[Any, Any, Any]:
+    """Values, log probabilities of the actions, entropies."""
+    logs, values, _ = policy(inputs)
+    return values, policy.choices.of(actions, logs), policy.choices.entropy(logs)
 
 
 # ---- naive forms
@@ -53,15 +82,17 @@ def embedded(extractor: Any, layout: ObservationLayout, observations: Arrays, ac
     """All rows (batch, rows, width) through a layer for each kind, and their masks."""
     rows, masks, start = [], [], 0
     for k, kind in enumerate(layout.kinds):
-        weight = extractor.weight[start : start + kind.features].T
-        rows.append(active(torch.nn.functional.linear(torch.tensor(observations[kind.key]), weight, extractor.bias[k])))
-        masks.append(torch.tensor(observations[kind.key + "_mask"]))
+        numbers = slice(start, start + kind.features)
+        inputs = torch.tensor(observations[kind.key]).double() * extractor.scale[numbers, 0]
+        rows.append(active(torch.nn.functional.linear(inputs, extractor.weight[numbers].T, extractor.bias[k])))
+        masks.append(torch.tensor(observations[kind.key + MASK]).double())
         start += kind.features
     return torch.cat(rows, 1), torch.cat(masks, 1)
 
 
 def own_part(extractor: Any, observations: Arrays, active: Any) -> Any:
-    return active(extractor.own(torch.cat([torch.tensor(observations[key]) for key in ("own", "zone")], 1)))
+    inputs = torch.cat([torch.tensor(observations[key]).double() for key in ("own", "zone")], 1)
+    return active(extractor.own(inputs * extractor.own_scale))
 
 
 def original_extractor(extractor: Any, layout: ObservationLayout, observations: Arrays) -> Any:
@@ -81,7 +112,8 @@ def paper_extractor(extractor: Any, layout: ObservationLayout, observations: Arr
     means = []
     for sample, mask in zip(rows, visible, strict=True):
         some = sample[mask > 0][None]
-        means.append(extractor.attention(some, some, some)[0].mean((0, 1)) if len(some[0]) else torch.zeros(32))
+        none = torch.zeros(32, dtype=torch.float64)
+        means.append(extractor.attention(some, some, some)[0].mean((0, 1)) if len(some[0]) else none)
     return torch.cat([own_part(extractor, observations, torch.relu), torch.stack(means)], 1)
 
 
@@ -95,38 +127,88 @@ def towers(policy: Any, known: list[Any], active: Any) -> tuple[list[Any], Any]:
     return [torch.distributions.Categorical(logits=each) for each in logits], run(policy.critic, known[-1]).flatten()
 
 
-def naive_outputs(policy: Any, layout: ObservationLayout, observations: Arrays) -> tuple[list[Any], Any]:
-    original = policy.preset.name == "original"
-    extract = original_extractor if original else paper_extractor
+def naive_outputs(policy: Any, layout: ObservationLayout, observations: Arrays, actions: Any) -> tuple[Any, Any, Any]:
+    """Values, log probabilities of the actions, entropies."""
+    extract = original_extractor if policy.preset.leaky else paper_extractor
     known = [extract(extractor, layout, observations) for extractor in policy.extractors]
-    return towers(policy, known, torch.tanh if original else torch.relu)
+    each, values = towers(policy, known, torch.tanh if policy.preset.leaky else torch.relu)
+    logs = sum(one.log_prob(action) for one, action in zip(each, actions.T, strict=True))
+    return values, logs, sum(one.entropy() for one in each)
 
 
-def measured(policy: Any, outputs: Any) -> tuple[Any, ...]:
-    """Values, log probabilities, entropies, and the gradient of each parameter."""
-    values, logs, entropy = outputs
+def gradients(policy: Any, outputs: Any) -> dict[str, Any]:
+    """The gradient of each parameter, with a part of each output in it."""
     policy.zero_grad()
-    (logs.mean() + values.mean()).backward()
-    gradients = {name: parameter.grad for name, parameter in policy.named_parameters()}
-    return values, logs, entropy, {name: torch.zeros(1) if g is None else g.clone() for name, g in gradients.items()}
+    values, logs, entropy = outputs
+    (logs.mean() + values.square().mean() + 0.3 * entropy.mean()).backward()
+    found = {name: parameter.grad for name, parameter in policy.named_parameters()}
+    return {name: torch.zeros(1) if each is None else each.clone() for name, each in found.items()}
 
 
-@pytest.mark.parametrize("chosen", ["original", "paper"])
+@pytest.mark.parametrize("chosen", PRESETS)
 @pytest.mark.parametrize("name", ["ffa_2", "teams_3"])
 def test_outputs_and_gradients_are_those_of_the_naive_form(name: str, chosen: str) -> None:
-    layout, observations, packed, own = seen(name, chosen)
-    policy = make(chosen, layout, own)
-    actions = torch.stack([torch.randint(0, size, (len(packed),)) for size in SIZES], 1)
-    *mine, gradients = measured(policy, policy.evaluate_actions(packed, actions))
-    distributions, values = naive_outputs(policy, layout, observations)
-    logs = sum(each.log_prob(action) for each, action in zip(distributions, actions.T, strict=True))
-    *its, expected = measured(policy, (values, logs, sum(each.entropy() for each in distributions)))
+    """Of agents that see nothing, one entity, some, and all that there are."""
+    layout, observations, own = seen(name, chosen)
+    policy, inputs = make(chosen, layout, own), packed(chosen, layout, observations)
+    actions = torch.stack([torch.randint(0, size, (len(inputs),)) for size in SIZES], 1)
+    mine, its = evaluated(policy, inputs, actions), naive_outputs(policy, layout, observations, actions)
     for one, other in zip(mine, its, strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(one, other, rtol=1e-6, atol=1e-9)
+    found, expected = gradients(policy, mine), gradients(policy, its)
     assert sum(float(gradient.abs().sum()) > 0 for gradient in expected.values()) > 15  # of about 20 tensors
     for label, gradient in expected.items():
-        close = 1e-4 * float(gradient.abs().max()) + 1e-5
-        torch.testing.assert_close(gradients[label].expand_as(gradient), gradient, rtol=1e-3, atol=close, msg=label)
+        close = 1e-6 * float(gradient.abs().max()) + 1e-12
+        torch.testing.assert_close(
+            found[label].expand_as(gradient).to(gradient), gradient, rtol=0, atol=close, msg=label
+        )
+
+
+# ---- rows
+
+
+def assert_same(one: Any, other: Any) -> None:
+    parts = ("packed",) if isinstance(one, PaddedRows) else ("own", "entities", "count")
+    assert type(one) is type(other)
+    assert all(torch.equal(getattr(one, part), getattr(other, part)) for part in parts)
+
+
+@pytest.mark.parametrize("leaky", [False, True])
+def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
+    """Are those that are packed of their observations."""
+    layout, observations, _ = seen("teams_3", "original")
+    pack = Packer(layout, leaky=leaky)
+    whole = pack(observations)
+    for index in ([0, 1], [5], [7, 3, 3, 0, 60], [0, 0], list(range(len(whole)))[::-1], []):
+        some = whole.select(torch.tensor(index, dtype=torch.long))
+        assert len(some) == len(index)
+        assert_same(some, pack({key: values[index] for key, values in observations.items()}))
+    assert_same(concatenated([whole.select(torch.arange(k, k + 32)) for k in range(0, len(whole), 32)]), whole)
+    by_world = pack({key: values.reshape(-1, 4, *values.shape[1:]) for key, values in observations.items()})
+    assert_same(by_world, whole)
+
+
+def test_rows_are_the_entities_that_are_seen_agent_after_agent() -> None:
+    """Each in the columns of its kind, by a plain loop."""
+    layout, observations, _ = seen("teams_3", "paper")
+    rows = Packer(layout, leaky=False)(observations)
+    assert isinstance(rows, Rows)
+    agents, expected = [], []
+    for agent in range(len(rows)):
+        assert rows.own[agent].tolist() == [*observations["own"][agent], *observations["zone"][agent]]
+        column = 0
+        for k, kind in enumerate(layout.kinds):
+            for row, mask in zip(observations[kind.key][agent], observations[kind.key + MASK][agent], strict=True):
+                if mask:
+                    entity = np.zeros(layout.columns, np.float32)
+                    entity[column : column + kind.features], entity[k - len(layout.kinds)] = row, 1
+                    expected.append(entity.tolist())
+                    agents.append(agent)
+            column += kind.features
+    assert rows.entities.tolist() == expected
+    assert rows.agent.tolist() == agents
+    assert rows.count.tolist() == np.bincount(agents, minlength=len(rows)).tolist()
+    assert {0, 1, layout.rows} <= set(rows.count.tolist())
 
 
 # ---- what is visible
@@ -134,39 +216,41 @@ def test_outputs_and_gradients_are_those_of_the_naive_form(name: str, chosen: st
 
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_with_nothing_visible_all_numbers_are_finite(chosen: str) -> None:
-    layout, _, packed, own = seen("ffa_3", chosen)
-    masks = packed[:, layout.own : layout.own + layout.rows]
-    masks[::2] = 0  # half of the batch, then all of it
+    layout, observations, own = seen("ffa_3", chosen)
+    policy, actions = make(chosen, layout, own), torch.zeros(len(observations["own"]), 6, dtype=torch.long)
     for _ in range(2):
-        policy = make(chosen, layout, own)
-        values, logs, entropy = policy.evaluate_actions(packed, torch.zeros(len(packed), 6, dtype=torch.long))
-        (values.sum() + logs.sum()).backward()
-        assert all(bool(each.isfinite().all()) for each in (values, logs, entropy))
+        for kind in layout.kinds:
+            observations[kind.key + MASK][::2] = 0  # of half of the batch, then of all of it
+        found = evaluated(policy, packed(chosen, layout, observations), actions)
+        policy.zero_grad()
+        sum(each.sum() for each in found).backward()
+        assert all(bool(each.isfinite().all()) for each in found)
         assert all(bool(p.grad.isfinite().all()) for p in policy.parameters() if p.grad is not None)
-        masks[:] = 0
+        torch.testing.assert_close(found, naive_outputs(policy, layout, observations, actions), rtol=1e-6, atol=1e-9)
+        for kind in layout.kinds:
+            observations[kind.key + MASK][:] = 0
 
 
-@pytest.mark.parametrize(("chosen", "leaks"), [("paper", False), ("scaled", False), ("original", True)])
-def test_only_the_original_knows_what_is_hidden(chosen: str, leaks: bool) -> None:
-    layout, _, packed, own = seen("ffa_3", chosen)
-    masks = packed[:, layout.own : layout.own + layout.rows]
-    hidden = (masks == 0).repeat_interleave(layout.features, 1)
-    other = packed.clone()
-    other[:, layout.own + layout.rows :] += hidden * 0.5
+@pytest.mark.parametrize("chosen", PRESETS)
+def test_only_the_original_knows_what_is_hidden(chosen: str) -> None:
+    layout, observations, own = seen("ffa_3", chosen)
+    other = {key: values.copy() for key, values in observations.items()}
+    for kind in layout.kinds:
+        other[kind.key] += 0.5 * (observations[kind.key + MASK][:, :, None] == 0)
     policy = make(chosen, layout, own)
-    assert bool(torch.allclose(policy.predict_values(packed), policy.predict_values(other))) != leaks
+    values = [policy(packed(chosen, layout, each))[1] for each in (observations, other)]
+    assert bool(torch.allclose(*values)) != (chosen == "original")
 
 
 def test_scaled_is_paper_on_scaled_inputs() -> None:
-    layout, _, packed, (own, kinds) = seen("teams_3", "scaled")
-    scaled = make("scaled", layout, (own, kinds))
-    by_kind = torch.tensor(kinds)[torch.tensor(layout.cells())].view(-1, layout.features)
-    by_cell = by_kind[layout.kind_of_row()].flatten()
-    inputs = packed * torch.cat([torch.tensor(own), torch.ones(layout.rows), by_cell])
-    expected = make("paper", layout, (own, kinds)).predict_values(inputs)
-    torch.testing.assert_close(scaled.predict_values(packed), expected, rtol=1e-4, atol=1e-4)
+    layout, observations, (own, kinds) = seen("teams_3", "scaled")
+    scaled, inputs = make("scaled", layout, (own, kinds)), packed("scaled", layout, observations)
+    by_column = torch.tensor([*kinds, *[1.0] * len(layout.kinds)]).double()
+    inputs = Rows(inputs.own * torch.tensor(own), inputs.entities * by_column, inputs.count)
+    expected = make("paper", layout, (own, kinds))(inputs)[1]
+    torch.testing.assert_close(scaled(packed("scaled", layout, observations))[1], expected, rtol=1e-6, atol=1e-9)
     place = slice(3, layout.own)  # behind id, team, and health, which heals raise far above what it begins with
-    assert float(inputs[:, place].abs().max()) < 1.5 < 10 < float(packed[:, place].abs().max())
+    assert float(inputs.own[:, place].abs().max()) < 1.5 < 10 < np.abs(observations["own"][:, place]).max()
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -186,7 +270,8 @@ def test_scales_by_name_are_those_by_position_of_before(name: str) -> None:
 def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
     layout = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
     policy = make(chosen, layout, scales(layout, {}))
-    assert bool(policy.predict_values(torch.randn(5, layout.size)).isfinite().all())
+    observations = {key: np.ones((5, *shape), np.float32) for key, shape in layout.shapes.items()}
+    assert bool(policy(packed(chosen, layout, observations))[1].isfinite().all())
 
 
 # ---- parameters, choices, layout
@@ -194,38 +279,59 @@ def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
 
 @pytest.mark.parametrize(("name", "count"), COUNTS.items())
 def test_the_original_has_as_many_parameters_as_the_checkpoints(name: str, count: int) -> None:
-    layout, _, _, own = seen(name, "original", worlds=1, steps=0)
+    layout, _, own = seen(name, "original", worlds=1, steps=0)
     assert sum(parameter.numel() for parameter in make("original", layout, own).parameters()) == count
 
 
 def test_initial_weights_are_orthogonal_and_the_first_policy_is_nearly_uniform() -> None:
-    layout, _, packed, own = seen("ffa_3", "original")
-    policy = ActorCritic(SIZES, lambda _: 1e-3, layout=layout, preset=preset("original"), scales=own)
+    layout, observations, own = seen("ffa_3", "original")
+    policy = ActorCritic(SIZES, layout=layout, preset=preset("original"), scales=own).double()
     start = 0
     for kind in layout.kinds:
         weight = policy.extractors[0].weight[start : start + kind.features]
-        torch.testing.assert_close(weight @ weight.T, 2 * torch.eye(kind.features), atol=1e-5, rtol=0)
+        torch.testing.assert_close(weight @ weight.T, 2 * torch.eye(kind.features).double(), atol=1e-5, rtol=0)
         start += kind.features
-    entropy = policy.evaluate_actions(packed, torch.zeros(len(packed), 6, dtype=torch.long))[2]
-    assert float(entropy.min()) > np.log(np.prod(SIZES)) - 0.01
+    with torch.no_grad():
+        logs, *_ = policy(packed("original", layout, observations))
+    assert float(policy.choices.entropy(logs).min()) > np.log(np.prod(SIZES)) - 0.01
 
 
-def test_choices_are_drawn_as_often_as_they_are_likely() -> None:
-    choices, head = MultiCategorical(SIZES), torch.nn.Linear(4, sum(SIZES))
+@pytest.mark.parametrize("sizes", [SIZES, (2, 2), (1, 5, 2), (9, 3)])
+def test_choices_are_drawn_as_often_as_they_are_likely(sizes: tuple[int, ...]) -> None:
+    choices, head = MultiCategorical(sizes), torch.nn.Linear(4, sum(sizes))
     logs = choices.log_probabilities(torch.randn(1, 4), head)
-    drawn = choices.draw(logs.expand(20_000, -1, -1), torch.Generator().manual_seed(0))
-    for k, size in enumerate(SIZES):
+    drawn = choices.draw(logs.expand(-1, -1, 20_000), torch.rand(20_000, len(sizes)))
+    for k, size in enumerate(sizes):
         share = torch.bincount(drawn[:, k], minlength=size) / len(drawn)
         assert len(share) == size
-        torch.testing.assert_close(share, logs[0, k, :size].exp(), atol=0.015, rtol=0)
+        torch.testing.assert_close(share, logs[:size, k, 0].exp(), atol=0.015, rtol=0)
+    for a, b in itertools.combinations(range(len(sizes)), 2):  # independently of each other
+        together = torch.bincount(drawn[:, a] * sizes[b] + drawn[:, b], minlength=sizes[a] * sizes[b]) / len(drawn)
+        expected = logs[: sizes[a], a].exp() * logs[: sizes[b], b, 0].exp()
+        torch.testing.assert_close(together, expected.flatten(), atol=0.015, rtol=0)
 
 
-def test_the_views_of_a_packed_array_are_the_observations() -> None:
-    layout, observations, packed, _ = seen("teams_3", "original")
-    views = layout.views(packed.numpy()[:, None])
-    assert views.keys() == observations.keys()
-    assert all(np.array_equal(views[key][:, 0], values) for key, values in observations.items())
-    assert packed.shape[1] == layout.size == 15 + 36 + 36 * 11
+def test_no_value_is_drawn_that_an_action_has_not() -> None:
+    """Where the sum of its probabilities is rounded to less than the number that is drawn."""
+    choices = MultiCategorical((2, 3))
+    logs = torch.tensor([[0.5, 0.49999, 0.0], [0.3, 0.3, 0.39999]]).log().T[:, :, None]
+    assert choices.draw(logs, torch.full((1, 2), 1 - 2**-24)).tolist() == [[1, 2]]
+    assert choices.draw(torch.tensor([[0.0, 0.4, 0.6]] * 2).log().T[:, :, None], torch.zeros(1, 2)).tolist() == [[1, 1]]
+
+
+@pytest.mark.parametrize("leaky", [False, True])
+def test_the_views_of_a_packed_array_are_the_observations(leaky: bool) -> None:
+    layout, observations, _ = seen("teams_3", "original")
+    rows = Packer(layout, leaky=leaky)(observations)
+    if leaky:
+        assert isinstance(rows, PaddedRows)
+        views = layout.views(rows.packed.numpy()[:, None])
+        assert views.keys() == observations.keys()
+        assert rows.packed.shape[1] == layout.size == 15 + 36 + 36 * 11
+    else:
+        views = layout.own_views(rows.own.numpy()[:, None])
+        assert views.keys() == {"own", "zone"}
+    assert all(np.array_equal(view[:, 0], observations[key]) for key, view in views.items())
 
 
 def test_an_unknown_preset_is_refused() -> None:

@@ -15,36 +15,33 @@ from outlast import load_policy, make_vec, variant
 from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
-from outlast.training import checkpoint  # noqa: E402
+from outlast.training import checkpoint, resume  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
-from outlast.training.ppo import SharedPPO  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
 from outlast.training.run_header import NAME  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
 from tests.helpers.added_fields import Stamina  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
-def saved(path: Path, chosen: str = "original") -> SharedPPO:
-    """A model with a policy that is not nearly uniform, as a checkpoint."""
-    model = SharedPPO(variant("teams_3"), preset(chosen), worlds=4, steps=256)
-    torch.nn.init.normal_(model.policy.actor.last.weight, std=0.02)
-    model.start()
-    checkpoint.write_checkpoint(path, checkpoint.capture(model, {}))
-    return model
+def saved(path: Path, chosen: str = "original") -> Trainer:
+    """A trainer with a policy that is not nearly uniform, as a checkpoint."""
+    trainer = Trainer(TrainingConfig(variant("teams_3"), chosen, worlds=4, rollout=256))
+    torch.nn.init.normal_(trainer.policies[0].actor.last.weight, std=0.02)
+    checkpoint.write_checkpoint(path, resume.capture(trainer, {}))
+    return trainer
 
 
 @pytest.mark.parametrize("chosen", PRESETS)
-def test_a_player_has_the_policy_of_the_model(tmp_path: Path, chosen: str) -> None:
-    model = saved(tmp_path / "a.zip", chosen)
-    model.collect()
-    packed, (worlds, agents) = model.rollout_buffer.observations[-1], (4, 4)
-    layout = model.policy.layout
-    observations = layout.views(packed.reshape(worlds, agents, -1))
+def test_a_player_has_the_policy_of_the_trainer(tmp_path: Path, chosen: str) -> None:
+    trainer = saved(tmp_path / "a.zip", chosen)
+    trainer.collect()
+    observations = trainer.env.observe()
     with torch.no_grad():
-        expected = model.policy.act(torch.from_numpy(packed)).numpy().reshape(worlds, agents, -1)
+        expected = trainer.policies[0].act(trainer.lane.packer(observations)).numpy().reshape(4, 4, -1)
     assert np.array_equal(Player(tmp_path / "a.zip", seed=None)(observations), expected)
     one, other = (Player(tmp_path / "a.zip", seed=7) for _ in range(2))
     drawn = [(one(observations), other(observations)) for _ in range(3)]
@@ -112,7 +109,7 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     torch.set_num_threads(3)  # put back by the fixture
     players, found = [Player(tmp_path / "a.zip") for _ in range(4)], []
     for player in players:
-        player.policy.extractors[0].register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
+        player.policies[0].extractors[0].register_forward_hook(lambda *_: found.append(torch.get_num_threads()))
     with ThreadPoolExecutor(4) as pool:  # for each of its threads, PyTorch begins with the number as it then is
         for _ in range(5):
             list(pool.map(lambda player: player(observations), players))
@@ -123,10 +120,20 @@ def test_a_player_takes_one_thread_and_leaves_the_others_alone(tmp_path: Path) -
     def fail(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    players[0].policy.extractors[0].register_forward_hook(fail)
+    players[0].policies[0].extractors[0].register_forward_hook(fail)
     with pytest.raises(KeyboardInterrupt):
         players[0](observations)
     assert torch.get_num_threads() == 3
+
+
+@pytest.mark.parametrize("chosen", PRESETS)
+def test_an_agent_that_sees_nothing_plays(tmp_path: Path, chosen: str) -> None:
+    """Alone in a batch; and batches of none."""
+    saved(tmp_path / "a.zip", chosen)
+    player = Player(tmp_path / "a.zip")
+    for batch in ((1,), (), (0, 4)):
+        blind = {key: np.zeros((*batch, *shape), np.float32) for key, shape in player.shapes.items()}
+        assert player(blind).shape == (*batch, 6)
 
 
 KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
@@ -144,9 +151,9 @@ def test_every_kept_policy_plays(path: Path) -> None:
 
 @pytest.mark.parametrize("chosen", ["original", "scaled"])
 def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen: str) -> None:
-    model = saved(tmp_path / "a.zip", chosen)
-    model.collect()
-    views = model.policy.layout.views(model.rollout_buffer.observations[-1].reshape(4, 4, -1))
+    trainer = saved(tmp_path / "a.zip", chosen)
+    trainer.collect()
+    views = trainer.env.observe()
     with zipfile.ZipFile(tmp_path / "a.zip") as archive, zipfile.ZipFile(tmp_path / "before.zip", "w") as before:
         for name in set(archive.namelist()) - {NAME}:
             before.writestr(name, archive.read(name))
@@ -162,28 +169,28 @@ def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen
 
 def test_scales_are_those_of_the_file(tmp_path: Path) -> None:
     """Where a policy plays and where a run goes on, whatever is declared now."""
-    model = saved(tmp_path / "a.zip", "scaled")
+    trainer = saved(tmp_path / "a.zip", "scaled")
     files = checkpoint.read_checkpoint(tmp_path / "a.zip")
     header = json.loads(files[NAME])
-    scale = model.policy.extractors[0].own_scale.clone()
+    scale = trainer.policies[0].extractors[0].own_scale.clone()
     where = list(header["fields"]["own"]).index("health")
     assert scale[where] == np.float32(1 / 100)
     header["fields"]["own"]["health"][1] = 50.0
     scale[where] = 1 / 50
     files |= {NAME: json.dumps(header).encode()}
     checkpoint.write_checkpoint(tmp_path / "b.zip", files)
-    assert torch.equal(Player(tmp_path / "b.zip").policy.extractors[0].own_scale, scale)
-    checkpoint.restore(model, files)
-    assert all(torch.equal(extractor.own_scale, scale) for extractor in model.policy.extractors)
+    assert torch.equal(Player(tmp_path / "b.zip").policies[0].extractors[0].own_scale, scale)
+    resume.restore(trainer, files)
+    assert all(torch.equal(extractor.own_scale, scale) for extractor in trainer.policies[0].extractors)
 
 
 def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
     """As long as those of the policy, but of other numbers."""
-    model = SharedPPO(variant("ffa_1").replace(n_agents=4).with_(Stamina()), preset("original"), worlds=4, steps=256)
-    model.start()
-    checkpoint.write_checkpoint(tmp_path / "a.zip", checkpoint.capture(model, {}))
+    scenario = variant("ffa_1").replace(n_agents=4).with_(Stamina())
+    trainer = Trainer(TrainingConfig(scenario, worlds=4, rollout=256))
+    checkpoint.write_checkpoint(tmp_path / "a.zip", resume.capture(trainer, {}))
     player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
-    player.check(model.base_env)
+    player.check(trainer.env)
     with pytest.raises(TrainingError, match=r"trained on rows 'own' of id, health, .*stamina; here they are id, team"):
         player.check(make_vec(team, 1))
 

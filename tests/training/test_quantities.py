@@ -11,11 +11,10 @@ from outlast.ecs import Entity
 from tests.conftest import draw_actions
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.metrics import AgentMetrics  # noqa: E402
-from outlast.training.ppo import SharedPPO  # noqa: E402
-from outlast.training.presets import preset  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
@@ -31,19 +30,18 @@ CLOSE = {"room_size": 8.0, "pickup_reach": 1.5, "n_boxes": 1, "rewards_death": -
 CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
 
 
-def make() -> SharedPPO:
-    return SharedPPO(CROWD, preset("original"), worlds=WORLDS, steps=WORLDS * STEPS, seed=11)
+def make() -> Trainer:
+    return Trainer(TrainingConfig(CROWD, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12))
 
 
-def collected(model: SharedPPO) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows about each living agent before each step of a rollout, and the statistics of episodes that ended."""
     rows, episodes = [], []
-    env = make_vec(model.base_env.scenario, WORLDS, autoreset_mode="Disabled")
-    model.start()
-    observations = env.set_state(model.base_env.get_state())
-    model.collect()
+    env = make_vec(trainer.env.scenario, WORLDS, autoreset_mode="Disabled")
+    observations = env.set_state(trainer.env.get_state())
+    rollout = trainer.collect()
     agents, heals = env.worlds.span("agent"), env.worlds.span("heal")
-    for actions in model.rollout_buffer.actions.reshape(STEPS, WORLDS, 4, -1):
+    for actions in rollout.actions.reshape(STEPS, WORLDS, 4, -1):
         alive = env.worlds[Entity].alive[:, agents] != 0
         seen = {key: observations[key].copy() for key in ("own", "zone")}
         observations, _, terminated, truncated, info = env.step(actions)
@@ -71,9 +69,9 @@ def agent(seen: dict[str, Any], alive: Any, actions: Any, w: int, i: int) -> dic
 
 
 def test_behaviour_is_as_counted_in_plain_python() -> None:
-    model = make()
-    rows, _ = collected(model)
-    report = model.collector.behaviour.report(model.rollout_buffer)
+    trainer = make()
+    rows, _ = collected(trainer)
+    report = {tag: value for tag, value in trainer.report().items() if tag.startswith("behaviour/")}
     living = [row for row in rows if "near" in row]
     near, far = ([row["attack"] for row in living if row["near"] == which] for which in (True, False))
     assert min(len(near), len(far)) > 100
@@ -92,9 +90,9 @@ def test_behaviour_is_as_counted_in_plain_python() -> None:
 
 
 def test_episodes_are_those_that_ended() -> None:
-    model = make()
-    _, episodes = collected(model)
-    report = model.collector.episodes.report()
+    trainer = make()
+    _, episodes = collected(trainer)
+    report = trainer.report()
     assert len(episodes) == report["rollout/episodes"] > 3
 
     def mean(key: str, index: Any = ()) -> float:
@@ -114,7 +112,7 @@ def test_episodes_are_those_that_ended() -> None:
     assert {key: report[f"rollout/{key}"] for key in expected} == pytest.approx(expected)
     assert expected["heals_used"] > 0
     assert expected["reward0"] != expected["reward1"]
-    assert model.collector.episodes.report() == {"rollout/episodes": 0}
+    assert trainer.lane.episodes.tallies() == {"rollout/episodes": (0.0, 1.0)}
 
 
 def test_an_evaluation_counts_gifts_by_giver() -> None:

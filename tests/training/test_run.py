@@ -4,9 +4,11 @@ import argparse
 import csv
 import io
 import json
+import lzma
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +20,14 @@ from outlast.ecs import Module, Singleton, column
 from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training.cli import train as command  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.log_file import read_log  # noqa: E402
-from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
+from outlast.training.run import TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -33,7 +35,7 @@ EACH = 8 * 24 * 2  # agent-steps of a rollout
 
 
 def config(steps: int, **changes: Any) -> TrainingConfig:
-    settings = {"batch_size": 64, "n_epochs": 3, "target_kl": None}
+    settings = {"batch_size": 64, "n_epochs": 3, "target_kl": 0.0}
     given = {"scenario": SHORT, "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1, "every": 2 * EACH}
     return TrainingConfig(**(given | {"settings": settings, "seed": 3} | changes))
 
@@ -56,22 +58,45 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.glob("*.zip"))
 
 
+def assert_same(one: Path, other: Path) -> None:
+    """Two runs logged the same, and their last checkpoints hold the same, bit for bit."""
+    assert points(one) == points(other)
+    files = [checkpoint.read_checkpoint(checkpoint.newest(folder)) for folder in (one, other)]
+    assert files[0].keys() == files[1].keys()
+    assert [name for name in files[0] if files[0][name] != files[1][name]] == []
+
+
 def test_a_resumed_run_logs_the_same_numbers(tmp_path: Path) -> None:
     TrainingRun(config(6 * EACH), tmp_path / "whole").train()
     TrainingRun(config(2 * EACH), tmp_path / "parts").train()
     for steps in (3 * EACH, 6 * EACH):
         TrainingRun(config(steps), tmp_path / "parts", resume=True).train()
-    whole, parts = points(tmp_path / "whole"), points(tmp_path / "parts")
-    assert whole == parts
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    whole = points(tmp_path / "whole")
     assert len(whole["train/value_loss"]) == 6
     assert whole["rollout/reward0"][-1] != whole["rollout/reward0"][-2]
-    last = checkpoint.NAME.format(6 * EACH)
-    one, other = (torch.load(_member(tmp_path / name / last, "policy.pt")) for name in ("whole", "parts"))
-    assert all(torch.equal(one[key], other[key]) for key in one)
 
 
-def _member(path: Path, name: str) -> io.BytesIO:
-    return io.BytesIO(checkpoint.read_checkpoint(path)[name])
+def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_path: Path) -> None:
+    """Stopped twice; the rate falls along the whole run, and a run of another length would be another one."""
+    fast = config(5 * EACH, preset="fast", settings={"batch_size": 64})
+    TrainingRun(fast, tmp_path / "whole").train()
+    run = TrainingRun(fast, tmp_path / "parts")
+    for updates in (2, 3):
+        with pytest.raises(KeyboardInterrupt):
+            run.train(lambda run, done=updates * EACH: interrupted(run) if run.done == done else None)
+        assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
+        run = TrainingRun(fast, tmp_path / "parts", resume=True)
+    run.train()
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    rates = [rate for _, rate in points(tmp_path / "whole")["train/learning_rate"]]
+    assert rates == pytest.approx([1.5e-3 * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
+    files = checkpoint.read_checkpoint(checkpoint.newest(tmp_path / "whole"))
+    assert torch.load(io.BytesIO(files["rest.pt"]))["rewards"]["count"] == 5 * EACH
+    with pytest.raises(TrainingError, match=f"was begun with steps = {5 * EACH}, not {6 * EACH}"):
+        TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
+    with pytest.raises(TrainingError, match="was begun with settings = "):
+        TrainingRun(replace(fast, settings={"batch_size": 64, "anneal": False}), tmp_path / "parts", resume=True)
 
 
 def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> None:
@@ -90,7 +115,7 @@ def interrupted(run: TrainingRun) -> None:
     def stop(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    run.model.policy.optimizer.register_step_post_hook(stop)
+    run.trainer.learners[0].optimizer.register_step_post_hook(stop)
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
@@ -112,7 +137,7 @@ def test_the_log_has_the_papers_quantities_and_more(tmp_path: Path) -> None:
     found = points(tmp_path)
     paper = {f"rollout/{name}" for name in ("reward0", "reward1", "kills0", "kills1", "steps", "heals_used")}
     more = {"rollout/deaths_zone", "rollout/deaths_melee", "behaviour/attack_far", "behaviour/zone_distance"}
-    update = {f"train/{name}" for name in ("approx_kl", "entropy_loss", "epochs", "value_loss", "clip_fraction")}
+    update = {f"train/{name}" for name in ("approx_kl", "entropy", "epochs", "value_loss", "clip_fraction")}
     assert paper | more | update | {"behaviour/heals_held", "behaviour/heals_given"} <= found.keys()
     assert found["train/epochs"] == [(EACH, 3.0), (2 * EACH, 3.0)]
     with (tmp_path / "log.csv").open() as file:
@@ -138,7 +163,7 @@ def test_tensorboard_reads_the_same(tmp_path: Path) -> None:
 def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(tmp_path: Path) -> None:
     TrainingRun(config(2 * EACH), tmp_path / "whole").train()
     begun = TrainingRun(config(2 * EACH), tmp_path / "parts")  # and killed
-    begun.model.logger.close()
+    begun.log.close()
     (tmp_path / "parts/.log.csv-0123abcd.tmp").write_text("half")
     with (tmp_path / "parts/log.csv").open("a") as log:
         log.write("train/loss,384,0.5\ntrain/lo")
@@ -173,6 +198,53 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     (tmp_path / checkpoint.NAME.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
         TrainingRun(config(EACH), tmp_path, resume=True)
+
+
+# ---- runs of before
+
+
+BEFORE = Path(__file__).resolve().parents[1] / "data" / "before"
+
+
+@pytest.mark.parametrize("preset", ["original", "scaled"])
+def test_a_run_of_before_goes_on(tmp_path: Path, preset: str) -> None:
+    """Written by outlast 0.1 after two updates, in ffa_2; weights and moments are rounded to 8 bits for brevity.
+
+    Nothing in it is about the size of rewards.
+    """
+    run = tmp_path / "run"
+    run.mkdir()
+    path = run / checkpoint.NAME.format(1024)
+    path.write_bytes(lzma.decompress((BEFORE / f"ffa_2-{preset}.zip.xz").read_bytes()))
+    files = checkpoint.read_checkpoint(path)
+    weights, rest = (torch.load(io.BytesIO(files[name])) for name in ("policy.pt", "rest.pt"))
+    assert "rewards" not in rest
+    given = {"worlds": 4, "rollout": 256, "seed": 0, "settings": {"n_epochs": 2}, "preset": preset}
+    resumed = TrainingRun(config(2048, scenario=variant("ffa_2"), **given), run, resume=True)
+    trainer = resumed.trainer
+    assert (trainer.steps, trainer.learners[0].epochs) == (1024, rest["updates"])
+    assert all(torch.equal(weight, weights[name]) for name, weight in trainer.policies[0].state_dict().items())
+    for k, kept in trainer.learners[0].optimizer.state_dict()["state"].items():
+        assert all(torch.equal(value, rest["optimiser"]["state"][k][name]) for name, value in kept.items())
+        assert float(kept["exp_avg_sq"].max()) > 0
+    resumed.train()
+    assert names(run)[-1] == checkpoint.NAME.format(2048)
+    assert [step for step, _ in points(run)["train/epochs"]] == [1536, 2048]
+    with pytest.raises(TrainingError, match="was begun with worlds = 4, not 8"):
+        TrainingRun(config(4096, scenario=variant("ffa_2"), **(given | {"worlds": 8})), run, resume=True)
+
+
+def test_what_is_not_in_a_plan_was_as_usual(tmp_path: Path) -> None:
+    """In files of before it could be chosen: here `dead`."""
+    TrainingRun(config(EACH), tmp_path).train()
+    path = checkpoint.newest(tmp_path)
+    files = checkpoint.read_checkpoint(path)
+    header = checkpoint.header_of(files)
+    del header["plan"]["dead"]
+    checkpoint.write_checkpoint(path, files | {"run.json": json.dumps(header).encode()})
+    with pytest.raises(TrainingError, match="was begun with dead = keep, not drop"):
+        TrainingRun(config(2 * EACH, dead="drop"), tmp_path, resume=True)
+    TrainingRun(config(2 * EACH), tmp_path, resume=True).log.close()
 
 
 # ---- refusals
@@ -267,7 +339,10 @@ def test_the_command_refuses_steps_that_are_none(steps: str, capsys: pytest.Capt
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("gama=1", "PPO has no number 'gama'; it has: learning_rate"), ("gamma=big", "gamma=big: a number like 0.99")],
+    [
+        ("gama=1", "PPO has no number 'gama'; did you mean gamma. it has: learning"),
+        ("gamma=big", "gamma=big: a number like 0.99"),
+    ],
 )
 def test_the_command_refuses_numbers_that_ppo_has_not(text: str, message: str) -> None:
     with pytest.raises(TrainingError, match=message):

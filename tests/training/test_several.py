@@ -11,7 +11,6 @@ import pytest
 from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.training import checkpoint  # noqa: E402

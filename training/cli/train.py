@@ -21,7 +21,7 @@ from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
 from ..annealing import parse_anneal
-from ..config import PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
+from ..config import FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -51,7 +51,7 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("train", help="train the agents of a variant with PPO")
     add_scenario(command, several=True)
-    command.add_argument("--preset", choices=PRESETS, default="original", help="the networks (default original)")
+    command.add_argument("--preset", choices=PRESETS, default=FAST, help="networks and numbers of PPO (default fast)")
     command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
     command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")

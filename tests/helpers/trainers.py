@@ -1,0 +1,44 @@
+"""Small trainers, whose episodes end early in both ways, and what they collect."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from outlast.training.config import TrainingConfig
+from outlast.training.rollout import Rollout
+from outlast.training.rows import Observed, PaddedRows, Rows
+from outlast.training.trainer import Trainer
+from tests.helpers.execution_modes import short
+
+WORLDS, STEPS = 6, 40  # steps of each world in a rollout
+SHORT = short("teams_3").replace(ending_limit=22)
+SETTINGS = {"batch_size": 96, "n_epochs": 3}  # so that an update is quick
+
+
+def make(preset: str = "original", **options: Any) -> Trainer:
+    """A trainer of `SHORT`. options: of TrainingConfig, and other numbers of PPO than SETTINGS."""
+    known = TrainingConfig.__dataclass_fields__.keys()
+    given = {"scenario": SHORT, "worlds": WORLDS, "rollout": WORLDS * STEPS, "seed": 5, "preset": preset}
+    given |= {name: value for name, value in options.items() if name in known}
+    settings = SETTINGS | {name: value for name, value in options.items() if name not in known}
+    return Trainer(TrainingConfig(**given, settings=settings))
+
+
+def doubled(seen: Observed) -> Observed:
+    """The same in float64."""
+    if isinstance(seen, PaddedRows):
+        return PaddedRows(seen.packed.double(), seen.layout)
+    return Rows(seen.own.double(), seen.entities.double(), seen.count.clone())
+
+
+def in_float64(rollout: Rollout) -> Rollout:
+    """The same, so that what is made from it differs by less than the rounding of float32."""
+    names = ("log_probs", "values", "advantages")
+    return replace(rollout, seen=doubled(rollout.seen), **{n: getattr(rollout, n).astype(np.float64) for n in names})
+
+
+def weights(policy: torch.nn.Module) -> torch.Tensor:
+    """A copy of all parameters, in a row."""
+    return torch.nn.utils.parameters_to_vector(policy.parameters()).detach().clone()
