@@ -36,8 +36,8 @@ EACH = 8 * 24 * 2  # agent-steps of a rollout
 
 def config(steps: int, **changes: Any) -> TrainingConfig:
     settings = {"batch_size": 64, "n_epochs": 3, "target_kl": 0.0}
-    given = {"scenario": SHORT, "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1, "every": 2 * EACH}
-    return TrainingConfig(**(given | {"settings": settings, "seed": 3} | changes))
+    given = {"scenario": SHORT, "steps": steps, "preset": "original", "worlds": 8, "rollout": 8 * 24, "threads": 1}
+    return TrainingConfig(**(given | {"every": 2 * EACH, "settings": settings, "seed": 3} | changes))
 
 
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
