@@ -1,11 +1,15 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from outlast.envs.rollout.policies import POLICIES as NAMED
+from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
+from .annealing import Anneal
 from .errors import TrainingError
 from .hyperparameters import Hyperparameters
 from .presets import DEAD, preset
@@ -16,6 +20,36 @@ HOW = ("processes", "halves")  # what decides how a run is computed, not which n
 FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 SNAPSHOTS = 10  # updates between past selves
+TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
+IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
+
+
+def parse_warm_start(text: str) -> tuple[str, int]:
+    """What policies are before PPO begins.
+
+    Args:
+        text: "scripted" or "scripted:2e6": what has learned to do as that policy does, in so many agent-steps.
+            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random.
+
+    Returns:
+        The name or the path, and agent-steps of imitation; 0: its weights are taken.
+
+    Raises:
+        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
+    """
+    name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
+    if text and name not in TEACHERS and not name.endswith(SAVED):
+        known = ", ".join(TEACHERS)
+        raise TrainingError(f"warm start {text}: {known} or a checkpoint, FILE{SAVED}, is needed, perhaps with :STEPS")
+    try:
+        steps = float(length or (IMITATED if name in TEACHERS else 0))
+    except ValueError:
+        steps = math.nan
+    if steps % 1 != 0 or (length and steps < 1):
+        raise TrainingError(
+            f"warm start {text}: a whole number of agent-steps of at least 1 is needed, as in {name}:2e6"
+        )
+    return name, int(steps)
 
 
 @dataclass(frozen=True)
@@ -42,6 +76,8 @@ class TrainingConfig:
         processes: That share the worlds; the numbers are the same, but for rounding.
         halves: Whether half of the worlds are stepped while the networks are busy with the other half, on a CPU, too;
             the numbers are the same.
+        warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
+        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
     """
 
     scenario: Scenario
@@ -61,6 +97,8 @@ class TrainingConfig:
     snapshots: int = SNAPSHOTS
     processes: int = 1
     halves: bool = False
+    warm_start: str = ""
+    anneal: tuple[Anneal, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -77,10 +115,18 @@ class TrainingConfig:
             raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
         if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
-        _ = self.numbers, self.size  # they raise
+        _ = self.numbers, self.size, self.teacher  # they raise
+        for each in self.anneal:
+            each.check(self.scenario)
+        object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
         most = self.size[0]
         if not 1 <= self.processes <= most:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
+        name, imitated = self.teacher
+        if imitated and name.endswith(".zip") and self.processes > 1:
+            raise TrainingError(
+                f"{name} draws its actions one after the other: imitate it with one process, then resume"
+            )
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""
@@ -88,6 +134,7 @@ class TrainingConfig:
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every", *HOW)}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
+        kept["anneal"] = ",".join(map(str, self.anneal))
         if not self.numbers.anneal:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}
@@ -96,6 +143,11 @@ class TrainingConfig:
     def numbers(self) -> Hyperparameters:
         """Of PPO. Raises TrainingError if one is not there, or out of range."""
         return preset(self.preset).numbers.changed(self.settings)
+
+    @property
+    def teacher(self) -> tuple[str, int]:
+        """Who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
+        return parse_warm_start(self.warm_start)
 
     @property
     def size(self) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from outlast.envs.rollout.sides import living_sides, own_side
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
-from .opponents import Opponents
+from .opponents import Opponents, Plain
 from .policy import ActorCritic
 from .rows import Observed, Packer, moved
 
@@ -81,6 +81,7 @@ class Lane:
         env: The worlds, with autoreset DISABLED.
         opponent: int (worlds,), the index of the opponent in each world, see Opponents.
         own: int (worlds,), the side that learners play where that is not 0.
+        teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
     """
 
     def __init__(
@@ -106,6 +107,7 @@ class Lane:
             device: Of the networks.
         """
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
+        self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
@@ -181,6 +183,9 @@ class Lane:
             samples.actions[t, where] = actions
         self.begins[:] = False
         found: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
+        if self.teacher is not None:
+            found = found.copy()
+            samples.actions[t] = self.teacher(self._batch(observations, slice(None)), uniform)
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:

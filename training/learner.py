@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from .crew import Crew
 from .hyperparameters import Hyperparameters
-from .loss import Loss, normalised, ppo_loss
+from .loss import Loss, imitation_loss, normalised, ppo_loss
 from .policy import ActorCritic
 from .rollout import Rollout
 from .rows import moved
@@ -143,6 +143,21 @@ class Learner:
     def _diverged(self, figures: Tensor) -> bool:
         limit = self.numbers.target_kl  # without one, nobody waits for a GPU here
         return bool(limit and figures[DIVERGENCE] > KL_STOP * limit)
+
+
+class Imitator(Learner):
+    """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
+
+    def _loss(self, samples: "Samples", part: Tensor, where: Tensor | None, own: Tensor) -> Loss:
+        choices = self.policy.choices
+        actions, _, returns = samples.select(own)
+        logs, values, _ = self.policy(samples.seen.select(own))
+        weights = torch.full_like(returns, 1 / len(part))
+        with torch.no_grad():
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != actions).float().mean(1)
+        chosen = choices.of(actions, logs)
+        given = {"returns": returns, "weights": weights}
+        return imitation_loss(chosen, values, entropy, differs, numbers=self.numbers, **given)
 
 
 class Samples:

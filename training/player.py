@@ -60,7 +60,10 @@ class Player:
         files = checkpoint.read_checkpoint(Path(path), ("policy.pt",))
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
-        self.layout, self.preset = ObservationLayout(self.shapes), preset(self.header["preset"])
+        self.layout, self.preset = (
+            ObservationLayout(self.shapes, self.header.get("fields")),
+            preset(self.header["preset"]),
+        )
         self.packer = Packer(self.layout, leaky=self.preset.leaky)
         try:
             with one_thread():

@@ -57,6 +57,11 @@ class MultiCategorical(nn.Module):
         """(batch,), of the joint actions."""
         return -(logs.exp() * logs).sum((0, 1))
 
+    @staticmethod
+    def likeliest(logs: Tensor) -> Tensor:
+        """Joint actions, int64 (batch, actions)."""
+        return logs.argmax(0).T
+
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
         """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
         below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
@@ -99,8 +104,20 @@ class ActorCritic(nn.Module):
         """Actions alone: sampled, or without a generator the likeliest."""
         logs = self._logs(self.actor.inner(self.extractors[0](seen)))
         if generator is None:
-            return logs.argmax(0).T
+            return self.choices.likeliest(logs)
         return self.choices.draw(logs, torch.rand((len(seen), self.choices.shape[1]), generator=generator))
+
+    def take(self, other: "ActorCritic") -> None:
+        """Become the same function of observations as a policy whose inputs may be scaled otherwise.
+
+        Raises RuntimeError, as load_state_dict does, if its networks are others.
+        """
+        self.load_state_dict(other.state_dict())
+        with torch.no_grad():
+            for one, two in zip(self.extractors, other.extractors, strict=True):
+                own, its = cast(Extractor, one), cast(Extractor, two)
+                own.own.weight.mul_(its.own_scale / own.own_scale)
+                own.weight.mul_(its.scale / own.scale)
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""

@@ -32,6 +32,8 @@ def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew)
     trainer = Trainer(config, threads, crew)
     if files is not None:
         restore(trainer, files)
+    else:
+        trainer.take_weights()
     return trainer
 
 
@@ -43,6 +45,9 @@ def remaining(trainer: Trainer) -> float:
 def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
     """What every process but the first does in a run: the same as that one, without logs and files."""
     trainer = prepared(config, files, crew)
+    if files is None and config.warm_start:
+        trainer.imitate(lambda done, tags: None)
+        trainer.state()
     if not trainer.steps:
         trainer.state()
     while trainer.steps < config.steps:
@@ -102,6 +107,7 @@ class TrainingRun:
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
+        self.fresh = files is None
         try:
             self.trainer = prepared(config, files, self.crew)
             with self._disk_errors():
@@ -125,6 +131,8 @@ class TrainingRun:
         """
         kept = None
         try:
+            if self.fresh and self.config.warm_start:
+                self._warm_start(progress)
             if not self.saved:
                 kept = self._capture()
             while self.trainer.steps < self.config.steps:
@@ -146,6 +154,20 @@ class TrainingRun:
                         self._save(kept)
                 finally:
                     self.log.close()
+
+    def _warm_start(self, progress: Progress) -> None:
+        """Imitate, and save. One that is interrupted begins again with the run."""
+
+        def on_rollout(done: int, tags: dict[str, float]) -> None:
+            self.now, self.tags = f"imitated {done / 1e6:.1f} M agent-steps", tags
+            progress(self)
+
+        start = time.perf_counter()
+        tags = self.trainer.imitate(on_rollout)
+        self._save(self._capture())
+        if tags:
+            with self._disk_errors():  # after the checkpoint, so that no log has it twice
+                self.log.write(tags | {"imitation/seconds": time.perf_counter() - start}, 0)
 
     def _iterate(self, progress: Progress) -> None:
         """Collect a rollout, update from it, and log both."""

@@ -1,6 +1,7 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,14 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
 
 from .collector import Collector
-from .config import TrainingConfig
+from .config import IMITATED, TrainingConfig
 from .crew import Crew
 from .errors import TrainingError
 from .lane import Lane
-from .learner import Learner
+from .learner import Imitator, Learner
 from .metrics import means
 from .observation_layout import field_table, layout_of, scales
-from .opponents import Opponents
+from .opponents import Opponents, plain
 from .player import Player
 from .policy import ActorCritic
 from .presets import preset
@@ -29,6 +30,13 @@ from .rollout import Rollout
 from .rows import Packer
 
 Array = np.ndarray[Any, Any]
+IMITATION: dict[str, Any] = {"learning_rate": 2e-3, "anneal": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
+IMITATION_TAGS = {
+    "imitation/cross_entropy": "train/policy_loss",
+    "imitation/value_loss": "train/value_loss",
+    "imitation/entropy": "train/entropy",
+    "imitation/differs": "train/clip_fraction",  # share of actions that the policy is less likely to take than others
+}
 
 
 class Trainer:
@@ -63,12 +71,19 @@ class Trainer:
         self.worlds, rollout = config.size
         self.rollout_steps = rollout // self.worlds
         players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
-        scenario = common_scenario(self.preset.scenario(config.scenario), [*players.values()])
+        name, imitated = config.teacher
+        self.teacher = Player(name, config.seed) if imitated and name.endswith(SAVED) else None
+        seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
+        scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
         own, halves = self.crew.share(self.worlds), 2 if config.halves or self.device.type != "cpu" else 1
         parts = [own[len(own) * k // halves : len(own) * (k + 1) // halves] for k in range(halves)]
         with self.crew.first_ahead():
-            envs = [self._env(scenario, part, threads) for part in parts if part]
-        self.env = envs[0]
+            self.envs = [self._env(scenario, part, threads) for part in parts if part]
+        self.env = self.envs[0]
+        if self.teacher is not None:
+            self.teacher.check(self.env)
+        for done in (config.steps, 0):  # raises where a number cannot change
+            self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
         torch.manual_seed(config.seed)  # of initial weights
@@ -80,7 +95,7 @@ class Trainer:
         packer = Packer(self.layout, leaky=self.preset.leaky)
         lanes = [
             Lane(env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device)
-            for env in envs
+            for env in self.envs
         ]
         self.collector = Collector(lanes, numbers, self.crew)
 
@@ -96,10 +111,16 @@ class Trainer:
 
     def collect(self) -> Rollout:
         """Play on and keep the samples."""
+        self._set_numbers(self.steps)
         begun = self.steps // (self.worlds * self.env.num_agents)
+        rollout = self._collect(begun)
+        self.steps += rollout.learner.size
+        return rollout
+
+    def _collect(self, begun: int) -> Rollout:
+        """Play so on from a step of the run, and let the pool know who won."""
         rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
         self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
-        self.steps += rollout.learner.size
         return rollout
 
     def update(
@@ -124,7 +145,65 @@ class Trainer:
 
     def report(self) -> dict[str, float]:
         """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
-        return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report()
+        numbers = {f"anneal/{each.name}": each.value(self.steps, self.config.scenario) for each in self.config.anneal}
+        return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
+
+    def take_weights(self) -> None:
+        """Let policies begin as those of the checkpoint that the config names, if it names one.
+
+        Raises:
+            TrainingError: There is none, or its networks are others.
+        """
+        name, imitated = self.config.teacher
+        if imitated or not name:
+            return
+        player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
+        player.check(self.env)
+        if player.preset.name != self.preset.name or len(player.policies) not in (1, len(self.learners)):
+            found = f"{len(player.policies)} of preset '{player.preset.name}'"
+            here = f"{len(self.learners)} of preset '{self.preset.name}'"
+            raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+        for k, policy in enumerate(self.policies):
+            policy.take(player.policies[k % len(player.policies)])
+
+    def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
+        """Let the policies learn to do as the teacher does, if the config names one, while they play themselves.
+
+        So they learn what it does where they come, too, which is not where it comes (Ross, Gordon and Bagnell,
+        arXiv:1011.0686). Their critics learn what they get by that. Of learners and worlds, only the optimisers are as
+        they would be without it.
+
+        Args:
+            on_rollout: Called after each rollout with its number of agent-steps done, and what was measured, by tag.
+
+        Returns:
+            What was measured last, by tag; nothing without a teacher.
+        """
+        name, steps = self.config.teacher
+        if not steps:
+            return {}
+        numbers = replace(self.config.numbers, **IMITATION)
+        imitators = [Imitator(own.policy, numbers, own.generator, own.number, self.crew) for own in self.learners]
+        player, tags = self.teacher, dict[str, float]()
+        teacher = plain(name, self.env) if player is None else lambda seen, uniform: player(seen)
+        for lane in self.collector.lanes:
+            lane.teacher = teacher
+        each = self.rollout_steps * self.worlds * self.env.num_agents
+        for done in range(0, steps, each):
+            rollout = self._collect(done // each * self.rollout_steps)
+            logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
+            found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
+            tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
+            on_rollout(done + each, tags | self.report())
+        for lane in self.collector.lanes:
+            lane.teacher = None
+        return tags | {"imitation/agent_steps": float(done + each)}
+
+    def _set_numbers(self, done: int) -> None:
+        """Give annealed numbers their values after so many agent-steps."""
+        if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
+            for env in self.envs:
+                env.set_numbers(**numbers)
 
     def state(self) -> tuple[State, dict[str, Array]]:
         """The worlds of all processes, and what their lanes are in, (worlds, ...) by name."""

@@ -36,8 +36,8 @@ EACH = 8 * 24 * 2  # agent-steps of a rollout
 
 def config(steps: int, **changes: Any) -> TrainingConfig:
     settings = {"batch_size": 64, "n_epochs": 3, "target_kl": 0.0}
-    given = {"scenario": SHORT, "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1, "every": 2 * EACH}
-    return TrainingConfig(**(given | {"settings": settings, "seed": 3} | changes))
+    given = {"scenario": SHORT, "steps": steps, "preset": "original", "worlds": 8, "rollout": 8 * 24, "threads": 1}
+    return TrainingConfig(**(given | {"every": 2 * EACH, "settings": settings, "seed": 3} | changes))
 
 
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
@@ -124,7 +124,7 @@ def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) ->
     if not updates:
         interrupted(run)
     with pytest.raises(KeyboardInterrupt):
-        run.train(lambda run: interrupted(run) if (run.done, run.shown["now"]) == (updates * EACH, now) else None)
+        run.train(lambda run: interrupted(run) if (run.done, run.now) == (updates * EACH, now) else None)
     assert names(tmp_path / "parts")[-1] == checkpoint.NAME.format(updates * EACH)
     TrainingRun(config(6 * EACH), tmp_path / "parts", resume=True).train()
     TrainingRun(config(6 * EACH), tmp_path / "whole").train()
@@ -367,7 +367,7 @@ def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
 def test_progress_is_reported_at_each_epoch(tmp_path: Path) -> None:
     """An update counts when it is over; the first ones take minutes."""
     seen: list[tuple[int, str]] = []
-    TrainingRun(config(2 * EACH), tmp_path).train(lambda run: seen.append((run.done, run.shown["now"])))
+    TrainingRun(config(2 * EACH), tmp_path).train(lambda run: seen.append((run.done, run.now)))
     expected = [(0, "epoch 1"), (EACH, "collecting"), (EACH, "epoch 1"), (2 * EACH, "collecting")]
     assert [pair for pair in seen if pair[1] in ("epoch 1", "collecting")] == expected
     epochs = [value for _, value in points(tmp_path)["train/epochs"]]

@@ -16,7 +16,7 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 from outlast.training import checkpoint  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
-TINY = ("--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
+TINY = ("--preset", "original", "--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
 
 
 @pytest.mark.nightly
