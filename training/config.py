@@ -124,9 +124,7 @@ class TrainingConfig:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
         name, imitated = self.teacher
         if imitated and name.endswith(".zip") and self.processes > 1:
-            raise TrainingError(
-                f"{name} draws its actions one after the other: imitate it with one process, then resume"
-            )
+            raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with more")
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""

@@ -194,7 +194,7 @@ def test_options_for_one_machine_are_refused(capsys, more):
 
 
 def tasks():
-    """What processes do that train together; functions that Ray sends to its workers, as these cannot import this file."""
+    """What processes do that train together; functions by value, as workers cannot import this file."""
 
     def train(crew, config):
         from outlast.training.trainer import Trainer
