@@ -98,7 +98,15 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [{"policies": "side"}, {"prioritised": True}, {"settings": {"target_kl": 0.001}}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"policies": "side"},
+        {"prioritised": True},
+        {"settings": {"target_kl": 0.001}},
+        {"warm_start": f"scripted:{EACH}", "halves": True},
+    ],
+)
 def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) -> None:
     expected = trained(tmp_path / "one", 2, **changes)
     same(trained(tmp_path / "two", 2, processes=2, **changes), expected)
@@ -116,6 +124,11 @@ def test_a_run_goes_on_with_any_number_of_processes(alone: tuple[Path, dict[str,
 def test_more_processes_than_worlds_are_refused() -> None:
     with pytest.raises(TrainingError, match="processes = 8: from 1 to 7, one for each world, are possible"):
         config(1, processes=8)
+
+
+def test_imitation_of_a_saved_policy_is_that_of_one_process() -> None:
+    with pytest.raises(TrainingError, match=r"a.zip draws numbers in turn: imitate it with one process"):
+        config(1, processes=2, warm_start="a.zip:1000")
 
 
 def test_halves_of_the_worlds_give_the_same_numbers(tmp_path: Path) -> None:
