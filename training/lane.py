@@ -19,8 +19,9 @@ from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
 from .opponents import Opponents, Plain
+from .packer import Packer
 from .policy import ActorCritic
-from .rows import Observed, Packer
+from .rows import Observed
 
 Array = np.ndarray[Any, Any]
 CHUNK = 16  # steps that gradients flow back through a memory
@@ -32,7 +33,8 @@ class Samples:
     """What a lane collects: arrays (steps, agents), of `actions` (steps, agents, actions).
 
     Attributes:
-        seen: What was observed, step after step.
+        seen: What was observed, step after step, as the networks take it.
+        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
@@ -47,6 +49,7 @@ class Samples:
     """
 
     seen: list[Observed]
+    own: Array
     actions: Array
     log_probs: Array
     values: Array
@@ -111,6 +114,7 @@ class Lane:
         shape, chunks = (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
+            own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
             **{name: np.zeros(shape, np.float32) for name in ("log_probs", "values", "rewards", "later")},
             **{name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")},
@@ -133,6 +137,7 @@ class Lane:
         env, samples, observations = self.env, self.samples, self.env.observe()
         seen, uniform = self.packer(observations), self.noise(step)
         samples.seen.append(seen)
+        samples.own[t] = self.packer.own(observations)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
@@ -195,7 +200,7 @@ class Lane:
     def tallies(self) -> Tallies:
         """What is measured of the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
-        own = np.stack([seen.own.numpy() for seen in self.samples.seen]).reshape(*shape, layout.own)
+        own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
         living = self.samples.alive.reshape(own.shape[:3])
         return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living)

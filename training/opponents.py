@@ -14,9 +14,9 @@ from outlast.envs.rollout.policies import POLICIES
 from .checkpoint import check_state, load_weights
 from .config import PAST, SELF
 from .errors import TrainingError
+from .packer import Packer
 from .player import Player
 from .policy import ActorCritic
-from .rows import Packer
 
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]

@@ -21,9 +21,10 @@ except ModuleNotFoundError as error:
 
 from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
+from .packer import Packer
 from .policy import ActorCritic
 from .presets import preset
-from .rows import Observed, Packer
+from .rows import Observed
 
 Array = np.ndarray[Any, Any]
 THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
@@ -64,7 +65,7 @@ class Player:
             ObservationLayout(self.shapes, self.header.get("fields")),
             preset(self.header["preset"]),
         )
-        self.packer = Packer(self.layout, leaky=self.preset.leaky)
+        self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         try:
             with one_thread():
                 self.policies = self._make_policies(files)

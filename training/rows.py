@@ -5,7 +5,7 @@ An agent sees one or two entities of the 17 to 36 that there are, so only those 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, cast
 
@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .observation_layout import MASK, OWN, ObservationLayout
+from .observation_layout import ObservationLayout
 
 Array = np.ndarray[Any, Any]
 
@@ -98,42 +98,6 @@ class PaddedRows:
 
 
 Observed = Rows | PaddedRows
-
-
-class Packer:
-    """Packs observations, by key and kind, as the networks of a preset take them."""
-
-    def __init__(self, layout: ObservationLayout, *, leaky: bool) -> None:
-        """leaky: with the rows of what is hidden."""
-        self.layout, self.leaky = layout, leaky
-
-    def __call__(self, observations: Mapping[str, Array]) -> Observed:
-        """Pack the observations of a batch of agents.
-
-        Args:
-            observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch.
-        """
-        return self._padded(observations) if self.leaky else self._rows(observations)
-
-    def _padded(self, observations: Mapping[str, Array]) -> PaddedRows:
-        batch = observations[OWN].size // self.layout.shapes[OWN][0]
-        packed = np.zeros((batch, self.layout.size), np.float32)
-        for key, view in self.layout.views(packed).items():
-            view[...] = observations[key].reshape(view.shape)
-        return PaddedRows(torch.from_numpy(packed), self.layout)
-
-    def _rows(self, observations: Mapping[str, Array]) -> Rows:
-        own = np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
-        seen = {kind: np.flatnonzero(observations[kind.key + MASK]) for kind in self.layout.kinds}
-        agent = np.concatenate([rows // kind.rows for kind, rows in seen.items()] or [np.zeros(0, np.int64)])
-        entities, row, column = np.zeros((len(agent), self.layout.columns), np.float32), 0, 0
-        for k, (kind, rows) in enumerate(seen.items()):
-            here = entities[row : row + len(rows)]
-            here[:, column : column + kind.features] = observations[kind.key].reshape(-1, kind.features)[rows]
-            here[:, k - len(seen)] = 1
-            row, column = row + len(rows), column + kind.features
-        order, count = np.argsort(agent, kind="stable"), np.bincount(agent, minlength=len(own))
-        return Rows(torch.from_numpy(own), torch.from_numpy(entities[order]), torch.from_numpy(count))
 
 
 def concatenated(parts: Sequence[Observed]) -> Observed:

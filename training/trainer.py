@@ -20,11 +20,11 @@ from .learner import Imitator, Learner
 from .metrics import means
 from .observation_layout import field_table, layout_of, scales
 from .opponents import Opponents, plain
+from .packer import Packer
 from .player import Player
 from .policy import ActorCritic
 from .presets import preset
 from .rollout import Rollout
-from .rows import Packer
 
 Array = np.ndarray[Any, Any]
 IMITATION: dict[str, Any] = {"learning_rate": 2e-3, "anneal": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
@@ -91,7 +91,7 @@ class Trainer:
             for number in range(self.team.max() + 1)
         ]
         self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
-        packer = Packer(self.layout, leaky=self.preset.leaky)
+        packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         self.lane = Lane(
             self.env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device
         )
