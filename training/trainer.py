@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 import outlast
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.saved import SAVED, common_scenario
@@ -37,6 +38,7 @@ class Trainer:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
+        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
         collector: What plays.
         steps: Agent-steps collected so far.
     """
@@ -70,15 +72,25 @@ class Trainer:
         self.env.reset(seed=config.seed)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
+        self.state = len(GlobalState(self.env.worlds).scale) if config.critic == "state" else 0
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
             Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number)
             for number in range(self.team.max() + 1)
         ]
-        self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
+        self.opponents = Opponents(
+            config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
+        )
         packer = Packer(self.layout, leaky=self.preset.leaky)
         self.lane = Lane(
-            self.env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device
+            self.env,
+            packer,
+            self.team,
+            self.opponents,
+            seed=config.seed,
+            dead=config.dead,
+            device=self.device,
+            state=self.state > 0,
         )
         self.collector = Collector([self.lane], numbers)
 
@@ -121,7 +133,15 @@ class Trainer:
     def _policy(self) -> ActorCritic:
         sizes = [int(size) for size in self.env.action_sizes]
         known = scales(self.layout, field_table(self.env.fields))
-        return ActorCritic(sizes, layout=self.layout, preset=self.preset, scales=known).to(self.device)
+        policy = ActorCritic(
+            sizes,
+            layout=self.layout,
+            preset=self.preset,
+            scales=known,
+            memory=self.config.memory,
+            state=self.state,
+        )
+        return policy.to(self.device)
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:

@@ -14,13 +14,13 @@ from typing import Any
 
 from tqdm import tqdm
 
-from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
-from ..config import FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig
+from ..config import CRITICS, FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -33,6 +33,8 @@ SINGLE = (
     "rollout",
     "policies",
     "snapshots",
+    "memory",
+    "critic",
     "dead",
     "device",
     "every",
@@ -66,6 +68,10 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--snapshots", type=positive, default=SNAPSHOTS, help="updates between past selves (default 10)"
     )
+    text = "numbers that each agent keeps from step to step (default 0)"
+    command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
+    text = "values are learned from what the agent observes (own, the default), or from the whole world, too (state)"
+    command.add_argument("--critic", choices=CRITICS, default="own", help=text)
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
