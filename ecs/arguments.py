@@ -13,6 +13,7 @@ not use. Each view is made once a process, as numba keeps every intrinsic for go
 
 import ctypes
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +41,7 @@ class ArgumentLayout:
     columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
     constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
-    numbers: dict[int, int | float] = field(default_factory=dict)
+    numbers: dict[int, tuple[str, int | float]] = field(default_factory=dict)
 
     def add_column(self, component: type[Component], name: str) -> int:
         """A column; kernels get the part of it that belongs to one world."""
@@ -54,9 +55,9 @@ class ArgumentLayout:
         """A Scratch parameter: memory of the thread."""
         return self._add(self.scratch, (module, name), ARRAY_SLOTS)
 
-    def add_number(self, value: int | float) -> int:
-        """An int, or a float that is read as float32."""
-        return self._add(self.numbers, value, 1)
+    def add_number(self, value: int | float, name: str = "") -> int:
+        """An int, or a float that is read as float32. name: of a mechanic's number, "module_number"."""
+        return self._add(self.numbers, (name, value), 1)
 
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
         slot = self.size
@@ -85,9 +86,15 @@ class ArgumentBlock:
         self.scratch = {slot: module.scratch(name, worlds.dims) for slot, (module, name) in layout.scratch.items()}
         for slot, array in self.scratch.items() if compiled else ():
             self._describe(slot, array, 0)
-        for slot, value in layout.numbers.items():
-            self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
+        self._numbers = layout.numbers
+        self.set_numbers(worlds.changed)
         self.address = int(self.slots.ctypes.data)
+
+    def set_numbers(self, changed: Mapping[str, int | float]) -> None:
+        """Write all numbers into their slots; those that were changed, by name, with their present values."""
+        for slot, (name, value) in self._numbers.items():
+            value = changed.get(name, value)
+            self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
     def _describe(self, slot: int, array: np.ndarray[Any, Any], axes: int) -> None:
         """axes: 1 if the first axis is the worlds, 0 if the array is the same for all."""

@@ -23,11 +23,11 @@ class CompiledExecution:
 
     def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits) -> None:
         self._units, self._runner = segment.units, compiled_units.runner()
-        self._blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
+        self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
         self._frame = np.zeros(TABLE + 2 * len(segment.units), np.int64)
         self._frame[UNITS] = len(segment.units)
         self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
-        self._frame[TABLE + 1 :: 2] = [block.address for block in self._blocks]
+        self._frame[TABLE + 1 :: 2] = [block.address for block in self.blocks]
         self._address = int(self._frame.ctypes.data)
 
     def __call__(self, start: int, stop: int) -> None:
@@ -43,14 +43,13 @@ class PythonExecution:
     """Runs units as Python. Parameters as for CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Any) -> None:
-        self._calls = [
-            (unit.function(), ArgumentBlock(unit.arguments, worlds, compiled=False)) for unit in segment.units
-        ]
+        self._functions = [unit.function() for unit in segment.units]
+        self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=False) for unit in segment.units]
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units, one after the other."""
         with interpreted():
-            for function, block in self._calls:
+            for function, block in zip(self._functions, self.blocks, strict=True):
                 function(block, start, stop)
 
 

@@ -178,12 +178,14 @@ class Generator:
                 return self._constant(
                     f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)
                 )
-        return self._number(_value(module, system, parameter), parameter.name)
+        full = f"{module.name}_{parameter.name}"
+        return self._number(_value(module, system, parameter), parameter.name, full)
 
-    def _number(self, value: int | float, parameter: str) -> str:
+    def _number(self, value: int | float, parameter: str, full: str = "") -> str:
         name, kind = f"number_{parameter}", "float32" if isinstance(value, float) else "int64"
         self.names[kind] = number_view(kind, python=not self.compiled)
-        slot = self._slot(name, self.arguments.add_number(value if isinstance(value, float) else int(value)))
+        given = value if isinstance(value, float) else int(value)
+        slot = self._slot(name, self.arguments.add_number(given, full))
         self.outside[f"{name} = {kind}(arguments, {slot})" + (" != 0" if isinstance(value, bool) else "")] = None
         return name
 

@@ -18,6 +18,7 @@ from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
+from .live_numbers import changed_modules, differing
 from .module import Module
 from .phase import Phase
 from .tick import Segment, segments
@@ -47,6 +48,7 @@ class Worlds:
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
+        modules: The mechanics with the numbers of now; layout.modules keep those that the worlds were made with.
         event_memory: The events of each world's last tick, as they lie in memory; see `events`.
         times: Seconds spent in each segment of the tick, by the label of its first unit: with split, of its system.
 
@@ -67,6 +69,7 @@ class Worlds:
     ) -> None:
         self.layout = Layout(modules)
         self.count, self.threads = count, threads
+        self.modules = list(self.layout.modules)
         systems = [system for module in self.layout.modules for system in module.systems()]
         systems = [system for system in systems if self._applies(system) and system.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components, ordered)
@@ -150,6 +153,28 @@ class Worlds:
         clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
         clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
         clock.episode[where] = 0
+
+    def set_numbers(self, **numbers: Any) -> None:
+        """Change numbers of mechanics from the next tick on, in all worlds.
+
+        Args:
+            **numbers: By name, module_number ("rewards_kill").
+
+        Raises:
+            NumberError: An unknown number, one that decides on more than what kernels compute with (the sizes of
+                tables, what entities begin with, which systems run, bounds of observations), or a value that cannot
+                be; nothing is changed.
+        """
+        with self._lock:
+            self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
+            for execution in (each for segment in self._executions for each in segment if each is not None):
+                for block in execution.blocks:
+                    block.set_numbers(self.changed)
+
+    @property
+    def changed(self) -> dict[str, int | float]:
+        """By name, the numbers that are not those that the worlds were made with, as kernels get them."""
+        return differing(self.layout.modules, self.modules)
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
         """Take every world through the tick: mode int8 (count,), SKIP, STEP or RESET for each world.

@@ -1,11 +1,15 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from outlast.envs.rollout.policies import POLICIES as NAMED
+from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
+from .annealing import Anneal
 from .errors import TrainingError
 from .hyperparameters import Hyperparameters
 from .presets import DEAD, preset
@@ -18,6 +22,36 @@ SELF, PAST = "self", "past"  # opponents that only training has
 SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps that gradients flow back through a memory
 MOST = 4096  # numbers of a memory
+TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
+IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
+
+
+def parse_warm_start(text: str) -> tuple[str, int]:
+    """What policies are before PPO begins.
+
+    Args:
+        text: "scripted" or "scripted:2e6": what has learned to do as that policy does, in so many agent-steps.
+            "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random.
+
+    Returns:
+        The name or the path, and agent-steps of imitation; 0: its weights are taken.
+
+    Raises:
+        TrainingError: There is no such policy, or the steps are no whole number of at least 1.
+    """
+    name, _, length = (text, "", "") if ":" not in text or text.endswith(SAVED) else text.rpartition(":")
+    if text and name not in TEACHERS and not name.endswith(SAVED):
+        known = ", ".join(TEACHERS)
+        raise TrainingError(f"warm start {text}: {known} or a checkpoint, FILE{SAVED}, is needed, perhaps with :STEPS")
+    try:
+        steps = float(length or (IMITATED if name in TEACHERS else 0))
+    except ValueError:
+        steps = math.nan
+    if steps % 1 != 0 or (length and steps < 1):
+        raise TrainingError(
+            f"warm start {text}: a whole number of agent-steps of at least 1 is needed, as in {name}:2e6"
+        )
+    return name, int(steps)
 
 
 @dataclass(frozen=True)
@@ -43,6 +77,8 @@ class TrainingConfig:
         snapshots: Updates between past selves.
         memory: Numbers that each agent keeps from step to step; 0: none.
         critic: What values are learned from: "own", what the agent observes. "state": the whole world beside that.
+        warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
+        anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
     """
 
     scenario: Scenario
@@ -62,6 +98,8 @@ class TrainingConfig:
     snapshots: int = SNAPSHOTS
     memory: int = 0
     critic: str = "own"
+    warm_start: str = ""
+    anneal: tuple[Anneal, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -82,13 +120,16 @@ class TrainingConfig:
             raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
         if type(self.memory) is not int or not 0 <= self.memory <= MOST:
             raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
-        _, (worlds, rollout) = self.numbers, self.size  # they raise
+        _, _, (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
         if self.memory and rollout // worlds % CHUNK:
             fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
             raise TrainingError(
                 f"a rollout of {rollout} steps has {rollout // worlds} of each world: with a memory, a multiple of "
                 f"{CHUNK} is needed, such as --rollout {fitting}"
             )
+        for each in self.anneal:
+            each.check(self.scenario)
+        object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
 
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""
@@ -96,6 +137,7 @@ class TrainingConfig:
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every")}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
+        kept["anneal"] = ",".join(map(str, self.anneal))
         if not self.numbers.anneal:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}
@@ -104,6 +146,11 @@ class TrainingConfig:
     def numbers(self) -> Hyperparameters:
         """Of PPO. Raises TrainingError if one is not there, or out of range."""
         return preset(self.preset).numbers.changed(self.settings)
+
+    @property
+    def teacher(self) -> tuple[str, int]:
+        """Who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
+        return parse_warm_start(self.warm_start)
 
     @property
     def size(self) -> tuple[int, int]:

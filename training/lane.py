@@ -20,7 +20,7 @@ from .config import CHUNK
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
-from .opponents import Opponents
+from .opponents import Opponents, Plain
 from .policy import ActorCritic
 from .rows import Observed, Packer
 
@@ -71,6 +71,7 @@ class Lane:
         env: The worlds, with autoreset DISABLED.
         opponent: int (worlds,), the index of the opponent in each world, see Opponents.
         own: int (worlds,), the side that learners play where that is not 0.
+        teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class Lane:
         """
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
+        self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
@@ -165,6 +167,9 @@ class Lane:
                 samples.log_probs[t, some] = policy.choices.of(chosen, logs).cpu()
         self.begins[:] = False
         joint: Array = samples.actions[t].reshape(env.num_worlds, env.num_agents, -1)
+        if self.teacher is not None:
+            joint = joint.copy()
+            samples.actions[t] = self.teacher(self._batch(observations, slice(None)), uniform)
         return joint
 
     def take(self, t: int, result: Any, policies: Sequence[ActorCritic]) -> None:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from .hyperparameters import Hyperparameters
-from .loss import Loss, normalised, ppo_loss
+from .loss import Loss, imitation_loss, normalised, ppo_loss
 from .minibatches import Chunks, Samples
 from .policy import ActorCritic
 from .rollout import Rollout
@@ -112,6 +112,20 @@ class Learner:
         torch.autograd.backward(total)
         nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
         self.optimizer.step()
+
+
+class Imitator(Learner):
+    """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
+
+    def _loss(self, samples: Samples, part: Tensor) -> Loss:
+        choices, batch = self.policy.choices, samples.select(part)
+        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
+        with torch.no_grad():
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
+        chosen = choices.of(batch.actions, logs)
+        return imitation_loss(
+            chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
+        )
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:

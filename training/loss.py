@@ -91,6 +91,33 @@ def ppo_loss(
     return Loss(total, policy, value, mean_entropy, divergence, clipped)
 
 
+def imitation_loss(
+    log_probs: Tensor,
+    values: Tensor,
+    entropy: Tensor,
+    differs: Tensor,
+    *,
+    returns: Tensor,
+    weights: Tensor,
+    numbers: Hyperparameters,
+) -> Loss:
+    """The loss of a minibatch where a policy learns to do as a teacher does: cross-entropy, and that of its values.
+
+    All tensors are float32 (batch,). The divergence is that of the policy from the teacher.
+
+    Args:
+        log_probs: Of the teacher's joint actions, under the present policy.
+        values: Of what was observed, at present.
+        entropy: Of the present policy.
+        differs: Share of a joint action's parts of which another value is the likeliest; it takes the place of clipped.
+        returns: What values are to become.
+        weights: How much each sample counts, see ppo_loss.
+        numbers: Of PPO; only vf_coef matters.
+    """
+    policy, value = -(weights @ log_probs), weights @ (returns - values).square()
+    return Loss(policy + numbers.vf_coef * value, policy, value, weights @ entropy, policy, weights @ differs)
+
+
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
     """Advantages (batch,) with mean 0 and spread 1 over the samples that count; weights: see ppo_loss."""
     count = 1 / weights.max()

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from . import leaky
+from .egocentric import Egocentric
 from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed, Rows
@@ -32,6 +33,7 @@ class Extractor(nn.Module):
         if preset.leaky and not (preset.padded and preset.activation == "tanh"):
             raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as leaky.attend does")
         self.layout, self.preset, width = layout, preset, preset.width
+        self.frame = Egocentric(layout) if preset.egocentric else None
         self.own = nn.Linear(layout.own, width)
         widths = [kind.features for kind in layout.kinds]
         self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
@@ -51,6 +53,8 @@ class Extractor(nn.Module):
 
     def forward(self, seen: Observed) -> Tensor:
         """What a batch of agents observes to features, float32 (batch, 2 * width)."""
+        if self.frame is not None and isinstance(seen, Rows):
+            seen = self.frame(seen)
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
         if isinstance(seen, Rows):
             entities = self._attend_seen(seen)

@@ -40,8 +40,14 @@ class ObservationLayout:
     + rows * features. columns: of an entity in Rows, the numbers of all kinds, and one for each kind.
     """
 
-    def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
-        """shapes: of one agent's observations by current key; a kind is a key with a companion key_mask."""
+    def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
+        """Lay them out.
+
+        Args:
+            shapes: Of one agent's observations by current key; a kind is a key with a companion key_mask.
+            fields: What their rows hold, where that matters.
+        """
+        self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
         self.alone = {key: math.prod(shapes[key]) for key in keys if key + MASK not in shapes}
         self.kinds = [EntityKind(key, *shapes[key]) for key in keys if key + MASK in shapes]
@@ -50,6 +56,20 @@ class ObservationLayout:
         self.features = max((kind.features for kind in self.kinds), default=0)
         self.size = self.own + self.rows * (1 + self.features)
         self.columns = sum(kind.features for kind in self.kinds) + len(self.kinds)
+
+    def field_columns(self) -> dict[str, dict[str, int]]:
+        """The first column of each field by key and name: among an agent's own numbers, or of an entity in Rows."""
+        found, starts = dict[str, dict[str, int]](), dict[str, int]()
+        for widths in (self.alone, {kind.key: kind.features for kind in self.kinds}):
+            start = 0
+            for key, width in widths.items():
+                starts[key], start = start, start + width
+        for key, column in starts.items():
+            found[key] = {}
+            for name, (size, _) in self.fields.get(key, {}).items():
+                found[key][name] = column
+                column += int(size)
+        return found
 
     def own_views(self, own: Array) -> dict[str, Array]:
         """Views of the numbers that belong to no entity, (..., own), by key."""
@@ -89,7 +109,7 @@ class ObservationLayout:
 
 def layout_of(env: Any) -> ObservationLayout:
     """The layout of a SurvivalVectorEnv's observations."""
-    return ObservationLayout({key: array.shape[2:] for key, array in env.observe().items()})
+    return ObservationLayout({key: array.shape[2:] for key, array in env.observe().items()}, field_table(env.fields))
 
 
 def field_table(fields: Fields) -> FieldTable:

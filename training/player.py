@@ -60,6 +60,7 @@ class Player:
 
     Attributes:
         memory: Numbers that each agent remembers; 0: none.
+        state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
         reset: None for a policy without a memory. Otherwise a function that gets the worlds in which episodes begin,
             bool of the shape of observations ahead of the agents, (worlds,): all of them before the first call.
     """
@@ -69,9 +70,13 @@ class Player:
         files = checkpoint.read_checkpoint(Path(path), ("policy.pt",))
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
-        self.layout, self.preset = ObservationLayout(self.shapes), preset(self.header["preset"])
+        self.layout, self.preset = (
+            ObservationLayout(self.shapes, self.header.get("fields")),
+            preset(self.header["preset"]),
+        )
         self.packer = Packer(self.layout, leaky=self.preset.leaky)
         self.memory: int = self.header.get("memory", 0)
+        self.state: int = self.header.get("state", 0)
         self.reset = self._reset if self.memory else None
         self._begins: Array | None = None  # bool, in which worlds
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
@@ -89,14 +94,14 @@ class Player:
         self.id = list(self.header.get("fields", {}).get(OWN, {"id": 1})).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
             raise TrainingError(f"run.json has a team of other policies than the {len(weights)} in policy.pt")
-        inputs, state = layout.own + sum(kind.features for kind in layout.kinds), self.header.get("state", 0)
-        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
+        inputs = layout.own + sum(kind.features for kind in layout.kinds)
+        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + self.state) + 3 * self.memory**2
         if 4 * least * len(weights) > len(files["policy.pt"]):
             raise TrainingError("policy.pt is too small for the observations, actions and memory in run.json")
         sizes, policies = checkpoint.recorded_scales(self.header, layout), []
         for own in weights:
             policy = ActorCritic(
-                actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=state
+                actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
             )
             checkpoint.load_weights(policy, own)
             policies.append(policy)

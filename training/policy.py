@@ -57,6 +57,11 @@ class MultiCategorical(nn.Module):
         """(batch,), of the joint actions."""
         return -(logs.exp() * logs).sum((0, 1))
 
+    @staticmethod
+    def likeliest(logs: Tensor) -> Tensor:
+        """Joint actions, int64 (batch, actions)."""
+        return logs.argmax(0).T
+
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
         """Sampled joint actions, int64 (batch, actions), from one uniform number for each, (batch, actions)."""
         below = logs.exp().cumsum(0)[:-1] + self.beyond  # rounding may leave the sum of all values below 1
@@ -138,7 +143,7 @@ class ActorCritic(nn.Module):
     def choose(self, logs: Tensor, generator: torch.Generator | None) -> Tensor:
         """Actions, int64 (batch, actions): sampled, or without a generator the likeliest."""
         if generator is None:
-            return logs.argmax(0).T
+            return self.choices.likeliest(logs)
         return self.choices.draw(logs, torch.rand((logs.shape[2], self.choices.shape[1]), generator=generator))
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -153,6 +158,18 @@ class ActorCritic(nn.Module):
         weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
         both = actor.activation(functional.linear(features, weight, bias)).chunk(2, 1)
         return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
+
+    def take(self, other: "ActorCritic") -> None:
+        """Become the same function of observations as a policy whose inputs may be scaled otherwise.
+
+        Raises RuntimeError, as load_state_dict does, if its networks are others.
+        """
+        self.load_state_dict(other.state_dict())
+        with torch.no_grad():
+            for one, two in zip(self.extractors, other.extractors, strict=True):
+                own, its = cast(Extractor, one), cast(Extractor, two)
+                own.own.weight.mul_(its.own_scale / own.own_scale)
+                own.weight.mul_(its.scale / own.scale)
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""

@@ -37,6 +37,7 @@ class Preset:
         leaky: Whether a hidden entity is attended to, with its logit raised by 1, and rows are averaged over their full
             number, as in the authors' code. Otherwise hidden ones are left out of both.
         scaled: Whether inputs are brought to about -1 to 1.
+        egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
         cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
         width: Of every embedding.
         heads: Of the attention.
@@ -52,6 +53,7 @@ class Preset:
     padded: bool
     leaky: bool
     scaled: bool = False
+    egocentric: bool = False
     cameras: str = "masked"
     width: int = 32
     heads: int = 4
@@ -83,13 +85,15 @@ class Preset:
 
 
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
+FAST_PRESET = replace(PAPER, name="fast", scaled=True, shared=True, agents=512, steps=128, numbers=FAST)
 PRESETS = {
     preset.name: preset
     for preset in (
         Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
         PAPER,
         replace(PAPER, name="scaled", scaled=True),
-        replace(PAPER, name="fast", scaled=True, shared=True, agents=512, steps=128, numbers=FAST),
+        FAST_PRESET,
+        replace(FAST_PRESET, name="egocentric", egocentric=True),
     )
 }
 

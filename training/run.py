@@ -53,9 +53,12 @@ class TrainingRun:
         threads = config.threads or min(THREADS, torch.get_num_threads())
         torch.set_num_threads(threads)
         self.trainer = Trainer(config, threads)
+        self.fresh = files is None
         if files is not None:
             self._check_plan(checkpoint.header_of(files))
             restore(self.trainer, files)
+        else:
+            self.trainer.take_weights()
         with self._disk_errors():
             self._prepare()
             self.log = RunLog(folder, self.trainer.steps)
@@ -72,8 +75,11 @@ class TrainingRun:
         Raises:
             TrainingError: The disk is full; what is in the folder can be resumed.
         """
-        kept = self._capture() if not self.saved else None
+        kept = None
         try:
+            if self.fresh and self.config.warm_start:
+                self._warm_start(progress)
+            kept = self._capture() if not self.saved else None
             while self.trainer.steps < self.config.steps:
                 self._iterate(progress)
                 self.done, self.now = self.trainer.steps, "collecting"
@@ -92,6 +98,20 @@ class TrainingRun:
                         self._save(kept)
                 finally:
                     self.log.close()
+
+    def _warm_start(self, progress: Progress) -> None:
+        """Imitate, and save. One that is interrupted begins again with the run."""
+
+        def on_rollout(done: int, tags: dict[str, float]) -> None:
+            self.now, self.tags = f"imitated {done / 1e6:.1f} M agent-steps", tags
+            progress(self)
+
+        start = time.perf_counter()
+        tags = self.trainer.imitate(on_rollout)
+        self._save(self._capture())
+        if tags:
+            with self._disk_errors():  # after the checkpoint, so that no log has it twice
+                self.log.write(tags | {"imitation/seconds": time.perf_counter() - start}, 0)
 
     def _iterate(self, progress: Progress) -> None:
         """Collect a rollout, update from it, and log both."""

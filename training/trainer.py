@@ -1,6 +1,7 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,17 @@ import outlast
 from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario
 
 from .collector import Collector
-from .config import TrainingConfig
+from .config import IMITATED, TrainingConfig
 from .errors import TrainingError
 from .lane import Lane
-from .learner import Learner
+from .learner import Imitator, Learner
 from .metrics import means
 from .observation_layout import field_table, layout_of, scales
-from .opponents import Opponents
+from .opponents import Opponents, plain
 from .player import Player
 from .policy import ActorCritic
 from .presets import preset
@@ -27,6 +29,13 @@ from .rollout import Rollout
 from .rows import Packer
 
 Array = np.ndarray[Any, Any]
+IMITATION: dict[str, Any] = {"learning_rate": 2e-3, "anneal": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
+IMITATION_TAGS = {
+    "imitation/cross_entropy": "train/policy_loss",
+    "imitation/value_loss": "train/value_loss",
+    "imitation/entropy": "train/entropy",
+    "imitation/differs": "train/clip_fraction",  # share of actions that the policy is less likely to take than others
+}
 
 
 class Trainer:
@@ -59,7 +68,10 @@ class Trainer:
         worlds, rollout = config.size
         self.rollout_steps = rollout // worlds
         players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
-        scenario = common_scenario(self.preset.scenario(config.scenario), [*players.values()])
+        name, imitated = config.teacher
+        self.teacher = Player(name, config.seed) if imitated and name.endswith(SAVED) else None
+        seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
+        scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
         self.env = outlast.make_vec(
             scenario,
             worlds,
@@ -70,6 +82,10 @@ class Trainer:
             check_actions=False,
         )
         self.env.reset(seed=config.seed)
+        if self.teacher is not None:
+            self.teacher.check(self.env)
+        for done in (config.steps, 0):  # raises where a number cannot change
+            self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
         self.state = len(GlobalState(self.env.worlds).scale) if config.critic == "state" else 0
@@ -101,6 +117,7 @@ class Trainer:
 
     def collect(self) -> Rollout:
         """Play on and keep the samples."""
+        self._set_numbers(self.steps)
         begun = self.steps // (self.env.num_worlds * self.env.num_agents)
         rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
         self.steps += rollout.alive.size
@@ -128,7 +145,74 @@ class Trainer:
 
     def report(self) -> dict[str, float]:
         """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
-        return means(lane.tallies() for lane in self.collector.lanes) | self.opponents.report()
+        numbers = {f"anneal/{each.name}": each.value(self.steps, self.config.scenario) for each in self.config.anneal}
+        return means(lane.tallies() for lane in self.collector.lanes) | self.opponents.report() | numbers
+
+    def take_weights(self) -> None:
+        """Let policies begin as those of the checkpoint that the config names, if it names one.
+
+        Raises:
+            TrainingError: There is none, or its networks are others.
+        """
+        name, imitated = self.config.teacher
+        if imitated or not name:
+            return
+        player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
+        player.check(self.env)
+        found, here = (
+            f"of preset '{chosen}' with memory {memory} and state {state}"
+            for chosen, memory, state in (
+                (player.preset.name, player.memory, player.state),
+                (self.preset.name, self.config.memory, self.state),
+            )
+        )
+        if found != here or len(player.policies) not in (1, len(self.learners)):
+            found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
+            raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+        for k, policy in enumerate(self.policies):
+            policy.take(player.policies[k % len(player.policies)])
+
+    def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
+        """Let the policies learn to do as the teacher does, if the config names one, while they play themselves.
+
+        So they learn what it does where they come, too, which is not where it comes (Ross, Gordon and Bagnell,
+        arXiv:1011.0686). Their critics learn what they get by that. Of learners and worlds, only the optimisers are as
+        they would be without it.
+
+        Args:
+            on_rollout: Called after each rollout with its number of agent-steps done, and what was measured, by tag.
+
+        Returns:
+            What was measured last, by tag; nothing without a teacher.
+        """
+        name, steps = self.config.teacher
+        if not steps:
+            return {}
+        numbers = replace(self.config.numbers, **IMITATION)
+        imitators = [Imitator(own.policy, numbers, own.generator, own.number) for own in self.learners]
+        tags = dict[str, float]()
+        if self.teacher is None:
+            teacher = plain(name, self.env)
+        else:
+            play = told(self.teacher, self.env)  # all of them at once, as it may have a memory
+            teacher = lambda seen, uniform: np.asarray(play(self.env.observe())).reshape(uniform.shape)  # noqa: E731
+        for lane in self.collector.lanes:
+            lane.teacher = teacher
+        each = self.rollout_steps * sum(lane.agents for lane in self.collector.lanes)
+        for done in range(0, steps, each):
+            rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
+            logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
+            found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
+            tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
+            on_rollout(done + each, tags | self.report())
+        for lane in self.collector.lanes:
+            lane.teacher = None
+        return tags | {"imitation/agent_steps": float(done + each)}
+
+    def _set_numbers(self, done: int) -> None:
+        """Give annealed numbers their values after so many agent-steps."""
+        if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
+            self.env.set_numbers(**numbers)
 
     def _policy(self) -> ActorCritic:
         sizes = [int(size) for size in self.env.action_sizes]

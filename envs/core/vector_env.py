@@ -14,7 +14,7 @@ from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation, Worlds
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
-from ..scenarios.scenario import Scenario
+from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State, restore, snapshot
 from .agents import alive
 from .buffers import final_observations, flat_size, read_only, write
@@ -304,6 +304,28 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._stop(where)
         return self._observe()
 
+    @exclusive
+    def set_numbers(self, /, **numbers: Number) -> None:
+        """Change numbers of the game from the next step on, in all worlds, in mid-episode or not.
+
+        `scenario` stays what was asked for, and with it what identifies states and recordings: a state has no numbers,
+        so whoever goes on from one changes them again.
+
+        Args:
+            **numbers: By name, as Scenario.replace takes them: rewards_kill=5.
+
+        Raises:
+            NumberError: An unknown number, one that cannot change while worlds run, such as those that size tables or
+                that entities begin with, or a value out of its range; nothing was changed.
+            RecordingError: A recording goes on.
+        """
+        self._check_unrecorded("set_numbers")
+        found = {key: self.scenario.find_number(key) for key in numbers}
+        unknown = next((key for key, pair in found.items() if pair is None), None)
+        if unknown is not None:
+            raise self.scenario.unknown_number(unknown)
+        self.worlds.set_numbers(**{"_".join(pair): numbers[key] for key, pair in found.items() if pair is not None})
+
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.
 
@@ -318,8 +340,14 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @exclusive
     def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
-        """Run the worlds through what make_runner() returns; for outlast.record. RecordingError if one does already."""
+        """Run the worlds through what make_runner() returns; for outlast.record.
+
+        RecordingError if one does already, or if numbers were changed, which a recording does not have.
+        """
         self._check_unrecorded("record")
+        if self.worlds.changed:
+            names = ", ".join(self.worlds.changed)
+            raise RecordingError(f"{names} changed by set_numbers(): record an environment of the scenario with them")
         self._runner = runner = make_runner()
         return runner
 

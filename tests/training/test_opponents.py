@@ -27,8 +27,10 @@ MIX = {"self": 1.0, "past": 1.0, "scripted": 1.0}
 
 
 def make(seed: int = 5, scenario: Any = SHORT, **options: Any) -> Trainer:
-    size = {"worlds": WORLDS, "rollout": WORLDS * STEPS, "settings": {"n_epochs": 1}, "opponents": MIX, "snapshots": 1}
-    return Trainer(TrainingConfig(scenario, "fast", seed=seed, **(size | options)))
+    size = {"worlds": WORLDS, "rollout": WORLDS * STEPS, "settings": {"n_epochs": 1}, "opponents": MIX}
+    given = size | options
+    often = {"snapshots": 1} if "past" in given["opponents"] else {}
+    return Trainer(TrainingConfig(scenario, "fast", seed=seed, **given, **often))
 
 
 def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[float, float]) -> Opponents:

@@ -20,7 +20,8 @@ from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
-from ..config import CRITICS, FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig
+from ..annealing import parse_anneal
+from ..config import CRITICS, FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -38,8 +39,9 @@ SINGLE = (
     "dead",
     "device",
     "every",
+    "warm_start",
 )  # options with one value each
-REPEATED = ("set", "ppo")
+REPEATED = ("set", "ppo", "anneal")
 FLAGS = ("prioritised",)
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
@@ -72,6 +74,10 @@ def add(commands: Any) -> None:
     command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
     text = "values are learned from what the agent observes (own, the default), or from the whole world, too (state)"
     command.add_argument("--critic", choices=CRITICS, default="own", help=text)
+    text = "before: imitate scripted[:STEPS] or FILE.zip:STEPS, or begin with the weights of FILE.zip"
+    command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
+    text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"
+    command.add_argument("--anneal", action="append", default=[], metavar="NUMBER=FROM:TO[@STEPS]", help=text)
     command.add_argument("--dead", choices=DEAD, default="keep", help="train on dead agents (keep) or not (drop)")
     command.add_argument("--device", default="cpu", help="cpu (the default), cuda")
     command.add_argument("--threads", type=positive, help="of networks and worlds (default: cores, at most 4)")
@@ -88,6 +94,7 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Train; the exit status."""
     chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
+    parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
     if len(options.variant) * len(options.seed) > 1:
         return _train_several(options, [scenario.name for scenario in chosen])
     return _train_one(options, chosen[0], settings)
@@ -112,6 +119,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
         raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
     (own,), numbers = options.seed, {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
     numbers["opponents"] = parse_mixture(options.opponents, (SELF, PAST, *NAMED))
+    numbers["anneal"] = parse_anneal(options.anneal)
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
     folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
     training = TrainingRun(config, folder, resume=options.resume, film=options.film)
@@ -145,7 +153,7 @@ class Job:
         self.words += ["--seed", str(seed), "--threads", str(options.threads or 1)]
         for name in SINGLE:
             if value := getattr(options, name):
-                self.words += [f"--{name}", str(value)]
+                self.words += [f"--{name.replace('_', '-')}", str(value)]
         self.words += [
             "--opponents",
             options.opponents,

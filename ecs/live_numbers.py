@@ -1,0 +1,94 @@
+"""Numbers that change while worlds run: which ones can, and why the others cannot.
+
+Kernels read numbers from their argument blocks, so another value costs nothing and compiles nothing. But what is made
+once, when the worlds are, stays: tables, what entities begin with, the schedule, scratch memory, bounds of spaces.
+"""
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from .errors import NumberError
+from .layout import Layout
+from .module import Module
+from .system import System
+
+
+def changed_modules(
+    layout: Layout, systems: Sequence[System], present: Sequence[Module], numbers: Mapping[str, Any]
+) -> list[Module]:
+    """The mechanics with other numbers, in the order of `present`.
+
+    Args:
+        layout: Of the worlds, with the numbers that they were made with.
+        systems: Those that are scheduled.
+        present: The mechanics with the numbers of now, in the order of layout.modules.
+        numbers: New values by name, "module_number".
+
+    Raises:
+        NumberError: An unknown number, one that cannot change, or a value that cannot be, alone or with the others.
+    """
+    owners = {
+        f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(present) for item in fields(module)
+    }
+    found = list(present)
+    for name, value in numbers.items():
+        if name not in owners:
+            near = difflib.get_close_matches(name, owners, 3)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            raise NumberError(f"there is no number '{name}' here; {hint}Known: {', '.join(owners)}")
+        k, own = owners[name]
+        found[k] = found[k].replace(**{own: value})
+        if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
+            raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
+    Layout(found)  # raises where they are impossible together
+    return found
+
+
+def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, int | float]:
+    """By name, what kernels get of the numbers of `others` that are not those of `modules`."""
+    return {
+        f"{other.name}_{item.name}": other.value(item.name)
+        for module, other in zip(modules, others, strict=True)
+        for item in fields(other)
+        if getattr(module, item.name) != getattr(other, item.name)
+    }
+
+
+def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
+    """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
+    module = layout.modules[k]
+    own = [system for system in systems if system.module == module.name]
+    there = Layout([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    if sized := [name for name, size in layout.dims.items() if there.dims.get(name) != size]:
+        yield f"it decides how large tables are ({', '.join(map(repr, sized))})"
+    if there.places != layout.places or not np.array_equal(there.initial_image, layout.initial_image):
+        yield "it is part of what an episode begins with"
+    if [system.label for system in other.systems()] != [system.label for system in module.systems()]:
+        yield "it decides which systems run"
+    scratch = {p.name for system in own for p in system.parameters if p.kind == "scratch"}
+    if any(_shape(module.scratch(name, layout.dims)) != _shape(other.scratch(name, layout.dims)) for name in scratch):
+        yield "it decides how much memory systems have"
+    if any(
+        _plain(one.bounds(layout)) != _plain(two.bounds(there))
+        for one, two in zip(layout.modules, there.modules, strict=True)
+    ):
+        yield "it decides the bounds of observations"
+    if not any(p.kind == "number" and p.name == number for system in own for p in system.parameters):
+        yield "no system gets it as a single number"
+
+
+def _shape(memory: Any) -> Any:
+    return (memory.dtype, memory.shape) if isinstance(memory, np.ndarray) else type(memory)
+
+
+def _plain(given: Any) -> Any:
+    """Bounds as objects that can be compared."""
+    if isinstance(given, Mapping):
+        return {key: _plain(value) for key, value in given.items()}
+    if isinstance(given, (tuple, list)):
+        return [_plain(value) for value in given]
+    return np.asarray(given).tolist()

@@ -1,0 +1,202 @@
+"""A start by imitation, a start with saved weights, and numbers of the game that are annealed."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import variant
+from outlast.ecs import NumberError
+from outlast.envs.scenarios.fingerprint import fingerprint
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.annealing import Anneal, parse_anneal  # noqa: E402
+from outlast.training.config import IMITATED, parse_warm_start  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.log_file import read_log  # noqa: E402
+from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
+EACH = 8 * 24 * 2  # agent-steps of a rollout
+START = checkpoint.NAME.format(0)
+
+
+def config(steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:
+    given = {"scenario": SHORT, "preset": "fast", "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1}
+    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal": False}, "seed": 3} | changes))
+
+
+def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    """The points of a log, but for times."""
+    found = read_log(folder / "log.csv")
+    return {tag: values for tag, values in found.items() if not tag.startswith("time/") and "seconds" not in tag}
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.glob("*.zip"))
+
+
+def weights(path: Path) -> Any:
+    return checkpoint.load_tensors(checkpoint.read_checkpoint(path), "policy.pt")
+
+
+def same(one: Any, other: Any) -> bool:
+    return all(torch.equal(one[key], other[key]) for key in one)
+
+
+def test_a_policy_learns_to_do_as_the_teacher_does() -> None:
+    measured: list[dict[str, float]] = []
+    trainer = Trainer(config(warm_start=f"scripted:{40 * EACH}"))
+    last = trainer.imitate(lambda done, tags: measured.append({"done": done} | tags))
+    assert [each["done"] for each in measured] == [EACH * (k + 1) for k in range(40)]
+    assert last["imitation/differs"] < 0.6 * measured[0]["imitation/differs"]
+    assert last["imitation/cross_entropy"] < 0.8 * measured[0]["imitation/cross_entropy"]
+    assert last["imitation/agent_steps"] == 40 * EACH
+    assert trainer.steps == trainer.updates == 0
+    assert not trainer.learners[0].optimizer.state
+    assert trainer.lane.teacher is None
+
+
+def test_its_checkpoint_is_the_start_of_a_run_that_never_imitates_again(tmp_path: Path) -> None:
+    own = config(4 * EACH, warm_start=f"scripted:{2 * EACH}", every=EACH)
+    TrainingRun(own, tmp_path / "whole").train()
+    assert names(tmp_path / "whole") == [checkpoint.NAME.format(k * EACH) for k in range(5)]
+    found = points(tmp_path / "whole")
+    assert found["imitation/agent_steps"] == [(0, 2 * EACH)]
+    assert [step for step, _ in found["train/loss"]] == [EACH * k for k in (1, 2, 3, 4)]
+    TrainingRun(config(4 * EACH, every=EACH), tmp_path / "random").train()
+    assert not same(weights(tmp_path / "whole" / START), weights(tmp_path / "random" / checkpoint.NAME.format(EACH)))
+    for k in range(1, 5):  # as if it had been killed behind its first checkpoint
+        (tmp_path / "whole" / checkpoint.NAME.format(k * EACH)).unlink()
+    TrainingRun(own, tmp_path / "whole", resume=True).train()
+    assert points(tmp_path / "whole") == found
+    with pytest.raises(TrainingError, match="begun with warm_start = "):
+        TrainingRun(config(4 * EACH, warm_start="scripted", every=EACH), tmp_path / "whole", resume=True)
+
+
+def test_ctrl_c_while_it_imitates_saves_nothing_and_it_begins_again(tmp_path: Path) -> None:
+    def stop(run: TrainingRun) -> None:
+        assert run.now.startswith("imitated")
+        raise KeyboardInterrupt
+
+    own = config(EACH, warm_start=f"scripted:{3 * EACH}")
+    with pytest.raises(KeyboardInterrupt):
+        TrainingRun(own, tmp_path / "parts").train(stop)
+    assert not names(tmp_path / "parts")
+    TrainingRun(own, tmp_path / "parts", resume=True).train()
+    TrainingRun(own, tmp_path / "whole").train()
+    assert points(tmp_path / "parts") == points(tmp_path / "whole")
+
+
+def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
+    TrainingRun(config(EACH), tmp_path / "first").train()
+    file = tmp_path / "first" / checkpoint.NAME.format(EACH)
+    TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second").train()
+    assert same(weights(tmp_path / "second" / START), weights(file))
+    file.unlink()  # a run that goes on needs it no more
+    TrainingRun(config(2 * EACH, warm_start=str(file)), tmp_path / "second", resume=True).train()
+    sides = Trainer(config(policies="agent", warm_start=str(tmp_path / "second" / START)))
+    sides.take_weights()
+    assert len(sides.policies) == 2
+    assert same(sides.policies[0].state_dict(), sides.policies[1].state_dict())
+
+
+def test_weights_of_other_scales_are_the_same_function(tmp_path: Path) -> None:
+    TrainingRun(config(EACH), tmp_path).train()
+    file = str(tmp_path / checkpoint.NAME.format(EACH))
+    plain, large = (
+        Trainer(config(warm_start=file)),
+        Trainer(config(warm_start=file, scenario=SHORT.replace(room_size=50.0))),
+    )
+    assert not torch.equal(plain.policies[0].extractors[0].own_scale, large.policies[0].extractors[0].own_scale)
+    outputs = []
+    for trainer in (plain, large):
+        trainer.take_weights()
+        with torch.no_grad():
+            outputs.append(trainer.policies[0](plain.lane.packer(plain.env.observe()))[:2])
+    for one, other in zip(*outputs, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_other_networks_can_be_imitated_but_not_taken(tmp_path: Path) -> None:
+    TrainingRun(config(EACH, preset="scaled"), tmp_path / "first").train()
+    file = tmp_path / "first" / checkpoint.NAME.format(EACH)
+    with pytest.raises(TrainingError, match=rf"preset 'scaled'.*imitate it instead: --warm-start .*\.zip:{IMITATED}"):
+        TrainingRun(config(EACH, warm_start=str(file)), tmp_path / "second")
+    assert not (tmp_path / "second").exists()
+    TrainingRun(config(EACH, warm_start=f"{file}:{EACH}"), tmp_path / "second").train()
+    assert START in names(tmp_path / "second")
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("", ("", 0)),
+        ("scripted", ("scripted", IMITATED)),
+        ("scripted:2e6", ("scripted", 2_000_000)),
+        ("a.zip", ("a.zip", 0)),
+        ("c:/a.zip", ("c:/a.zip", 0)),
+        ("c:/a.zip:5", ("c:/a.zip", 5)),
+    ],
+)
+def test_what_a_warm_start_means(text: str, meant: tuple[str, int]) -> None:
+    assert parse_warm_start(text) == meant
+
+
+@pytest.mark.parametrize("text", ["script", "random", "scripted:0", "scripted:x", "scripted:1.5", "scripted:inf", ":5"])
+def test_what_no_warm_start_is(text: str) -> None:
+    with pytest.raises(TrainingError, match="warm start"):
+        config(warm_start=text)
+
+
+def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
+    own = config(
+        4 * EACH, anneal=parse_anneal([f"rewards_alive=5:1@{2 * EACH}", "safe_zone_damage=3:1"]), every=2 * EACH
+    )
+    TrainingRun(own, tmp_path / "whole").train()
+    found = points(tmp_path / "whole")
+    assert found["anneal/rewards_alive"] == [(k * EACH, value) for k, value in ((1, 3.0), (2, 1.0), (3, 1.0), (4, 1.0))]
+    assert found["anneal/safe_zone_damage"] == [(k * EACH, value) for k, value in ((1, 2), (2, 2), (3, 2), (4, 1))]
+    last = tmp_path / "whole" / checkpoint.NAME.format(4 * EACH)
+    assert checkpoint.header_of(checkpoint.read_checkpoint(last))["scenario"] == fingerprint(SHORT)
+    last.unlink()
+    TrainingRun(own, tmp_path / "whole", resume=True).train()
+    assert points(tmp_path / "whole") == found
+    with pytest.raises(TrainingError, match="begun with anneal = "):
+        TrainingRun(config(4 * EACH), tmp_path / "whole", resume=True)
+
+
+def test_rewards_are_those_of_the_moment() -> None:
+    trainer = Trainer(config(4 * EACH, anneal=(Anneal("rewards_alive", 8.0, 0.0, 2 * EACH),)))
+    trainer.collector.numbers = trainer.learners[0].numbers
+    seen = []
+    for _ in range(3):
+        trainer.collect()
+        seen.append(float(np.max(trainer.lane.samples.rewards)))
+    assert seen == [8.0, 4.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("rewards_kil=1:0", "no number 'rewards_kil'; did you mean rewards_kill"),
+        ("inventory_slots=4:8", "inventory_slots cannot change while worlds run: it decides how large tables are"),
+        ("melee_damage=5:-1", "melee.damage = -1: must be >= 0"),
+        ("melee_damage=5.5:1", "melee.damage = 5.5: an integer"),
+        ("rewards_basis=1:0", "rewards_basis is 'side': only a single number can be annealed"),
+        ("safe_zone_radii=1:2", "only a single number can be annealed"),
+        ("rewards_kill=1", "NUMBER=FROM:TO or"),
+        ("rewards_kill=a:b", "NUMBER=FROM:TO or"),
+        ("rewards_kill=inf:0", "finite numbers are needed"),
+        ("rewards_kill=1:0@0", "of STEPS a whole one of at least 1"),
+    ],
+)
+def test_what_cannot_be_annealed_is_refused(text: str, wrong: str) -> None:
+    with pytest.raises((TrainingError, NumberError), match=wrong):
+        Trainer(config(anneal=parse_anneal([text])))

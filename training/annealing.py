@@ -1,0 +1,72 @@
+"""Numbers of the game that change while agents train in it: --anneal rewards_kill=10:0@5e6."""
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.envs.scenarios.scenario import Scenario
+
+from .errors import TrainingError
+
+NEEDED = "NUMBER=FROM:TO or NUMBER=FROM:TO@STEPS is needed, as in rewards_kill=10:0@5e6"
+
+
+@dataclass(frozen=True)
+class Anneal:
+    """A number that changes linearly over the first agent-steps of a run, and then stays as it is.
+
+    Attributes:
+        name: Of the number, as Scenario.replace takes it.
+        first: Its value at the beginning.
+        last: Its value at the end.
+        steps: Agent-steps between both; 0: all of the run.
+    """
+
+    name: str
+    first: float
+    last: float
+    steps: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.name}={self.first!r}:{self.last!r}@{self.steps}"
+
+    def value(self, done: int, scenario: Scenario) -> float:
+        """Its value after so many agent-steps, of an integer the nearest one."""
+        share = min(1.0, done / self.steps)
+        value = (1 - share) * self.first + share * self.last
+        return round(value) if type(kept(scenario, self.name)) is int else value
+
+    def check(self, scenario: Scenario) -> None:
+        """Check that it can change in the scenario. Raises NumberError or TrainingError."""
+        if isinstance(now := kept(scenario, self.name), (bool, str, tuple)):
+            raise TrainingError(f"{self.name} is {now!r}: only a single number can be annealed; change it by --set")
+        for end in (self.first, self.last):
+            scenario.replace(**{self.name: int(end) if type(now) is int and end == int(end) else end})
+
+
+def kept(scenario: Scenario, name: str) -> object:
+    """The value of a number in the scenario. Raises NumberError if there is none of that name."""
+    if (found := scenario.find_number(name)) is None:
+        raise scenario.unknown_number(name)
+    value: object = scenario.numbers()["_".join(found)]
+    return value
+
+
+def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
+    """Out of texts like "rewards_kill=10:0@5e6". Raises TrainingError, also where a number is there twice."""
+    found: dict[str, Anneal] = {}
+    for text in texts:
+        if not (match := re.fullmatch(r"(\w+)=([^:@]+):([^:@]+)(?:@([^:@]+))?", text.strip())):
+            raise TrainingError(f"--anneal {text}: {NEEDED}")
+        name, *ends, steps = match.groups()
+        if name in found:
+            raise TrainingError(f"--anneal {text}: {name} is there twice")
+        try:
+            first, last, length = float(ends[0]), float(ends[1]), float(steps or 0)
+        except ValueError:
+            raise TrainingError(f"--anneal {text}: {NEEDED}") from None
+        if not math.isfinite(first + last + length) or length != int(length) or (steps and length < 1):
+            raise TrainingError(f"--anneal {text}: finite numbers are needed, and of STEPS a whole one of at least 1")
+        found[name] = Anneal(name, first, last, int(length))
+    return tuple(found.values())
