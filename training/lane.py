@@ -9,12 +9,14 @@ import torch
 from torch import Tensor
 
 from outlast.ecs import Clock
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side
 
 from .checkpoint import check_state
+from .config import CHUNK
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
@@ -24,7 +26,6 @@ from .policy import ActorCritic
 from .rows import Observed
 
 Array = np.ndarray[Any, Any]
-CHUNK = 16  # steps that gradients flow back through a memory
 NOBODY = -1  # the learner of a sample that none is trained on
 
 
@@ -86,6 +87,7 @@ class Lane:
         seed: int,
         dead: str,
         device: torch.device,
+        state: bool = False,
     ) -> None:
         """Make it, with the present selves everywhere.
 
@@ -97,7 +99,9 @@ class Lane:
             seed: Of the run.
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
             device: Of the networks.
+            state: Whether critics learn from the state of the worlds.
         """
+        self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
@@ -135,7 +139,7 @@ class Lane:
             int64 (worlds, agents, actions).
         """
         env, samples, observations = self.env, self.samples, self.env.observe()
-        seen, uniform = self.packer(observations), self.noise(step)
+        seen, uniform = self._seen(observations), self.noise(step)
         samples.seen.append(seen)
         samples.own[t] = self.packer.own(observations)
         samples.alive[t] = alive(env.worlds).ravel()
@@ -153,7 +157,14 @@ class Lane:
                 part = one.packer(self._batch(observations, some))
             else:
                 part = seen if some is not where else seen.select(torch.from_numpy(where))
-            logs, values = self._run(policy, part, some)
+            memory, begins = self._remembered(policy, some)
+            part = part.to(self.device)
+            if index:
+                logs, memory = policy.logs(part, memory, begins)
+            else:
+                logs, values, memory = policy(part, memory, begins)
+            if memory is not None:
+                self.memory[some, : policy.memory] = memory.cpu()
             chosen = policy.choices.draw(logs, torch.from_numpy(uniform[some]).to(self.device))
             samples.actions[t, some] = chosen.cpu()
             if not index:
@@ -222,26 +233,29 @@ class Lane:
         self.memory, self.begins = given["memory"].numpy().copy(), given["begins"].numpy() > 0
         self.assign()
 
-    def _run(self, policy: ActorCritic, part: Observed, some: Any) -> tuple[Tensor, Tensor]:
-        """Log probabilities and values of a policy for some agents; their memory goes on."""
-        memory = begins = None
-        if policy.memory:
-            memory = torch.from_numpy(self.memory[some, : policy.memory]).to(self.device)
-            begins = torch.from_numpy(self.begins[some]).to(self.device)
-        logs, values, memory = policy(part.to(self.device), memory, begins)
-        if memory is not None:
-            self.memory[some, : policy.memory] = memory.cpu()
-        return logs, values
+    def _remembered(self, policy: ActorCritic, some: Any) -> tuple[Tensor | None, Tensor | None]:
+        """What some agents remember, and where that begins anew, as their policy takes it."""
+        if not policy.memory:
+            return None, None
+        memory = torch.from_numpy(self.memory[some, : policy.memory])
+        return memory.to(self.device), torch.from_numpy(self.begins[some]).to(self.device)
 
     def _values(self, policies: Sequence[ActorCritic]) -> Array:
         """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
-        seen, values = self.packer(self.env.observe()), np.zeros(self.agents, np.float32)
-        before = self.memory.copy(), self.begins.copy()
+        seen, values = self._seen(self.env.observe()), np.zeros(self.agents, np.float32)
         for (index, number), where in self.groups.items():
             if not index:
-                values[where] = self._run(policies[number], seen.select(torch.from_numpy(where)), where)[1].cpu()
-        self.memory[:], self.begins[:] = before  # this was no step
+                policy, part = policies[number], seen.select(torch.from_numpy(where)).to(self.device)
+                values[where] = policy(part, *self._remembered(policy, where))[1].cpu()
         return values
+
+    def _seen(self, observations: dict[str, Array]) -> Observed:
+        """What all agents observe, with the state of their worlds if critics learn from it."""
+        seen = self.packer(observations)
+        if self.overview is not None:
+            state = self.overview(slice(None)) / self.overview.scale
+            seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
+        return seen
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
         """The observations of some agents, (some, ...) by key."""

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from .hyperparameters import Hyperparameters
 from .loss import Loss, imitation_loss, normalised, ppo_loss
+from .minibatches import Chunks, Samples
 from .policy import ActorCritic
 from .rollout import Rollout
 
@@ -54,21 +55,22 @@ class Learner:
         Returns:
             What is logged, by tag; nothing where fewer than two samples are this learner's.
         """
-        chosen = torch.from_numpy(np.flatnonzero(rollout.learner == self.number))
+        chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
             return {}
         rate = self.numbers.learning_rate * (left if self.numbers.anneal else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        wanted = max(1, round(len(chosen) / self.numbers.batch_size))
-        samples, batches = Samples(rollout, self.device), min(wanted, len(chosen) // 2)  # one has no spread
+        samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
+        units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
+        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread
         figures, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
             self.epochs += 1
-            shuffled = chosen[torch.randperm(len(chosen), generator=self.generator)]
+            shuffled = units[torch.randperm(len(units), generator=self.generator)]
             for part in shuffled.tensor_split(batches):
-                loss = self._loss(samples, part.to(self.device))
+                loss = self._loss(samples, part)
                 figures.append(loss.figures())
                 going = not self._diverged(loss)
                 if not going:
@@ -81,25 +83,23 @@ class Learner:
         return means | {
             "train/epochs": steps / batches,
             "train/learning_rate": rate,
-            "train/explained_variance": explained_variance(rollout, chosen.numpy()),
+            "train/explained_variance": explained_variance(rollout, chosen),
         }
 
-    def _loss(self, samples: "Samples", part: Tensor) -> Loss:
-        """The loss of a minibatch, samples `part`."""
-        choices, numbers = self.policy.choices, self.numbers
-        actions, log_probs, advantages, returns = samples.select(part)
-        logs, values, _ = self.policy(samples.seen.select(part))
-        weights = torch.full_like(returns, 1 / len(part))
+    def _loss(self, samples: Samples, part: Tensor) -> Loss:
+        """The loss of a minibatch, units `part` of the samples."""
+        choices, numbers, batch = self.policy.choices, self.numbers, samples.select(part)
+        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)
         return ppo_loss(
-            choices.of(actions, logs),
+            choices.of(batch.actions, logs),
             values,
             entropy,
-            old_log_probs=log_probs,
-            advantages=normalised(advantages, weights),
-            returns=returns,
-            weights=weights,
+            old_log_probs=batch.log_probs,
+            advantages=normalised(batch.advantages, batch.weights),
+            returns=batch.returns,
+            weights=batch.weights,
             numbers=numbers,
         )
 
@@ -117,27 +117,15 @@ class Learner:
 class Imitator(Learner):
     """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
 
-    def _loss(self, samples: "Samples", part: Tensor) -> Loss:
-        choices = self.policy.choices
-        actions, _, _, returns = samples.select(part)
-        logs, values, _ = self.policy(samples.seen.select(part))
+    def _loss(self, samples: Samples, part: Tensor) -> Loss:
+        choices, batch = self.policy.choices, samples.select(part)
+        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
         with torch.no_grad():
-            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != actions).float().mean(1)
-        chosen = choices.of(actions, logs)
-        return imitation_loss(chosen, values, entropy, differs, returns=returns, numbers=self.numbers)
-
-
-class Samples:
-    """The samples of a rollout as flat tensors on a device; on the CPU, views of its arrays."""
-
-    def __init__(self, rollout: Rollout, device: torch.device) -> None:
-        self.seen = rollout.seen.to(device)
-        arrays = rollout.actions, rollout.log_probs, rollout.advantages, rollout.returns
-        self.flat = [torch.from_numpy(each.reshape(-1, *each.shape[2:])).to(device) for each in arrays]
-
-    def select(self, part: Tensor) -> list[Tensor]:
-        """Actions, their old log probabilities, advantages and returns of some samples."""
-        return [each.index_select(0, part) for each in self.flat]
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
+        chosen = choices.of(batch.actions, logs)
+        return imitation_loss(
+            chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
+        )
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:

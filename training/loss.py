@@ -92,7 +92,14 @@ def ppo_loss(
 
 
 def imitation_loss(
-    log_probs: Tensor, values: Tensor, entropy: Tensor, differs: Tensor, *, returns: Tensor, numbers: Hyperparameters
+    log_probs: Tensor,
+    values: Tensor,
+    entropy: Tensor,
+    differs: Tensor,
+    *,
+    returns: Tensor,
+    weights: Tensor,
+    numbers: Hyperparameters,
 ) -> Loss:
     """The loss of a minibatch where a policy learns to do as a teacher does: cross-entropy, and that of its values.
 
@@ -104,10 +111,11 @@ def imitation_loss(
         entropy: Of the present policy.
         differs: Share of a joint action's parts of which another value is the likeliest; it takes the place of clipped.
         returns: What values are to become.
+        weights: How much each sample counts, see ppo_loss.
         numbers: Of PPO; only vf_coef matters.
     """
-    policy, value = -log_probs.mean(), (returns - values).square().mean()
-    return Loss(policy + numbers.vf_coef * value, policy, value, entropy.mean(), policy, differs.mean())
+    policy, value = -(weights @ log_probs), weights @ (returns - values).square()
+    return Loss(policy + numbers.vf_coef * value, policy, value, weights @ entropy, policy, weights @ differs)
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:

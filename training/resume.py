@@ -49,6 +49,8 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
         "fields": field_table(trainer.env.fields),
         "actions": [int(size) for size in trainer.env.action_sizes],
         "team": trainer.team.tolist(),
+        "memory": trainer.config.memory,
+        "state": trainer.state,
     }
     weights = [policy.state_dict() for policy in trainer.policies]
     return {

@@ -26,10 +26,11 @@ class Rows:
         entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
             columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
         count: int64 (batch,), how many of the rows are each agent's.
+        state: float32 (batch, numbers), of each agent's whole world, for a critic that learns from it; or None.
     """
 
-    def __init__(self, own: Tensor, entities: Tensor, count: Tensor) -> None:
-        self.own, self.entities, self.count = own, entities, count
+    def __init__(self, own: Tensor, entities: Tensor, count: Tensor, state: Tensor | None = None) -> None:
+        self.own, self.entities, self.count, self.state = own, entities, count, state
 
     def __len__(self) -> int:
         return len(self.own)
@@ -51,11 +52,13 @@ class Rows:
         shift = self.start.index_select(0, index) - (count.cumsum(0) - count)
         rows = shift.repeat_interleave(count)
         rows += torch.arange(len(rows), device=rows.device)
-        return Rows(self.own.index_select(0, index), self.entities.index_select(0, rows), count)
+        own, entities = self.own.index_select(0, index), self.entities.index_select(0, rows)
+        return Rows(own, entities, count, _selected(self.state, index))
 
     def to(self, device: torch.device) -> Rows:
         """The same on a device."""
-        return Rows(*(each.to(device, non_blocking=True) for each in (self.own, self.entities, self.count)))
+        own, entities, count = (each.to(device, non_blocking=True) for each in (self.own, self.entities, self.count))
+        return Rows(own, entities, count, _moved(self.state, device))
 
 
 class PaddedRows:
@@ -64,10 +67,11 @@ class PaddedRows:
     Attributes:
         packed: float32 (batch, layout.size).
         layout: What is where in it.
+        state: As of Rows.
     """
 
-    def __init__(self, packed: Tensor, layout: ObservationLayout) -> None:
-        self.packed, self.layout = packed, layout
+    def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
+        self.packed, self.layout, self.state = packed, layout, state
 
     def __len__(self) -> int:
         return len(self.packed)
@@ -90,11 +94,11 @@ class PaddedRows:
 
     def select(self, index: Tensor) -> PaddedRows:
         """Those of some agents, int64 (some,)."""
-        return PaddedRows(self.packed.index_select(0, index), self.layout)
+        return PaddedRows(self.packed.index_select(0, index), self.layout, _selected(self.state, index))
 
     def to(self, device: torch.device) -> PaddedRows:
         """The same on a device."""
-        return PaddedRows(self.packed.to(device, non_blocking=True), self.layout)
+        return PaddedRows(self.packed.to(device, non_blocking=True), self.layout, _moved(self.state, device))
 
 
 Observed = Rows | PaddedRows
@@ -102,7 +106,19 @@ Observed = Rows | PaddedRows
 
 def concatenated(parts: Sequence[Observed]) -> Observed:
     """The batches one behind the other."""
+    states = [part.state for part in parts if part.state is not None]
+    state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):
-        return PaddedRows(torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)]), first.layout)
+        packed = torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)])
+        return PaddedRows(packed, first.layout, state)
     rows = cast(Sequence[Rows], parts)
-    return Rows(*(torch.cat([getattr(part, name) for part in rows]) for name in ("own", "entities", "count")))
+    own, entities, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "entities", "count"))
+    return Rows(own, entities, count, state)
+
+
+def _selected(state: Tensor | None, index: Tensor) -> Tensor | None:
+    return None if state is None else state.index_select(0, index)
+
+
+def _moved(state: Tensor | None, device: torch.device) -> Tensor | None:
+    return None if state is None else state.to(device, non_blocking=True)

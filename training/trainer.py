@@ -8,8 +8,10 @@ import numpy as np
 import torch
 
 import outlast
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario
 
 from .collector import Collector
@@ -45,6 +47,7 @@ class Trainer:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
+        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
         collector: What plays.
         steps: Agent-steps collected so far.
     """
@@ -85,15 +88,25 @@ class Trainer:
             self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
+        self.state = len(GlobalState(self.env.worlds).scale) if config.critic == "state" else 0
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
             Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number)
             for number in range(self.team.max() + 1)
         ]
-        self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
+        self.opponents = Opponents(
+            config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
+        )
         packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         self.lane = Lane(
-            self.env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device
+            self.env,
+            packer,
+            self.team,
+            self.opponents,
+            seed=config.seed,
+            dead=config.dead,
+            device=self.device,
+            state=self.state > 0,
         )
         self.collector = Collector([self.lane], numbers)
 
@@ -146,9 +159,15 @@ class Trainer:
             return
         player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env)
-        if player.preset.name != self.preset.name or len(player.policies) not in (1, len(self.learners)):
-            found = f"{len(player.policies)} of preset '{player.preset.name}'"
-            here = f"{len(self.learners)} of preset '{self.preset.name}'"
+        found, here = (
+            f"of preset '{chosen}' with memory {memory} and state {state}"
+            for chosen, memory, state in (
+                (player.preset.name, player.memory, player.state),
+                (self.preset.name, self.config.memory, self.state),
+            )
+        )
+        if found != here or len(player.policies) not in (1, len(self.learners)):
+            found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
             raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
         for k, policy in enumerate(self.policies):
             policy.take(player.policies[k % len(player.policies)])
@@ -171,8 +190,12 @@ class Trainer:
             return {}
         numbers = replace(self.config.numbers, **IMITATION)
         imitators = [Imitator(own.policy, numbers, own.generator, own.number) for own in self.learners]
-        player, tags = self.teacher, dict[str, float]()
-        teacher = plain(name, self.env) if player is None else lambda seen, uniform: player(seen)
+        tags = dict[str, float]()
+        if self.teacher is None:
+            teacher = plain(name, self.env)
+        else:
+            play = told(self.teacher, self.env)  # all of them at once, as it may have a memory
+            teacher = lambda seen, uniform: np.asarray(play(self.env.observe())).reshape(uniform.shape)  # noqa: E731
         for lane in self.collector.lanes:
             lane.teacher = teacher
         each = self.rollout_steps * sum(lane.agents for lane in self.collector.lanes)
@@ -194,7 +217,15 @@ class Trainer:
     def _policy(self) -> ActorCritic:
         sizes = [int(size) for size in self.env.action_sizes]
         known = scales(self.layout, field_table(self.env.fields))
-        return ActorCritic(sizes, layout=self.layout, preset=self.preset, scales=known).to(self.device)
+        policy = ActorCritic(
+            sizes,
+            layout=self.layout,
+            preset=self.preset,
+            scales=known,
+            memory=self.config.memory,
+            state=self.state,
+        )
+        return policy.to(self.device)
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:
