@@ -17,9 +17,12 @@ from .run_header import Header
 
 POLICIES = ("shared", "side", "agent")
 HOW = ("processes", "halves")  # what decides how a run is computed, not which numbers come out
+CRITICS = ("own", "state")
 FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
 SNAPSHOTS = 10  # updates between past selves
+CHUNK = 16  # steps that gradients flow back through a memory
+MOST = 4096  # numbers of a memory
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
@@ -76,6 +79,8 @@ class TrainingConfig:
         processes: That share the worlds; the numbers are the same, but for rounding.
         halves: Whether half of the worlds are stepped while the networks are busy with the other half, on a CPU, too;
             the numbers are the same.
+        memory: Numbers that each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes. "state": the whole world beside that.
         warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
         anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
     """
@@ -97,6 +102,8 @@ class TrainingConfig:
     snapshots: int = SNAPSHOTS
     processes: int = 1
     halves: bool = False
+    memory: int = 0
+    critic: str = "own"
     warm_start: str = ""
     anneal: tuple[Anneal, ...] = ()
 
@@ -115,7 +122,17 @@ class TrainingConfig:
             raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
         if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
-        _ = self.numbers, self.size, self.teacher  # they raise
+        if self.critic not in CRITICS:
+            raise TrainingError(f"critic = {self.critic!r}: allowed are {', '.join(map(repr, CRITICS))}")
+        if type(self.memory) is not int or not 0 <= self.memory <= MOST:
+            raise TrainingError(f"memory = {self.memory!r}: a whole number from 0 to {MOST} is needed")
+        _, _, (worlds, rollout) = self.numbers, self.teacher, self.size  # they raise
+        if self.memory and rollout // worlds % CHUNK:
+            fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
+            raise TrainingError(
+                f"a rollout of {rollout} steps has {rollout // worlds} of each world: with a memory, a multiple of "
+                f"{CHUNK} is needed, such as --rollout {fitting}"
+            )
         for each in self.anneal:
             each.check(self.scenario)
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))

@@ -38,7 +38,7 @@ class Egocentric(nn.Module):
         super().__init__()
         columns = layout.field_columns()
         if not columns[OWN].keys() >= {*ME}:
-            raise TrainingError(f"preset egocentric needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
+            raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
         self.register_buffer("me", torch.tensor([columns[OWN][name] for name in ME]), persistent=False)
         self.own, self.entities = Columns(), Columns()
         for key in layout.alone:

@@ -9,20 +9,22 @@ import torch
 from torch import Tensor
 
 from outlast.ecs import Clock
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side
 
+from .config import CHUNK
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
 from .opponents import Opponents, Plain
+from .packer import Packer
 from .policy import ActorCritic
-from .rows import Observed, Packer, moved
+from .rows import Observed, moved
 
 Array = np.ndarray[Any, Any]
-CHUNK = 16  # steps that gradients flow back through a memory
 NOBODY = -1  # the learner of a sample that none is trained on
 
 
@@ -32,7 +34,7 @@ class Samples:
 
     Attributes:
         seen: What was observed, step after step, on the device.
-        own: The agents' own numbers in it, float32 (agents, layout.own) each.
+        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64.
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed.
@@ -48,7 +50,7 @@ class Samples:
     """
 
     seen: list[Observed]
-    own: list[Array]
+    own: Array
     actions: Array
     log_probs: Tensor
     values: Tensor
@@ -94,6 +96,7 @@ class Lane:
         seed: int,
         dead: str,
         device: torch.device,
+        state: bool = False,
     ) -> None:
         """Make it, with the present selves everywhere.
 
@@ -105,7 +108,9 @@ class Lane:
             seed: Of the run.
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
             device: Of the networks.
+            state: Whether critics learn from the state of the worlds.
         """
+        self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
@@ -123,7 +128,7 @@ class Lane:
         shape, chunks = (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
-            own=[],
+            own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros((*shape, len(self.env.action_sizes)), np.int64),
             rewards=np.zeros(shape, np.float32),
             log_probs=torch.zeros(shape, device=self.device),
@@ -150,10 +155,10 @@ class Lane:
             int64 (worlds, agents, actions).
         """
         env, samples, observations = self.env, self.samples, self.env.observe()
-        seen, uniform = self.packer(observations), self.noise(step)
-        samples.own.append(seen.own.numpy())
-        seen, numbers = seen.to(self.device), moved(torch.from_numpy(uniform), self.device)
+        seen, uniform = self._seen(observations), self.noise(step)
+        numbers = moved(torch.from_numpy(uniform), self.device)
         samples.seen.append(seen)
+        samples.own[t] = self.packer.own(observations)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
@@ -171,7 +176,13 @@ class Lane:
                 part = one.packer(self._batch(observations, group.where)).to(self.device)
             else:
                 part = seen if len(group.members) == self.agents else seen.select(group.members)
-            logs, values = self._run(policy, part, group)
+            memory, begins = self._remembered(policy, group)
+            if index:
+                logs, memory = policy.logs(part, memory, begins)
+            else:
+                logs, values, memory = policy(part, memory, begins)
+            if memory is not None:
+                self.memory[group.there, : policy.memory] = memory
             chosen = policy.choices.draw(logs, numbers[group.there])
             joint[group.there] = chosen.to(joint.dtype)
             if not index:
@@ -222,7 +233,7 @@ class Lane:
     def tallies(self) -> Tallies:
         """What is measured of the rollout that was closed last, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
-        own = np.stack(self.samples.own).reshape(*shape, layout.own)
+        own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
         living = self.samples.alive.reshape(own.shape[:3])
         return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living)
@@ -248,26 +259,29 @@ class Lane:
         self.begins = given["begins"].ravel() > 0
         self.assign()
 
-    def _run(self, policy: ActorCritic, part: Observed, group: Group) -> tuple[Tensor, Tensor]:
-        """Log probabilities and values of a policy for some agents; their memory goes on."""
-        memory = begins = None
-        if policy.memory:
-            memory = self.memory[group.there, : policy.memory]
-            begins = moved(torch.from_numpy(self.begins[group.where]), self.device)
-        logs, values, memory = policy(part, memory, begins)
-        if memory is not None:
-            self.memory[group.there, : policy.memory] = memory
-        return logs, values
+    def _remembered(self, policy: ActorCritic, group: Group) -> tuple[Tensor | None, Tensor | None]:
+        """What some agents remember, and where that begins anew, as their policy takes it."""
+        if not policy.memory:
+            return None, None
+        begins = moved(torch.from_numpy(self.begins[group.where]), self.device)
+        return self.memory[group.there, : policy.memory], begins
 
     def _values(self, policies: Sequence[ActorCritic]) -> Tensor:
         """What learners expect of the worlds as they are, float32 (agents,); 0 for the agents of others."""
-        seen, values = self.packer(self.env.observe()).to(self.device), torch.zeros(self.agents, device=self.device)
-        before = self.memory.clone()
+        seen, values = self._seen(self.env.observe()), torch.zeros(self.agents, device=self.device)
         for (index, number), group in self.groups.items():
             if not index:
-                values[group.there] = self._run(policies[number], seen.select(group.members), group)[1]
-        self.memory[:] = before  # this was no step
+                policy, part = policies[number], seen.select(group.members)
+                values[group.there] = policy(part, *self._remembered(policy, group))[1]
         return values
+
+    def _seen(self, observations: dict[str, Array]) -> Observed:
+        """What all agents observe, with the state of their worlds if critics learn from it."""
+        seen = self.packer(observations)
+        if self.overview is not None:
+            state = self.overview(slice(None)) / self.overview.scale
+            seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
+        return seen.to(self.device)
 
     def _batch(self, observations: dict[str, Array], some: Any) -> dict[str, Array]:
         """The observations of some agents, (some, ...) by key."""

@@ -9,10 +9,10 @@ from torch import Tensor, nn
 
 from .crew import Crew
 from .hyperparameters import Hyperparameters
-from .loss import Loss, imitation_loss, normalised, ppo_loss
+from .loss import Loss, imitation_loss, ppo_loss
+from .minibatches import Chunks, Minibatch, Samples
 from .policy import ActorCritic
 from .rollout import Rollout
-from .rows import moved
 
 Array = np.ndarray[Any, Any]
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
@@ -65,19 +65,20 @@ class Learner:
         Returns:
             What is logged, by tag; nothing where fewer than two samples are this learner's.
         """
-        chosen = torch.from_numpy(np.flatnonzero(rollout.learner == self.number))
+        chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
             return {}
         rate = self.numbers.learning_rate * (left if self.numbers.anneal else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        wanted = max(1, round(len(chosen) / self.numbers.batch_size))
-        samples, batches = Samples(rollout, self.device), min(wanted, len(chosen) // 2)  # one has no spread
+        samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
+        units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
+        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread
         figures, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
             self.epochs += 1
-            shuffled = chosen[torch.randperm(len(chosen), generator=self.generator)]
+            shuffled = units[torch.randperm(len(units), generator=self.generator)]
             for part in shuffled.tensor_split(batches):
                 figures.append(self._differentiate(samples, part))
                 going = not self._diverged(figures[-1])
@@ -92,15 +93,14 @@ class Learner:
         return means | {
             "train/epochs": steps / batches,
             "train/learning_rate": rate,
-            "train/explained_variance": explained_variance(rollout, chosen.numpy()),
+            "train/explained_variance": explained_variance(rollout, chosen),
         }
 
-    def _differentiate(self, samples: "Samples", part: Tensor) -> Tensor:
-        """The figures of the loss of a minibatch, samples `part`; its gradients are left in the parameters."""
+    def _differentiate(self, samples: Samples, part: Tensor) -> Tensor:
+        """The figures of the loss of a minibatch, units `part`; its gradients are left in the parameters."""
         self.optimizer.zero_grad()
-        where, own = samples.rollout.here(part)
-        if len(own):
-            loss = self._loss(samples, part, where, own)
+        if batch := samples.select(part):
+            loss = self._loss(batch)
             torch.autograd.backward(loss.total)
             figures = loss.figures()
         else:  # all are other processes'
@@ -110,33 +110,20 @@ class Learner:
         self.crew.sum([figures, *(cast(Tensor, parameter.grad) for parameter in self.parameters)])
         return figures
 
-    def _loss(self, samples: "Samples", part: Tensor, where: Tensor | None, own: Tensor) -> Loss:
-        """This process's share of the loss of a minibatch.
-
-        Args:
-            samples: Of the rollout.
-            part: Numbers of the minibatch's samples among those of all processes.
-            where: Which of these are this process's; None: all.
-            own: Their numbers among its own.
-        """
+    def _loss(self, batch: Minibatch) -> Loss:
+        """This process's share of the loss of a minibatch."""
         choices, numbers = self.policy.choices, self.numbers
-        gained, weights = samples.of_all(part)
-        gained = normalised(gained, weights)
-        if where is not None:
-            index = moved(where, self.device)
-            gained, weights = gained.index_select(0, index), weights.index_select(0, index)
-        actions, log_probs, returns = samples.select(own)
-        logs, values, _ = self.policy(samples.seen.select(own))
+        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
         with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
             entropy = choices.entropy(logs)
         return ppo_loss(
-            choices.of(actions, logs),
+            choices.of(batch.actions, logs),
             values,
             entropy,
-            old_log_probs=log_probs,
-            advantages=gained,
-            returns=returns,
-            weights=weights,
+            old_log_probs=batch.log_probs,
+            advantages=batch.advantages,
+            returns=batch.returns,
+            weights=batch.weights,
             numbers=numbers,
         )
 
@@ -148,38 +135,15 @@ class Learner:
 class Imitator(Learner):
     """Trains a policy to take the actions of a rollout, which are a teacher's, and its critic as PPO does."""
 
-    def _loss(self, samples: "Samples", part: Tensor, where: Tensor | None, own: Tensor) -> Loss:
+    def _loss(self, batch: Minibatch) -> Loss:
         choices = self.policy.choices
-        actions, _, returns = samples.select(own)
-        logs, values, _ = self.policy(samples.seen.select(own))
-        weights = torch.full_like(returns, 1 / len(part))
+        logs, values, _ = self.policy(batch.seen, batch.memory, batch.begins)
         with torch.no_grad():
-            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != actions).float().mean(1)
-        chosen = choices.of(actions, logs)
-        given = {"returns": returns, "weights": weights}
-        return imitation_loss(chosen, values, entropy, differs, numbers=self.numbers, **given)
-
-
-class Samples:
-    """The samples of a rollout as flat tensors on a device; on the CPU, views of its arrays."""
-
-    def __init__(self, rollout: Rollout, device: torch.device) -> None:
-        self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
-        returns = rollout.returns[:, rollout.first : rollout.first + rollout.actions.shape[1]]
-        self.advantages, *self.own = (
-            moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device)
-            for each in (rollout.advantages, rollout.actions, rollout.log_probs, returns)
+            entropy, differs = choices.entropy(logs), (choices.likeliest(logs) != batch.actions).float().mean(1)
+        chosen = choices.of(batch.actions, logs)
+        return imitation_loss(
+            chosen, values, entropy, differs, returns=batch.returns, weights=batch.weights, numbers=self.numbers
         )
-
-    def of_all(self, part: Tensor) -> tuple[Tensor, Tensor]:
-        """Advantages of some samples of all processes, numbers on the CPU, and weights: one over how many these are."""
-        found = self.advantages.index_select(0, moved(part, self.device))
-        return found, torch.full_like(found, 1 / len(part))
-
-    def select(self, part: Tensor) -> list[Tensor]:
-        """Actions, their old log probabilities and returns of some samples of this process, numbers on the CPU."""
-        index = moved(part, self.device)
-        return [each.index_select(0, index) for each in self.own]
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:

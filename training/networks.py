@@ -13,7 +13,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from . import leaky
-from .egocentric import Egocentric
 from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed, Rows
@@ -33,7 +32,6 @@ class Extractor(nn.Module):
         if preset.leaky and not (preset.padded and preset.activation == "tanh"):
             raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as leaky.attend does")
         self.layout, self.preset, width = layout, preset, preset.width
-        self.frame = Egocentric(layout) if preset.egocentric else None
         self.own = nn.Linear(layout.own, width)
         widths = [kind.features for kind in layout.kinds]
         self.weight = nn.Parameter(torch.empty(sum(widths), width))  # of all kinds, one below the other
@@ -53,8 +51,6 @@ class Extractor(nn.Module):
 
     def forward(self, seen: Observed) -> Tensor:
         """What a batch of agents observes to features, float32 (batch, 2 * width)."""
-        if self.frame is not None and isinstance(seen, Rows):
-            seen = self.frame(seen)
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
         if isinstance(seen, Rows):
             entities = self._attend_seen(seen)
@@ -100,13 +96,43 @@ class Extractor(nn.Module):
             nn.init.zeros_(layer.bias)
 
 
-class Tower(nn.Module):
-    """Two dense layers and a linear one: (batch, 2 * width) to (batch, outputs)."""
+class Memory(nn.GRUCell):
+    """What agents remember of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
-    def __init__(self, preset: Preset, outputs: int, gain: float) -> None:
+    def __init__(self, features: int, width: int) -> None:
+        """features: of a step. width: of the memory."""
+        super().__init__(features, width)
+        for weight in (self.weight_ih, self.weight_hh):
+            for gate in weight.data.chunk(3):
+                orthogonal(gate, 1.0)
+        for bias in (self.bias_ih, self.bias_hh):
+            nn.init.zeros_(bias)
+
+    def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Go through steps, one after the other.
+
+        Args:
+            features: float32 (steps * agents, features), step after step.
+            memory: float32 (agents, width), before the first step.
+            begins: bool (steps, agents), whether an agent's memory is 0 before the step, whatever it was.
+
+        Returns:
+            The memory after each step (steps * agents, width), and after the last one (agents, width).
+        """
+        after, kept = [], (~begins).to(features.dtype)[:, :, None]
+        for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
+            memory = self(now, memory * goes_on)
+            after.append(memory)
+        return torch.cat(after), memory
+
+
+class Tower(nn.Module):
+    """Two dense layers and a linear one: (batch, inputs) to (batch, outputs)."""
+
+    def __init__(self, preset: Preset, inputs: int, outputs: int, gain: float) -> None:
         super().__init__()
         self.activation = ACTIVATIONS[preset.activation]
-        self.first = nn.Linear(2 * preset.width, preset.hidden)
+        self.first = nn.Linear(inputs, preset.hidden)
         self.second = nn.Linear(preset.hidden, preset.hidden)
         self.last = nn.Linear(preset.hidden, outputs)
         for layer, own in ((self.first, GAIN), (self.second, GAIN), (self.last, gain)):
@@ -114,7 +140,7 @@ class Tower(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def forward(self, features: Tensor) -> Tensor:
-        """(batch, 2 * width) to (batch, outputs)."""
+        """(batch, inputs) to (batch, outputs)."""
         out: Tensor = self.last(self.inner(features))
         return out
 
@@ -125,6 +151,14 @@ class Tower(nn.Module):
     def behind_first(self, first: Tensor) -> Tensor:
         """From the output of the first layer to before the last: (batch, hidden)."""
         return self.activation(self.second(first))
+
+
+def dense(inputs: int, outputs: int) -> nn.Linear:
+    """A dense layer with orthogonal weights and no bias yet."""
+    layer = nn.Linear(inputs, outputs)
+    orthogonal(layer.weight, GAIN)
+    nn.init.zeros_(layer.bias)
+    return layer
 
 
 def orthogonal(weight: Tensor, gain: float) -> Tensor:

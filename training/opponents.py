@@ -14,9 +14,9 @@ from outlast.envs.rollout.policies import POLICIES
 from .checkpoint import check_state, load_weights
 from .config import PAST, SELF
 from .errors import TrainingError
+from .packer import Packer
 from .player import Player
 from .policy import ActorCritic
-from .rows import Packer
 
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
@@ -80,10 +80,19 @@ class Opponents:
 
     Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
     while somebody plays them.
+
+    Attributes:
+        memory: Width of the widest memory of anybody who plays.
     """
 
     def __init__(
-        self, weights: Mapping[str, float], players: Mapping[str, Player], env: SurvivalVectorEnv, *, prioritised: bool
+        self,
+        weights: Mapping[str, float],
+        players: Mapping[str, Player],
+        env: SurvivalVectorEnv,
+        *,
+        prioritised: bool,
+        memory: int = 0,
     ) -> None:
         """Make a pool without past selves.
 
@@ -93,6 +102,7 @@ class Opponents:
             env: Worlds as those that are played in.
             prioritised: Whether opponents are drawn the more often, the more they win: prioritised fictitious self-play
                 (Vinyals et al., 2019). The present self keeps its weight.
+            memory: Width of that of the learners' policies.
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
@@ -102,16 +112,12 @@ class Opponents:
             player.check(env)
             self._add(Opponent(name, weights[name], player.policies, player.packer, player.team))
         self.past: list[int] = []
+        self.memory = max([memory, *(player.memory for player in players.values())])
 
     def _add(self, one: Opponent) -> int:
         number = max(self.all) + 1
         self.all[number] = one
         return number
-
-    @property
-    def memory(self) -> int:
-        """The width of the widest memory of those that stay in the pool."""
-        return max([policy.memory for one in self.all.values() for policy in one.policies], default=0)
 
     @property
     def alone(self) -> bool:

@@ -1,6 +1,7 @@
 """Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,9 +22,10 @@ except ModuleNotFoundError as error:
 
 from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
+from .packer import Packer
 from .policy import ActorCritic
 from .presets import preset
-from .rows import Observed, Packer
+from .rows import Observed
 
 Array = np.ndarray[Any, Any]
 THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
@@ -53,6 +55,15 @@ class Player:
 
     Actions: int64 (..., agents, actions), sampled from a generator of its own; the likeliest ones without a seed. They
     are computed on one thread, whatever PyTorch is set to, which stays as it is.
+
+    A policy with a memory keeps what each agent remembers, and is told where episodes begin by `reset`; environments do
+    so, and `outlast.envs.rollout.memory.told` for loops of one's own. It plays in one batch of worlds at a time.
+
+    Attributes:
+        memory: Numbers that each agent remembers; 0: none.
+        state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
+        reset: None for a policy without a memory. Otherwise a function that gets the worlds in which episodes begin,
+            bool of the shape of observations ahead of the agents, (worlds,): all of them before the first call.
     """
 
     def __init__(self, path: str | Path, seed: int | None = 0) -> None:
@@ -64,7 +75,12 @@ class Player:
             ObservationLayout(self.shapes, self.header.get("fields")),
             preset(self.header["preset"]),
         )
-        self.packer = Packer(self.layout, leaky=self.preset.leaky)
+        self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
+        self.memory: int = self.header.get("memory", 0)
+        self.state: int = self.header.get("state", 0)
+        self.reset = self._reset if self.memory else None
+        self._begins: Array | None = None  # bool, in which worlds
+        self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
         try:
             with one_thread():
                 self.policies = self._make_policies(files)
@@ -80,14 +96,16 @@ class Player:
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
             raise TrainingError(f"run.json has a team of other policies than the {len(weights)} in policy.pt")
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
-        if 4 * (self.preset.width * inputs + self.preset.hidden * sum(actions)) * len(weights) > len(
-            files["policy.pt"]
-        ):
-            raise TrainingError("policy.pt is too small for the observations and actions in run.json")
+        least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + self.state) + 3 * self.memory**2
+        if 4 * least * len(weights) > len(files["policy.pt"]):
+            raise TrainingError("policy.pt is too small for the observations, actions and memory in run.json")
         sizes, policies = checkpoint.recorded_scales(self.header, layout), []
         for own in weights:
-            policies.append(ActorCritic(actions, layout=layout, preset=self.preset, scales=sizes))
-            checkpoint.load_weights(policies[-1], own)
+            policy = ActorCritic(
+                actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
+            )
+            checkpoint.load_weights(policy, own)
+            policies.append(policy)
         return policies
 
     def scenario(self, scenario: Scenario) -> Scenario:
@@ -109,23 +127,73 @@ class Player:
             )
 
     def __call__(self, observations: dict[str, Array]) -> Array:
-        """The actions for these observations. Raises TrainingError where their shapes differ from those in training."""
-        self._check(observations)
-        with one_thread(), torch.inference_mode():
-            actions = self._act(self.packer(observations))
-        return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
+        """The actions for these observations.
 
-    def _act(self, seen: Observed) -> Array:
-        """Actions of a batch of agents, int64 (batch, actions)."""
+        Raises:
+            TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
+                that episodes begin there.
+        """
+        self._check(observations)
+        leading, memory, begins = observations[OWN].shape[:-1], None, None
+        if self.memory:
+            memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
+        with one_thread(), torch.inference_mode():
+            actions = self._act(self.packer(observations), memory, begins)
+        return actions.reshape(*leading, actions.shape[1])
+
+    def _reset(self, where: Array) -> None:
+        """See `reset`."""
+        where = np.asarray(where, bool)
+        if where.all():
+            self._begins, self._remembered = where.copy(), None
+        elif self._begins is not None and self._begins.shape == where.shape:
+            self._begins |= where
+        else:
+            known = None if self._begins is None else self._begins.shape
+            raise TrainingError(
+                f"episodes begin in some of {where.shape} worlds, and the policy has a memory of {known}: "
+                "tell it of all worlds first, by player.reset(numpy.ones(worlds, bool))"
+            )
+
+    def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """What agents remember, and where that begins anew, as policies take it. Raises TrainingError."""
+        known = None if self._begins is None else self._begins.shape
+        if self._begins is None or known != worlds:
+            raise TrainingError(
+                f"the policy has a memory of {known} worlds, and observes {worlds}: tell it where episodes begin, by "
+                "player.reset(numpy.ones(worlds, bool)) before the first call, or let "
+                "outlast.envs.rollout.memory.told(player, env) do it"
+            )
+        begins = torch.from_numpy(np.repeat(self._begins.ravel(), agents))
+        self._begins[...] = False
+        if self._remembered is None:
+            self._remembered = torch.zeros(len(begins), self.memory)
+        if len(self._remembered) != len(begins):
+            raise TrainingError(
+                f"the policy has a memory of {len(self._remembered)} agents, and observes {len(begins)}: "
+                "make another one of the same file for these"
+            )
+        return self._remembered, begins
+
+    def _act(self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Array:
+        """Actions of a batch of agents, int64 (batch, actions); their memory goes on."""
         if len(self.policies) == 1:
-            actions: Array = self.policies[0].act(seen, self.generator).numpy()
-            return actions
+            logs, self._remembered = self.policies[0].logs(seen, memory, begins)
+            return self._chosen(self.policies[0], logs)
         actions = np.zeros((len(seen), len(self.header["actions"])), np.int64)
         number = self.team[seen.own[:, self.id].numpy().astype(int)]
         for k, policy in enumerate(self.policies):
             where = torch.from_numpy(np.flatnonzero(number == k))
-            actions[number == k] = policy.act(seen.select(where), self.generator).numpy()
+            own = (None, None) if memory is None or begins is None else (memory[where], begins[where])
+            logs, after = policy.logs(seen.select(where), *own)
+            if memory is not None and after is not None:
+                memory[where] = after
+            actions[number == k] = self._chosen(policy, logs)
         return actions
+
+    def _chosen(self, policy: ActorCritic, logs: torch.Tensor) -> Array:
+        chosen: Array = policy.choose(logs, self.generator).numpy()
+        return chosen
 
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}

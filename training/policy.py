@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .networks import Extractor, Tower
+from .networks import Extractor, Memory, Tower, dense
 from .observation_layout import ObservationLayout
 from .presets import Preset
 from .rows import Observed
@@ -69,10 +69,21 @@ class MultiCategorical(nn.Module):
 
 
 class ActorCritic(nn.Module):
-    """Policy and value networks of a preset. Actions are int64 (batch, actions)."""
+    """Policy and value networks of a preset. Actions are int64 (batch, actions).
+
+    Attributes:
+        memory: Numbers that each agent keeps from step to step; 0: none.
+    """
 
     def __init__(
-        self, sizes: Sequence[int], *, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]
+        self,
+        sizes: Sequence[int],
+        *,
+        layout: ObservationLayout,
+        preset: Preset,
+        scales: tuple[Any, Any],
+        memory: int = 0,
+        state: int = 0,
     ) -> None:
         """Make networks with random weights.
 
@@ -81,31 +92,72 @@ class ActorCritic(nn.Module):
             layout: Of the observations.
             preset: What the networks are like.
             scales: Of inputs, see observation_layout.scales.
+            memory: Numbers that each agent keeps from step to step; 0: none.
+            state: Numbers of the state of a world that the critic learns from; 0: none.
         """
         super().__init__()
-        self.layout, self.preset, self.memory = layout, preset, 0
+        self.layout, self.preset, self.memory, inputs = layout, preset, memory, 2 * preset.width
         self.extractors = nn.ModuleList(Extractor(layout, preset, scales) for _ in range(1 if preset.shared else 2))
-        self.actor, self.critic = Tower(preset, sum(sizes), GAIN), Tower(preset, 1, 1.0)
+        self.recurrent = Memory(inputs, memory) if memory else None
+        self.overview = dense(state, preset.hidden) if state else None
+        self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
+        self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
         self.choices = MultiCategorical(sizes)
 
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Log probabilities of all values of all actions (values, actions, batch), and values (batch,)."""
-        features = [extractor(seen) for extractor in self.extractors]
-        if len(features) == 2:
-            return self._logs(self.actor.inner(features[0])), self.critic(features[1]).flatten(), None
-        actor, critic = self.actor, self.critic  # the first layers of both as one product
-        weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
-        both = actor.activation(functional.linear(features[0], weight, bias)).chunk(2, 1)
-        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten(), None
+        """Go through one step of a batch of agents or, with a memory, through several.
 
-    def act(self, seen: Observed, generator: torch.Generator | None = None) -> Tensor:
-        """Actions alone: sampled, or without a generator the likeliest."""
-        logs = self._logs(self.actor.inner(self.extractors[0](seen)))
+        Args:
+            seen: What is observed, of several steps that of the same agents, step after step. With the state of worlds
+                if the critic learns from it.
+            memory: float32 (agents, width), before the first step; None for a policy without a memory.
+            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
+
+        Returns:
+            Log probabilities of all values of all actions (values, actions, batch), values (batch,), and the memory
+            after the last step.
+        """
+        features = [extractor(seen) for extractor in self.extractors]
+        if self.recurrent is not None:
+            after, memory = self._remember(features[0], memory, begins)
+            features = [torch.cat([each, after], 1) for each in features]
+        if self.overview is None and len(features) == 1:
+            return *self._both(features[0]), memory
+        known = features[-1]
+        if self.overview is not None:
+            known = torch.cat([known, self.critic.activation(self.overview(seen.state))], 1)
+        return self._logs(self.actor.inner(features[0])), self.critic(known).flatten(), memory
+
+    def logs(
+        self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """The log probabilities and the memory alone, for those who need no values; see `forward`."""
+        features = self.extractors[0](seen)
+        if self.recurrent is not None:
+            after, memory = self._remember(features, memory, begins)
+            features = torch.cat([features, after], 1)
+        return self._logs(self.actor.inner(features)), memory
+
+    def choose(self, logs: Tensor, generator: torch.Generator | None) -> Tensor:
+        """Actions, int64 (batch, actions): sampled, or without a generator the likeliest."""
         if generator is None:
             return self.choices.likeliest(logs)
-        return self.choices.draw(logs, torch.rand((len(seen), self.choices.shape[1]), generator=generator))
+        return self.choices.draw(logs, torch.rand((logs.shape[2], self.choices.shape[1]), generator=generator))
+
+    def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
+        """The memory after each step, and after the last one; see Memory.through."""
+        if self.recurrent is None or memory is None or begins is None:
+            raise ValueError("a policy with a memory needs `memory` and `begins`")
+        return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
+
+    def _both(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Log probabilities and values of the same features: the first layers of both towers are one product."""
+        actor, critic = self.actor, self.critic
+        weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
+        both = actor.activation(functional.linear(features, weight, bias)).chunk(2, 1)
+        return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
     def take(self, other: "ActorCritic") -> None:
         """Become the same function of observations as a policy whose inputs may be scaled otherwise.

@@ -85,15 +85,13 @@ class Preset:
 
 
 PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
-FAST_PRESET = replace(PAPER, name="fast", scaled=True, shared=True, agents=512, steps=128, numbers=FAST)
 PRESETS = {
     preset.name: preset
     for preset in (
         Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
         PAPER,
         replace(PAPER, name="scaled", scaled=True),
-        FAST_PRESET,
-        replace(FAST_PRESET, name="egocentric", egocentric=True),
+        replace(PAPER, name="fast", egocentric=True, scaled=True, shared=True, agents=512, steps=128, numbers=FAST),
     )
 }
 

@@ -39,7 +39,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
 
     All processes that train together call it; the first has use for it.
     """
-    worlds, lanes = trainer.state()
+    worlds, lanes = trainer.captured()
     rest = {
         "learners": [_learner_state(learner) for learner in trainer.learners],
         "updates": trainer.updates,
@@ -54,6 +54,8 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
         "fields": field_table(trainer.env.fields),
         "actions": [int(size) for size in trainer.env.action_sizes],
         "team": trainer.team.tolist(),
+        "memory": trainer.config.memory,
+        "state": trainer.state,
     }
     weights = [policy.state_dict() for policy in trainer.policies]
     return {
@@ -91,7 +93,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
         trainer.opponents.restore(rest.get("opponents"), trainer.policies)
-        like = {name: torch.from_numpy(values) for name, values in trainer.state()[1].items()}
+        like = {name: torch.from_numpy(values) for name, values in trainer.captured()[1].items()}
         check_state(rest.get("lane"), like, "lane")
         trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]

@@ -5,7 +5,7 @@ An agent sees one or two entities of the 17 to 36 that there are, so only those 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, cast
 
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .observation_layout import MASK, OWN, ObservationLayout
+from .observation_layout import ObservationLayout
 
 Array = np.ndarray[Any, Any]
 FILL = 512  # multiple that lists are filled up to where shapes are to repeat
@@ -38,12 +38,19 @@ class Rows:
         known: The same as an array, by which the CPU knows all sizes and waits for no GPU.
         room: How many pairs there is room for, or None. If not, there are rows and pairs of nobody behind all others,
             one of each at least, so that their numbers are multiples of FILL: a GPU meets the same shapes again.
+        state: float32 (batch, numbers), of each agent's whole world, for a critic that learns from it; or None.
     """
 
     def __init__(
-        self, own: Tensor, entities: Tensor, count: Tensor, known: Array | None = None, room: int | None = None
+        self,
+        own: Tensor,
+        entities: Tensor,
+        count: Tensor,
+        known: Array | None = None,
+        room: int | None = None,
+        state: Tensor | None = None,
     ) -> None:
-        self.own, self.entities, self.count, self.room = own, entities, count, room
+        self.own, self.entities, self.count, self.room, self.state = own, entities, count, room, state
         self.known = count.numpy() if known is None else known
 
     def __len__(self) -> int:
@@ -88,6 +95,7 @@ class Rows:
         """Those of some agents, int64 (some,), on the CPU."""
         known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
+        found.state = _selected(self.state, there)
         size, last = int(known.sum()), len(self.entities) - 1
         if self.room is not None:
             size, found.room = _filled(size), _filled(int((known * known).sum()))
@@ -103,7 +111,7 @@ class Rows:
         """The same with room for more."""
         size, pairs = len(self.entities), int((self.known * self.known).sum())
         entities = functional.pad(self.entities, (0, 0, 0, _filled(size) - size))
-        return Rows(self.own, entities, self.count, self.known, _filled(pairs))
+        return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
         """The same on a device; with room for more, unless that is the CPU."""
@@ -111,7 +119,7 @@ class Rows:
             return self
         here = self if device.type == "cpu" else self.filled()
         own, entities, count = (moved(each, device) for each in (here.own, here.entities, here.count))
-        return Rows(own, entities, count, self.known, here.room)
+        return Rows(own, entities, count, self.known, here.room, _moved(self.state, device))
 
     def _counts(self, size: int) -> Tensor:
         """int64 (owners,), how many of so many rows are each agent's, and nobody's."""
@@ -126,10 +134,11 @@ class PaddedRows:
     Attributes:
         packed: float32 (batch, layout.size).
         layout: What is where in it.
+        state: As of Rows.
     """
 
-    def __init__(self, packed: Tensor, layout: ObservationLayout) -> None:
-        self.packed, self.layout = packed, layout
+    def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
+        self.packed, self.layout, self.state = packed, layout, state
 
     def __len__(self) -> int:
         return len(self.packed)
@@ -152,64 +161,40 @@ class PaddedRows:
 
     def select(self, index: Tensor) -> PaddedRows:
         """Those of some agents, int64 (some,), on the CPU."""
-        return PaddedRows(self.packed.index_select(0, moved(index, self.packed.device)), self.layout)
+        there = moved(index, self.packed.device)
+        return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
 
     def to(self, device: torch.device) -> PaddedRows:
         """The same on a device."""
-        return PaddedRows(moved(self.packed, device), self.layout)
+        return PaddedRows(moved(self.packed, device), self.layout, _moved(self.state, device))
 
 
 Observed = Rows | PaddedRows
 
 
-class Packer:
-    """Packs observations, by key and kind, as the networks of a preset take them."""
-
-    def __init__(self, layout: ObservationLayout, *, leaky: bool) -> None:
-        """leaky: with the rows of what is hidden."""
-        self.layout, self.leaky = layout, leaky
-
-    def __call__(self, observations: Mapping[str, Array]) -> Observed:
-        """Pack the observations of a batch of agents.
-
-        Args:
-            observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch.
-        """
-        return self._padded(observations) if self.leaky else self._rows(observations)
-
-    def _padded(self, observations: Mapping[str, Array]) -> PaddedRows:
-        batch = observations[OWN].size // self.layout.shapes[OWN][0]
-        packed = np.zeros((batch, self.layout.size), np.float32)
-        for key, view in self.layout.views(packed).items():
-            view[...] = observations[key].reshape(view.shape)
-        return PaddedRows(torch.from_numpy(packed), self.layout)
-
-    def _rows(self, observations: Mapping[str, Array]) -> Rows:
-        own = np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
-        seen = {kind: np.flatnonzero(observations[kind.key + MASK]) for kind in self.layout.kinds}
-        agent = np.concatenate([rows // kind.rows for kind, rows in seen.items()] or [np.zeros(0, np.int64)])
-        entities, row, column = np.zeros((len(agent), self.layout.columns), np.float32), 0, 0
-        for k, (kind, rows) in enumerate(seen.items()):
-            here = entities[row : row + len(rows)]
-            here[:, column : column + kind.features] = observations[kind.key].reshape(-1, kind.features)[rows]
-            here[:, k - len(seen)] = 1
-            row, column = row + len(rows), column + kind.features
-        order, count = np.argsort(agent, kind="stable"), np.bincount(agent, minlength=len(own))
-        return Rows(torch.from_numpy(own), torch.from_numpy(entities[order]), torch.from_numpy(count))
-
-
 def concatenated(parts: Sequence[Observed]) -> Observed:
     """The batches one behind the other."""
+    states = [part.state for part in parts if part.state is not None]
+    state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):
-        return PaddedRows(torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)]), first.layout)
+        packed = torch.cat([part.packed for part in cast(Sequence[PaddedRows], parts)])
+        return PaddedRows(packed, first.layout, state)
     rows = cast(Sequence[Rows], parts)
     known = np.concatenate([part.known for part in rows])
     entities = torch.cat([part.entities[: int(part.known.sum())] for part in rows])
     own, count = (torch.cat([getattr(part, name) for part in rows]) for name in ("own", "count"))
-    joined = Rows(own, entities, count, known)
+    joined = Rows(own, entities, count, known, state=state)
     return joined if rows[0].room is None else joined.filled()
 
 
 def _filled(size: int) -> int:
     """The next multiple of FILL: at least one more."""
     return (size // FILL + 1) * FILL
+
+
+def _selected(state: Tensor | None, index: Tensor) -> Tensor | None:
+    return None if state is None else state.index_select(0, index)
+
+
+def _moved(state: Tensor | None, device: torch.device) -> Tensor | None:
+    return None if state is None else moved(state, device)

@@ -47,14 +47,14 @@ def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -
     trainer = prepared(config, files, crew)
     if files is None and config.warm_start:
         trainer.imitate(lambda done, tags: None)
-        trainer.state()
+        trainer.captured()
     if not trainer.steps:
-        trainer.state()
+        trainer.captured()
     while trainer.steps < config.steps:
         left, rollout = remaining(trainer), trainer.collect()
         trainer.report()
         trainer.update(rollout, left)
-        trainer.state()
+        trainer.captured()
 
 
 class TrainingRun:

@@ -128,5 +128,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "fields": _are_fields,
     "actions": _are_actions,
     "team": _is_team,
+    "memory": _is_size,
+    "state": _is_size,
     "plan": is_plan,
 }

@@ -8,8 +8,10 @@ import numpy as np
 import torch
 
 import outlast
+from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
@@ -22,12 +24,12 @@ from .lane import Lane
 from .learner import Imitator, Learner
 from .metrics import means
 from .observation_layout import field_table, layout_of, scales
-from .opponents import Opponents, plain
+from .opponents import Opponents, Plain, plain
+from .packer import Packer
 from .player import Player
 from .policy import ActorCritic
 from .presets import preset
 from .rollout import Rollout
-from .rows import Packer
 
 Array = np.ndarray[Any, Any]
 IMITATION: dict[str, Any] = {"learning_rate": 2e-3, "anneal": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
@@ -48,6 +50,7 @@ class Trainer:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
+        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
         collector: What plays.
         steps: Agent-steps collected so far, by all processes.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
@@ -86,15 +89,27 @@ class Trainer:
             self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
+        self.state = len(GlobalState(self.env.worlds).scale) if config.critic == "state" else 0
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
             Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew)
             for number in range(self.team.max() + 1)
         ]
-        self.opponents = Opponents(config.opponents, players, self.env, prioritised=config.prioritised)
-        packer = Packer(self.layout, leaky=self.preset.leaky)
+        self.opponents = Opponents(
+            config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
+        )
+        packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         lanes = [
-            Lane(env, packer, self.team, self.opponents, seed=config.seed, dead=config.dead, device=self.device)
+            Lane(
+                env,
+                packer,
+                self.team,
+                self.opponents,
+                seed=config.seed,
+                dead=config.dead,
+                device=self.device,
+                state=self.state > 0,
+            )
             for env in self.envs
         ]
         self.collector = Collector(lanes, numbers, self.crew)
@@ -159,9 +174,15 @@ class Trainer:
             return
         player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env)
-        if player.preset.name != self.preset.name or len(player.policies) not in (1, len(self.learners)):
-            found = f"{len(player.policies)} of preset '{player.preset.name}'"
-            here = f"{len(self.learners)} of preset '{self.preset.name}'"
+        found, here = (
+            f"of preset '{chosen}' with memory {memory} and state {state}"
+            for chosen, memory, state in (
+                (player.preset.name, player.memory, player.state),
+                (self.preset.name, self.config.memory, self.state),
+            )
+        )
+        if found != here or len(player.policies) not in (1, len(self.learners)):
+            found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
             raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
         for k, policy in enumerate(self.policies):
             policy.take(player.policies[k % len(player.policies)])
@@ -179,15 +200,14 @@ class Trainer:
         Returns:
             What was measured last, by tag; nothing without a teacher.
         """
-        name, steps = self.config.teacher
+        _, steps = self.config.teacher
         if not steps:
             return {}
         numbers = replace(self.config.numbers, **IMITATION)
         imitators = [Imitator(own.policy, numbers, own.generator, own.number, self.crew) for own in self.learners]
-        player, tags = self.teacher, dict[str, float]()
-        teacher = plain(name, self.env) if player is None else lambda seen, uniform: player(seen)
-        for lane in self.collector.lanes:
-            lane.teacher = teacher
+        tags = dict[str, float]()
+        for k, lane in enumerate(self.collector.lanes):
+            lane.teacher = self._teacher(k, lane.env)
         each = self.rollout_steps * self.worlds * self.env.num_agents
         for done in range(0, steps, each):
             rollout = self._collect(done // each * self.rollout_steps)
@@ -199,13 +219,21 @@ class Trainer:
             lane.teacher = None
         return tags | {"imitation/agent_steps": float(done + each)}
 
+    def _teacher(self, k: int, env: SurvivalVectorEnv) -> Plain:
+        """Who is imitated in lane number k, as a function of what its agents observe and of uniform numbers."""
+        name, _ = self.config.teacher
+        if self.teacher is None:
+            return plain(name, env)
+        play = told(Player(name, self.config.seed + k), env)  # all of them at once, as it may have a memory
+        return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
+
     def _set_numbers(self, done: int) -> None:
         """Give annealed numbers their values after so many agent-steps."""
         if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
             for env in self.envs:
                 env.set_numbers(**numbers)
 
-    def state(self) -> tuple[State, dict[str, Array]]:
+    def captured(self) -> tuple[State, dict[str, Array]]:
         """The worlds of all processes, and what their lanes are in, (worlds, ...) by name."""
         lanes = self.collector.lanes
         states, own = [lane.env.get_state() for lane in lanes], [lane.state() for lane in lanes]
@@ -213,12 +241,12 @@ class Trainer:
         return worlds, self._joined(own)
 
     def restore_worlds(self, worlds: State) -> None:
-        """Go on from the worlds that `state` returned. Raises StateError."""
+        """Go on from the worlds that `captured` returned. Raises StateError."""
         for lane in self.collector.lanes:
             lane.env.set_state(worlds[lane.rows] if len(worlds) == self.worlds else worlds)
 
     def restore_lanes(self, lanes: dict[str, Array]) -> None:
-        """Go on from the lanes that `state` returned. Raises TrainingError."""
+        """Go on from the lanes that `captured` returned. Raises TrainingError."""
         for lane in self.collector.lanes:
             lane.restore({name: values[lane.rows] for name, values in lanes.items()})
 
@@ -248,7 +276,15 @@ class Trainer:
     def _policy(self) -> ActorCritic:
         sizes = [int(size) for size in self.env.action_sizes]
         known = scales(self.layout, field_table(self.env.fields))
-        return ActorCritic(sizes, layout=self.layout, preset=self.preset, scales=known).to(self.device)
+        policy = ActorCritic(
+            sizes,
+            layout=self.layout,
+            preset=self.preset,
+            scales=known,
+            memory=self.config.memory,
+            state=self.state,
+        )
+        return policy.to(self.device)
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> Array:

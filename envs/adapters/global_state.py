@@ -4,6 +4,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, ZoneView
+from outlast.components.box import VERTICES
 from outlast.ecs import Entity, Worlds
 
 from ..core.spaces import bounds
@@ -25,6 +26,10 @@ class GlobalState:
     ======= ===================================================================================
 
     Objects and items are in the order of their rows (`Worlds.span` says which kinds are where).
+
+    Attributes:
+        space: Of the vector.
+        scale: What its numbers are to be divided by to be about -1 to 1, float32 like the vector.
     """
 
     def __init__(self, worlds: Worlds) -> None:
@@ -32,46 +37,65 @@ class GlobalState:
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
         self.objects = np.setdiff1d(rows(Body, Shape, Health), np.concatenate([self.agents, self.items]))
-        low, high = np.concatenate([np.tile(ends, count) for count, ends in self._blocks()], 1)
+        blocks = [np.tile(block, count) for count, block in self._blocks()]
+        low, high, self.scale = np.concatenate(blocks, 1, dtype=np.float32)
         self.space = spaces.Box(low, high, dtype=np.float32)
 
-    def __call__(self, w: int = 0) -> Array:
-        """The vector of world `w`, a new array."""
+    def __call__(self, w: int | slice = 0) -> Array:
+        """The vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
         parts = [self._agents(w), self._objects(w), self._items(w)]
         if ZoneView in self.worlds:
-            parts.insert(1, self.worlds[ZoneView].zone[w, 0])  # the same for all agents
-        return np.concatenate([part.ravel() for part in parts], dtype=np.float32)
+            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # the same for all agents
+        flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
+        return np.concatenate(flat, -1, dtype=np.float32)
 
     def _blocks(self) -> list[tuple[int, Array]]:
-        """(number of rows, low and high of the numbers of a row, float32 (2, numbers)) of every block."""
-        known, flag, carrier = bounds(self.worlds), _ends(1, 0, 1), _ends(1, 0, len(self.agents))
-        zone = [(1, np.stack(known["zone"])[:, 0])] if ZoneView in self.worlds else []
+        """(number of rows, low, high and scale of the numbers of a row, float32 (3, numbers)) of every block."""
+        known, flag, carrier = bounds(self.worlds), _column(0, 1), _column(0, len(self.agents), len(self.agents))
+        place = [_column(scale=scale) for scale in self._scales("own", *POSE)]
+        half, health = _column(scale=VERTICES.scale), _column(scale=self._toughest())
+        own = np.vstack([*np.stack(known["own"])[:, 0], self._scales("own")])
+        zone = np.vstack([*np.stack(known["zone"])[:, 0], self._scales("zone")]) if "zone" in known else None
         return [
-            (len(self.agents), np.hstack([flag, np.stack(known["own"])[:, 0]])),
-            *zone,
-            (len(self.objects), np.hstack([flag, _ends(6)])),
-            (len(self.items), np.hstack([flag, _ends(2), carrier])),
+            (len(self.agents), np.hstack([flag, own])),
+            *([] if zone is None else [(1, zone)]),
+            (len(self.objects), np.hstack([flag, *place, half, half, health])),
+            (len(self.items), np.hstack([flag, *place[:2], carrier])),
         ]
 
-    def _agents(self, w: int) -> Array:
-        return np.column_stack([self.worlds[Entity].alive[w, self.agents], self.worlds[SelfView].own[w]])
+    def _scales(self, key: str, *names: str) -> list[float]:
+        """Of these fields of an observation, or of all of them in order of columns."""
+        fields = self.worlds.layout.fields[key]
+        return [scale for name in names or fields for scale in [fields[name].scale] * fields[name].size]
 
-    def _objects(self, w: int) -> Array:
+    def _toughest(self) -> float:
+        """Hit points of the object that has most of them at first; 1 where there are no objects."""
+        points = self.worlds.layout.prefab_values(Health, "points")
+        spans = {name: self.worlds.span(name) for name in points}
+        return max([1.0, *(float(np.max(points[name])) for name in points if spans[name].start in self.objects)])
+
+    def _agents(self, w: int | slice) -> Array:
+        alive = self.worlds[Entity].alive[w][..., self.agents]
+        return np.concatenate([alive[..., None], self.worlds[SelfView].own[w]], -1)
+
+    def _objects(self, w: int | slice) -> Array:
         body, shape = self.worlds[Body], self.worlds[Shape]
         columns = [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
         return self._standing(w, self.objects, [*columns, self.worlds[Health].points])
 
-    def _items(self, w: int) -> Array:
+    def _items(self, w: int | slice) -> Array:
         body = self.worlds[Body]
         rows = self._standing(w, self.items, [body.x, body.y])
-        holder = self.worlds[Item].holder[w, self.items] if len(self.items) else np.zeros(0, np.int32)
-        return np.column_stack([rows, np.where(holder >= 0, holder - self.first + 1, 0)])
+        if not len(self.items):  # nor, maybe, a component Item
+            return np.zeros((*rows.shape[:-1], 4))
+        holder = self.worlds[Item].holder[w][..., self.items]
+        return np.concatenate([rows, np.where(holder >= 0, holder - self.first + 1, 0)[..., None]], -1)
 
-    def _standing(self, w: int, rows: Array, columns: list[Array]) -> Array:
+    def _standing(self, w: int | slice, rows: Array, columns: list[Array]) -> Array:
         """Whether each row is in the world, and its columns, 0 if it is not."""
-        alive = self.worlds[Entity].alive[w, rows]
-        return np.column_stack([alive, *(np.where(alive, column[w, rows], 0) for column in columns)])
+        alive = self.worlds[Entity].alive[w][..., rows]
+        return np.stack([alive, *(np.where(alive, column[w][..., rows], 0) for column in columns)], -1)
 
 
-def _ends(count: int, low: float = -np.inf, high: float = np.inf) -> Array:
-    return np.array([[low] * count, [high] * count], np.float32)
+def _column(low: float = -np.inf, high: float = np.inf, scale: float = 1.0) -> Array:
+    return np.array([[low], [high], [scale]], np.float32)

@@ -270,11 +270,11 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "no shape": ({"observations": {"own": 7}}, "its observations cannot be"),
     "negative": ({"observations": {"own": [-7]}}, "its observations cannot be"),
     "huge": ({"observations": {"own": [10**9]}}, "its observations cannot be"),
-    "large": ({"observations": {"own": [60_000]}}, "policy.pt is too small for the observations and actions"),
+    "large": ({"observations": {"own": [60_000]}}, "policy.pt is too small for the observations, actions"),
     "small": ({"observations": {"own": [3]}}, "observations that no scenario has"),
     "masks": ({"observations": {"own": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
-    "many actions": ({"actions": [60_000]}, "policy.pt is too small for the observations and actions"),
+    "many actions": ({"actions": [60_000]}, "policy.pt is too small for the observations, actions"),
     "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.pt"),
     "numbers": (
         {"scenario": {"name": "x", "numbers": {"room_size": 0}}, "fields": None},

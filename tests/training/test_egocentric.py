@@ -18,8 +18,8 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 from outlast.training.egocentric import Egocentric  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.observation_layout import layout_of  # noqa: E402
+from outlast.training.packer import Packer  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
-from outlast.training.rows import Packer  # noqa: E402
 from outlast.training.run import TrainingConfig, TrainingRun  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -56,7 +56,7 @@ def test_rows_are_those_of_the_naive_form(name: str) -> None:
     for _ in range(60):
         env.step(policy(env.observe()))
     seen, layout = env.observe(), layout_of(env)
-    found = Egocentric(layout)(Packer(layout, leaky=False)(seen))
+    found = Egocentric(layout)(Packer(layout, leaky=False, egocentric=False)(seen))
     columns = layout.field_columns()
     widths = {kind.key: kind.features for kind in layout.kinds}
     own_fields = env.fields["own"]
@@ -80,7 +80,7 @@ def test_rows_are_those_of_the_naive_form(name: str) -> None:
 def test_a_saved_policy_plays_and_one_without_fields_is_refused(tmp_path: Path) -> None:
     small = outlast.variant("ffa_2").replace(agents_health=10)
     TrainingRun(
-        TrainingConfig(small, preset="egocentric", steps=384, worlds=8, rollout=192, threads=1), tmp_path / "run"
+        TrainingConfig(small, preset="fast", steps=384, worlds=8, rollout=192, threads=1), tmp_path / "run"
     ).train()
     (file,) = tmp_path.glob("run/steps_*384.zip")
     player, env = Player(file), outlast.make_vec(small, 3, seed=1)
@@ -97,5 +97,5 @@ def test_a_saved_policy_plays_and_one_without_fields_is_refused(tmp_path: Path) 
                 header["fields"]["own"] = {"heading" if key == "angle" else key: field for key, field in own.items()}
                 content = json.dumps(header).encode()
             other.writestr(name, content)
-    with pytest.raises(TrainingError, match="egocentric needs the fields x, y, vx, vy, angle of 'own'"):
+    with pytest.raises(TrainingError, match="preset fast needs the fields x, y, vx, vy, angle of 'own'"):
         Player(broken)

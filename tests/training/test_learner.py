@@ -63,9 +63,11 @@ def test_an_update_is_that_of_stable_baselines(preset: str, options: dict[str, A
 def parts_of(trainer: Trainer, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """The numbers of the samples of each minibatch, as updates go on."""
     parts: list[Any] = []
-    inner = trainer.learners[0]._loss
+    inner = trainer.learners[0]._differentiate
     monkeypatch.setattr(
-        trainer.learners[0], "_loss", lambda samples, part, *more: (parts.append(part), inner(samples, part, *more))[1]
+        trainer.learners[0],
+        "_differentiate",
+        lambda samples, part: (parts.append(part), inner(samples, part))[1],
     )
     return parts
 

@@ -23,9 +23,10 @@ from outlast.training.observation_layout import (  # noqa: E402
     layout_of,
     scales,
 )
+from outlast.training.packer import Packer  # noqa: E402
 from outlast.training.policy import ActorCritic, MultiCategorical  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
-from outlast.training.rows import Packer, PaddedRows, Rows, concatenated  # noqa: E402
+from outlast.training.rows import PaddedRows, Rows, concatenated  # noqa: E402
 from tests.helpers.trainers import doubled  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -56,7 +57,7 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Obs
 
 def packed(chosen: str, layout: ObservationLayout, observations: Arrays) -> Any:
     """As networks take it, in float64."""
-    return doubled(Packer(layout, leaky=preset(chosen).leaky)(observations))
+    return doubled(Packer(layout, leaky=preset(chosen).leaky, egocentric=False)(observations))
 
 
 def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
@@ -177,7 +178,7 @@ def assert_same(one: Any, other: Any) -> None:
 def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
     """Are those that are packed of their observations."""
     layout, observations, _ = seen("teams_3", "original")
-    pack = Packer(layout, leaky=leaky)
+    pack = Packer(layout, leaky=leaky, egocentric=False)
     whole = pack(observations)
     for index in ([0, 1], [5], [7, 3, 3, 0, 60], [0, 0], list(range(len(whole)))[::-1], []):
         some = whole.select(torch.tensor(index, dtype=torch.long))
@@ -191,7 +192,7 @@ def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
 def test_rows_are_the_entities_that_are_seen_agent_after_agent() -> None:
     """Each in the columns of its kind, by a plain loop."""
     layout, observations, _ = seen("teams_3", "paper")
-    rows = Packer(layout, leaky=False)(observations)
+    rows = Packer(layout, leaky=False, egocentric=False)(observations)
     assert isinstance(rows, Rows)
     agents, expected = [], []
     for agent in range(len(rows)):
@@ -322,7 +323,7 @@ def test_no_value_is_drawn_that_an_action_has_not() -> None:
 @pytest.mark.parametrize("leaky", [False, True])
 def test_the_views_of_a_packed_array_are_the_observations(leaky: bool) -> None:
     layout, observations, _ = seen("teams_3", "original")
-    rows = Packer(layout, leaky=leaky)(observations)
+    rows = Packer(layout, leaky=leaky, egocentric=False)(observations)
     if leaky:
         assert isinstance(rows, PaddedRows)
         views = layout.views(rows.packed.numpy()[:, None])

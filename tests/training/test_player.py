@@ -41,7 +41,8 @@ def test_a_player_has_the_policy_of_the_trainer(tmp_path: Path, chosen: str) -> 
     trainer.collect()
     observations = trainer.env.observe()
     with torch.no_grad():
-        expected = trainer.policies[0].act(trainer.lane.packer(observations)).numpy().reshape(4, 4, -1)
+        own = trainer.policies[0]
+        expected = own.choose(own.logs(trainer.lane.packer(observations))[0], None).numpy().reshape(4, 4, -1)
     assert np.array_equal(Player(tmp_path / "a.zip", seed=None)(observations), expected)
     one, other = (Player(tmp_path / "a.zip", seed=7) for _ in range(2))
     drawn = [(one(observations), other(observations)) for _ in range(3)]

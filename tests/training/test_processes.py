@@ -104,12 +104,14 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
         {"policies": "side"},
         {"prioritised": True},
         {"settings": {"target_kl": 0.001}},
+        {"memory": 16},
+        {"critic": "state"},
         {"warm_start": f"scripted:{EACH}", "halves": True},
     ],
 )
 def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) -> None:
     expected = trained(tmp_path / "one", 2, **changes)
-    same(trained(tmp_path / "two", 2, processes=2, **changes), expected)
+    same(trained(tmp_path / "two", 2, processes=2, **changes), expected, 1e-3)  # Adam divides gradients by their size
     close(tmp_path / "two", tmp_path / "one")
 
 

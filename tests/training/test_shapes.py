@@ -13,7 +13,8 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training import rows  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
-from outlast.training.learner import Learner, Samples  # noqa: E402
+from outlast.training.learner import Learner  # noqa: E402
+from outlast.training.minibatches import Samples  # noqa: E402
 from outlast.training.rows import FILL, Rows, concatenated  # noqa: E402
 from outlast.training.run import Trainer  # noqa: E402
 
@@ -98,7 +99,7 @@ def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[T
     learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator())
     learner.policy.to(META)
     learner.parameters, learner.device = list(learner.policy.parameters()), META
-    samples, shapes = Samples(rollout, META), set()
+    samples, shapes = Samples(rollout, 0, META), set()
     for part in torch.randperm(rollout.learner.size).tensor_split(4):
         seen = samples.seen.select(part)
         shapes.add((len(seen.entities), len(seen.pairs[0])))
@@ -137,7 +138,7 @@ def test_nothing_waits_for_a_gpu_in_an_update() -> None:
 def samples_of_an_update(gpu: Trainer, rollout: Any) -> None:
     """The minibatches of an update, without what is read at its end."""
     learner = gpu.learners[0]
-    samples = Samples(rollout, learner.device)
+    samples = Samples(rollout, 0, learner.device)
     for part in torch.arange(rollout.learner.size).tensor_split(2):
         learner._differentiate(samples, part)
         torch.nn.utils.clip_grad_norm_(learner.parameters, 0.5)

@@ -14,14 +14,14 @@ from typing import Any
 
 from tqdm import tqdm
 
-from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
 from ..annealing import parse_anneal
-from ..config import FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
+from ..config import CRITICS, FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -35,6 +35,8 @@ SINGLE = (
     "policies",
     "snapshots",
     "processes",
+    "memory",
+    "critic",
     "dead",
     "device",
     "every",
@@ -69,6 +71,10 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--snapshots", type=positive, default=SNAPSHOTS, help="updates between past selves (default 10)"
     )
+    text = "numbers that each agent keeps from step to step (default 0)"
+    command.add_argument("--memory", type=nonnegative, default=0, metavar="N", help=text)
+    text = "values are learned from what the agent observes (own, the default), or from the whole world, too (state)"
+    command.add_argument("--critic", choices=CRITICS, default="own", help=text)
     text = "before: imitate scripted[:STEPS] or FILE.zip:STEPS, or begin with the weights of FILE.zip"
     command.add_argument("--warm-start", default="", metavar="NAME[:STEPS]", help=text)
     text = "change a number of the game in training: rewards_kill=10:0@5e6 (may be given several times)"

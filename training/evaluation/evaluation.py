@@ -11,6 +11,7 @@ import torch
 
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
@@ -46,6 +47,9 @@ class Contender:
             whole = POLICIES[self.text](env, seed)
             return lambda seen, indices: np.asarray(whole(seen)[indices])
         player.generator = torch.Generator().manual_seed(seed)
+        if player.memory:  # it goes on for all agents, whoever of them it plays
+            remembering = told(player, env)
+            return lambda seen, indices: np.asarray(remembering(seen)[indices])
         return lambda seen, indices: player({key: values[indices] for key, values in seen.items()})
 
 

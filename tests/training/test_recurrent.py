@@ -1,0 +1,343 @@
+"""Policies with a memory: the same step by step and in chunks, from checkpoints, in play and against each other."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from outlast import load_policy, make_vec, variant
+from outlast.envs.cli import main as cli
+from outlast.envs.rollout.memory import told
+from outlast.training.config import CHUNK, TrainingConfig
+from outlast.training.errors import TrainingError
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.evaluation.evaluation import Evaluation, contenders  # noqa: E402
+from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
+from outlast.training.lane import NOBODY  # noqa: E402
+from outlast.training.learner import Learner  # noqa: E402
+from outlast.training.log_file import read_log  # noqa: E402
+from outlast.training.minibatches import Chunks  # noqa: E402
+from outlast.training.observation_layout import ObservationLayout  # noqa: E402
+from outlast.training.packer import Packer  # noqa: E402
+from outlast.training.policy import ActorCritic  # noqa: E402
+from outlast.training.presets import PRESETS, preset  # noqa: E402
+from outlast.training.resume import capture  # noqa: E402
+from outlast.training.rollout import Rollout  # noqa: E402
+from outlast.training.rows import Rows, concatenated  # noqa: E402
+from outlast.training.run import TrainingRun  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
+LAYOUT = ObservationLayout({"own": (3,), "others": (2, 4), "others_mask": (2,)})
+SIZES, WIDTH = (3, 2), 8
+STEPS, AGENTS = 2 * CHUNK, 5
+
+
+def policy(chosen: str = "fast", memory: int = WIDTH) -> ActorCritic:
+    torch.manual_seed(0)
+    scales = np.ones(LAYOUT.own), np.ones(sum(kind.features for kind in LAYOUT.kinds))
+    made = ActorCritic(SIZES, layout=LAYOUT, preset=preset(chosen), scales=scales, memory=memory)
+    torch.nn.init.normal_(made.actor.last.weight, std=0.5)
+    return made
+
+
+def observed(rng: np.random.Generator, batch: int) -> dict[str, Any]:
+    found = {key: rng.normal(size=(batch, *shape)).astype(np.float32) for key, shape in LAYOUT.shapes.items()}
+    return found | {"others_mask": (rng.random((batch, 2)) < 0.5).astype(np.float32)}
+
+
+def config(**changes: Any) -> TrainingConfig:
+    given = {"scenario": SHORT, "preset": "fast", "steps": 10**6, "worlds": 4, "rollout": 4 * 32, "memory": WIDTH}
+    settings = {"batch_size": 64, "n_epochs": 2}
+    return TrainingConfig(**(given | {"settings": settings, "seed": 3, "threads": 1} | changes))
+
+
+def saved(path: Path, **changes: Any) -> Path:
+    """A policy that is not nearly uniform, as a checkpoint."""
+    made = config(**changes)
+    trainer = Trainer(made)
+    for own in trainer.policies:
+        torch.nn.init.normal_(own.actor.last.weight, std=0.3)
+    checkpoint.write_checkpoint(path, capture(trainer, made.header()))
+    return path
+
+
+# ---- the network
+
+
+@pytest.mark.parametrize("chosen", [name for name in PRESETS if not PRESETS[name].egocentric])  # has no fields here
+def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
+    own, rng = policy(chosen), np.random.default_rng(1)
+    packer = Packer(LAYOUT, leaky=own.preset.leaky, egocentric=False)
+    steps = [packer(observed(rng, AGENTS)) for _ in range(STEPS)]
+    begins = torch.from_numpy(rng.random((STEPS, AGENTS)) < 0.1)
+    start = torch.from_numpy(rng.normal(size=(AGENTS, WIDTH)).astype(np.float32))
+    with torch.no_grad():
+        logs, values, last = own(concatenated(steps), start, begins)
+        memory, apart = start, []
+        for seen, where in zip(steps, begins, strict=True):
+            alone, kept = own.logs(seen, memory, where)
+            found, value, memory = own(seen, memory, where)
+            assert torch.allclose(alone, found, atol=1e-6)
+            assert torch.equal(kept, memory)
+            apart.append((found, value))
+    assert torch.allclose(logs, torch.cat([found for found, _ in apart], 2), atol=1e-6)
+    assert torch.allclose(values, torch.cat([value for _, value in apart]), atol=1e-6)
+    assert torch.allclose(last, memory, atol=1e-6)
+
+
+def test_gradients_flow_back_through_steps_but_not_across_the_beginning_of_an_episode() -> None:
+    own, rng = policy().double(), np.random.default_rng(1)
+    seen = concatenated([Packer(LAYOUT, leaky=False, egocentric=False)(observed(rng, AGENTS)) for _ in range(CHUNK)])
+    seen.own, seen.entities = seen.own.double().requires_grad_(), seen.entities.double()
+    start = torch.ones(AGENTS, WIDTH, dtype=torch.float64, requires_grad=True)
+    begins = torch.zeros(CHUNK, AGENTS, dtype=torch.bool)
+    begins[6, 1], begins[0, 2] = True, True
+    values = own(seen, start, begins)[1].view(CHUNK, AGENTS)
+    values[-1].sum().backward()
+    moved = seen.own.grad.view(CHUNK, AGENTS, -1).abs().sum(2) > 0
+    assert moved[:, [0, 2, 3, 4]].all()
+    assert moved[:, 1].tolist() == [False] * 6 + [True] * (CHUNK - 6)
+    assert (start.grad.abs().sum(1) > 0).tolist() == [True, False, False, True, True]
+
+
+def test_a_policy_without_a_memory_is_as_before() -> None:
+    """Its weights have the same names, and the same random numbers make them."""
+    own = policy(memory=0)
+    assert own.recurrent is None
+    assert not [name for name in own.state_dict() if "recurrent" in name or "overview" in name]
+    seen = Packer(LAYOUT, leaky=False, egocentric=False)(observed(np.random.default_rng(1), AGENTS))
+    assert own(seen)[2] is None
+    with pytest.raises(ValueError, match="needs `memory` and `begins`"):
+        policy()(seen)
+
+
+# ---- learning
+
+
+def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rollout:
+    """The first number is shown in the first step of a chunk only; the first action of the last one is to say it."""
+    cue, numbers = rng.integers(0, 2, agents), np.zeros((CHUNK, agents, 3), np.float32)
+    numbers[0, :, 0] = 2 * cue - 1
+    count = torch.zeros(CHUNK * agents, dtype=torch.int64)
+    seen = Rows(torch.from_numpy(numbers.reshape(-1, 3)), torch.zeros(0, LAYOUT.columns), count)
+    begins = np.zeros((CHUNK, agents), bool)
+    begins[0] = True
+    memory = rng.normal(size=(1, agents, WIDTH)).astype(np.float32)  # which means nothing
+    with torch.no_grad():
+        logs, _, _ = own(seen, torch.from_numpy(memory[0]), torch.from_numpy(begins))
+        actions = own.choose(logs, torch.Generator().manual_seed(int(rng.integers(2**31))))
+        found = own.choices.of(actions, logs).view(CHUNK, agents).numpy()
+    joint, zeros = actions.view(CHUNK, agents, -1).numpy(), np.zeros((CHUNK, agents), np.float32)
+    rewards, learner = zeros.copy(), np.full((CHUNK, agents), NOBODY, np.int8)
+    rewards[-1] = joint[-1, :, 0] == cue
+    learner[-1] = 0
+    return Rollout(seen, joint, found, zeros, rewards, learner, zeros > -1, begins, memory)
+
+
+@pytest.mark.parametrize(("memory", "learned"), [(WIDTH, True), (0, False)])
+def test_what_only_a_memory_can_know_is_learned(memory: int, learned: bool) -> None:
+    own, rng = policy(memory=memory), np.random.default_rng(0)
+    torch.nn.init.normal_(own.actor.last.weight, std=0.01)
+    numbers = Hyperparameters(batch_size=16, n_epochs=2, learning_rate=1e-2, target_kl=0.0)
+    learner, share = Learner(own, numbers, torch.Generator().manual_seed(0)), list[float]()
+    for _ in range(120 if learned else 40):
+        made = rollout(own, rng)
+        learner.update(made)
+        share.append(float(made.advantages[-1].mean()))
+    assert (np.mean(share[-20:]) > 0.9) == learned
+    assert np.mean(share[:5]) < 0.5
+
+
+def test_samples_that_are_masked_change_nothing() -> None:
+    """But what was seen there is remembered."""
+    weights = []
+    for noise in (0.0, 100.0):
+        own = policy()
+        made, other = rollout(own, np.random.default_rng(1)), np.random.default_rng(2)
+        made.advantages[:-1] += noise * other.normal(size=made.advantages[:-1].shape).astype(np.float32)
+        made.learner[:, 3] = NOBODY
+        made.advantages[:, 3] += noise
+        Learner(own, Hyperparameters(batch_size=8, n_epochs=1), torch.Generator().manual_seed(0)).update(made)
+        weights.append(torch.cat([weight.flatten() for weight in own.parameters()]))
+    assert torch.equal(*weights)
+
+
+@pytest.mark.parametrize("dead", ["keep", "drop"])
+def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
+    """Until it is updated, the policy says of chunks what it said when it played: across ends, and with opponents."""
+    trainer = Trainer(config(opponents={"self": 1.0, "past": 1.0, "scripted": 1.0}, snapshots=1, dead=dead))
+    trainer.update(trainer.collect())
+    trainer.collect()
+    made, own = trainer.collect(), trainer.policies[0]
+    samples = Chunks(made, 0, torch.device("cpu"))
+    batch = samples.select(samples.units)
+    with torch.no_grad():
+        logs, values, _ = own(batch.seen, batch.memory, batch.begins)
+    mine = batch.weights > 0
+    assert mine.sum() == (made.learner == 0).sum() < made.learner.size
+    assert torch.allclose(own.choices.of(batch.actions, logs)[mine], batch.log_probs[mine], atol=1e-5)
+    assert torch.allclose(values[mine], (batch.returns - batch.advantages)[mine], atol=1e-5)
+    assert batch.weights.sum() == pytest.approx(1)
+    assert made.begins[1:].any()
+    assert (made.memory != 0).any(2).mean() > 0.9
+
+
+def test_rollouts_that_are_no_whole_chunks_are_refused() -> None:
+    with pytest.raises(TrainingError, match=r"100 steps has 25 of each world: .* multiple of 16 .* --rollout 128$"):
+        config(rollout=100)
+    config(rollout=100, memory=0)
+    with pytest.raises(TrainingError, match="memory = -1: a whole number from 0 to 4096 is needed"):
+        config(memory=-1)
+
+
+# ---- runs and checkpoints
+
+
+def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    return {tag: values for tag, values in read_log(folder / "log.csv").items() if not tag.startswith("time/")}
+
+
+def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
+    each = 4 * 32 * 2
+    given = {"opponents": {"self": 1.0, "past": 1.0}, "snapshots": 1, "every": each, "settings": {"anneal": False}}
+    TrainingRun(config(steps=4 * each, **given), tmp_path / "whole").train()
+    TrainingRun(config(steps=2 * each, **given), tmp_path / "parts").train()
+    TrainingRun(config(steps=4 * each, **given), tmp_path / "parts", resume=True).train()
+    assert points(tmp_path / "whole") == points(tmp_path / "parts")
+    last = checkpoint.NAME.format(4 * each)
+    one, other = (checkpoint.read_checkpoint(tmp_path / name / last) for name in ("whole", "parts"))
+    assert one.keys() == other.keys()
+    one, other = (checkpoint.load_tensors(files, "policy.pt") for files in (one, other))
+    assert all(torch.equal(one[key], other[key]) for key in one)
+    with pytest.raises(TrainingError, match="memory = 8, not 0"):
+        TrainingRun(config(steps=4 * each, **given, memory=0), tmp_path / "parts", resume=True)
+
+
+def test_a_start_by_imitation_and_one_with_saved_weights(tmp_path: Path) -> None:
+    """Whoever of teacher and learner has a memory."""
+    path, each = str(saved(tmp_path / "a.zip")), 4 * 32 * 2
+    for teacher, memory in (("scripted", WIDTH), (path, 0), (path, 2 * WIDTH)):
+        trainer, differs = Trainer(config(memory=memory, warm_start=f"{teacher}:{20 * each}")), []
+        trainer.imitate(lambda done, tags, differs=differs: differs.append(tags["imitation/differs"]))
+        assert differs[-1] < 0.9 * differs[0]
+    trainer = Trainer(config(warm_start=path))
+    trainer.take_weights()
+    own, other = trainer.policies[0].state_dict(), load_policy(path).policies[0].state_dict()
+    assert all(torch.equal(own[name], other[name]) for name in own)
+    for changes in ({"memory": 0}, {"critic": "state"}):
+        with pytest.raises(TrainingError, match="of preset 'fast' with memory 8 and state 0, those to be trained"):
+            Trainer(config(warm_start=path, **changes)).take_weights()
+
+
+def test_a_checkpoint_of_another_width_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.zip")
+    for memory, words in ((9, "does not hold|is torch"), (4096, "too small for"), (0, "does not hold")):
+        files = checkpoint.read_checkpoint(path)
+        header = json.loads(files["run.json"]) | {"memory": memory}
+        checkpoint.write_checkpoint(tmp_path / "b.zip", files | {"run.json": json.dumps(header).encode()})
+        with pytest.raises(TrainingError, match=words):
+            load_policy(tmp_path / "b.zip")
+
+
+# ---- play
+
+
+@pytest.mark.parametrize("policies", ["shared", "side"])
+def test_a_world_is_played_the_same_alone_and_in_a_batch(tmp_path: Path, policies: str) -> None:
+    path = saved(tmp_path / "a.zip", policies=policies)
+    batch, lone = make_vec(SHORT, 3, seed=1), make_vec(SHORT, 1, seed=1, first_world=2)
+    played = []
+    for env in (batch, lone):
+        act, found = told(load_policy(path, seed=None), env), []
+        observations, _ = env.reset()
+        for _ in range(60):
+            actions = act(observations)
+            observations, *_ = env.step(actions)
+            found.append(actions[-1])
+        played.append(np.array(found))
+    assert np.array_equal(*played)
+    assert len(np.unique(played[0].reshape(60, -1), axis=0)) > 1
+
+
+def test_play_is_that_of_the_policy_and_forgets_where_an_episode_begins(tmp_path: Path) -> None:
+    player, rng = load_policy(saved(tmp_path / "a.zip"), seed=None), np.random.default_rng(0)
+    env = make_vec(SHORT, 2, seed=1)
+    observations, _ = env.reset()
+    player.reset(np.ones(2, bool))
+    own, memory = player.policies[0], torch.zeros(4, WIDTH)
+    for begins in ([True, True], [False, False], [False, True], [False, False]):
+        if True in begins:
+            player.reset(np.array(begins))
+        with torch.no_grad():
+            logs, memory = own.logs(player.packer(observations), memory, torch.tensor(begins).repeat_interleave(2))
+        actions = player(observations)
+        assert np.array_equal(actions.reshape(4, -1), logs.argmax(0).T.numpy())
+        observations, *_ = env.step(rng.integers(0, env.action_sizes, actions.shape))
+
+
+def test_a_player_must_know_where_episodes_begin(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.zip")
+    player, observations = load_policy(path), make_vec(SHORT, 3, seed=1).reset()[0]
+    with pytest.raises(TrainingError, match=r"memory of None worlds, and observes \(3,\): tell it where .*reset"):
+        player(observations)
+    with pytest.raises(TrainingError, match="tell it of all worlds first"):
+        player.reset(np.array([True, False, True]))
+    player.reset(np.ones(2, bool))
+    with pytest.raises(TrainingError, match=r"memory of \(2,\) worlds, and observes \(3,\)"):
+        player(observations)
+    player.reset(np.ones(3, bool))
+    player(observations)
+    with pytest.raises(TrainingError, match="memory of 6 agents, and observes 3"):
+        player({key: values[:, :1] for key, values in observations.items()})
+    assert load_policy(saved(tmp_path / "b.zip", memory=0)).reset is None
+
+
+def test_it_plays_as_an_opponent(tmp_path: Path) -> None:
+    path = saved(tmp_path / "a.zip")
+    env: Any = gymnasium.make_vec("outlast/FreeForAll2-v1", 4, scenario=SHORT, others=f"{path},scripted")
+    env.reset(seed=0)
+    for _ in range(40):
+        env.step(env.action_space.sample())
+    for memory in (0, 2 * WIDTH):  # that of the learner, narrower and wider than the opponent's
+        trainer = Trainer(config(memory=memory, opponents={"self": 1.0, str(path): 1.0}))
+        for _ in range(2):
+            trainer.update(trainer.collect())
+        assert trainer.lane.memory.shape[1] == max(memory, WIDTH)
+        assert (trainer.lane.opponent > 0).any()
+
+
+def test_an_evaluation_is_the_same_alone_and_in_a_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the likeliest actions, as those that are drawn depend on the batch."""
+    monkeypatch.setattr(ActorCritic, "choose", lambda self, logs, generator: logs.argmax(0).T)
+    texts = [str(saved(tmp_path / name, memory=memory)) for name, memory in (("a.zip", WIDTH), ("b.zip", 0))]
+    results = []
+    for worlds in (1, 3):
+        evaluation = Evaluation(SHORT, contenders(texts), episodes=4 * worlds, worlds=worlds)
+        results.append([pairing.results.figures for pairing in evaluation.play()])
+        evaluation.close()
+    for one, other in zip(*results, strict=True):
+        assert one.keys() == other.keys()
+        assert all(np.array_equal(one[name][0], other[name][0]) for name in one)
+        assert one["length"].std() > 0
+
+
+def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "run"
+    words = "train ffa_2 --memory 8 --critic state --worlds 4 --rollout 64 --steps 256 --every 128 --quiet --threads 1"
+    assert cli.main([*words.split(), "--out", str(out)]) == 0
+    plan = json.loads((out / "run.json").read_text())["plan"]
+    assert (plan["memory"], plan["critic"]) == (8, "state")
+    path = out / checkpoint.NAME.format(256)
+    assert cli.main(["rollout", "ffa_2", "--policy", str(path), "--worlds", "2", "--steps", "20", "--quiet"]) == 0
+    assert cli.main(["rollout", "ffa_2", "--policy", "random", "--others", str(path), "--steps", "20", "--quiet"]) == 0
+    assert cli.main(["train", "ffa_2", "--memory", "8", "--rollout", "2560", "--out", str(tmp_path / "no")]) != 0
+    assert "--rollout 4096" in capsys.readouterr().err
