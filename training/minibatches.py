@@ -57,14 +57,14 @@ class Samples:
 
     def select(self, part: Tensor) -> Minibatch | None:
         """This process's share of that of some units; None if it has none of them."""
-        return self._select(part, torch.full((len(part),), 1 / len(part)))
+        return self._select(part, torch.full((len(part),), 1 / len(part), dtype=torch.float64))
 
     def _select(self, index: Tensor, weights: Tensor) -> Minibatch | None:
         """That of some samples of all processes, with their weights, both on the CPU."""
         where, own = self.rollout.here(index)
         if not len(own):
             return None
-        weights = moved(weights, self.device)
+        weights = moved(weights.to(self.advantages.dtype), self.device)
         advantages = normalised(self.advantages.index_select(0, moved(index, self.device)), weights)
         if where is not None:
             there = moved(where, self.device)
@@ -102,7 +102,7 @@ class Chunks(Samples):
         """That of some units: step after step of all of them."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
         index = (first + torch.arange(CHUNK)[:, None] * self.agents).flatten()
-        weights = self.mine.index_select(0, index).float()
+        weights = self.mine.index_select(0, index).double()
         return self._select(index, weights / weights.sum())
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:

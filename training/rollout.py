@@ -26,10 +26,10 @@ class Rollout:
         values: float32, of what was observed; of all processes.
         advantages: float32; of all processes.
         learner: int8, which of the learners is trained on the sample, or NOBODY; of all processes.
-        first: The number of this process's first agent among those of all.
         alive: bool, whether the agent lived when it observed.
         begins: bool, whether the agent's memory begins anew with the step.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
+        first: The number of this process's first agent among those of all.
     """
 
     seen: Observed
@@ -38,10 +38,10 @@ class Rollout:
     values: Array
     advantages: Array
     learner: Array
-    first: int
     alive: Array
     begins: Array
     memory: Array
+    first: int = 0
 
     @property
     def returns(self) -> Array:
