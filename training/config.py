@@ -150,7 +150,7 @@ class TrainingConfig:
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        if not self.numbers.anneal:  # then a run may go on for longer
+        if not self.numbers.anneal_lr:  # then a run may go on for longer
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario)}
 

@@ -60,7 +60,8 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
-WINS, GAMES = "wins/", "games/"  # by opponent: the share of late that was won, 0 to 1; how many games in all
+WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: the share of late that was won; games in all; Elo
+OWN = "rating/self"
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
@@ -78,6 +79,10 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
     for tag, share in finite.items():
         if tag.startswith(WINS):
             name, games = tag.removeprefix(WINS), finite.get(tag.replace(WINS, GAMES, 1))
-            of = "" if games is None else f" ({large(games)})"
-            found.append(Figure("wins", name, share, f"{100 * share:.0f} %{of}"))
+            rating = finite.get(tag.replace(WINS, RATING, 1))
+            notes = [] if games is None else [large(games)]
+            notes += [] if rating is None else [f"Elo {rating:.0f}"]
+            found.append(Figure("wins", name, share, f"{100 * share:.0f} %" + f" ({', '.join(notes)})" * bool(notes)))
+    if OWN in finite:
+        found.append(Figure("wins", "own Elo", finite[OWN], f"{finite[OWN]:.0f}"))
     return sorted(found, key=lambda figure: GROUPS.index(figure.group))

@@ -17,7 +17,7 @@ class Hyperparameters:
 
     Attributes:
         learning_rate: Of Adam.
-        anneal: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
+        anneal_lr: Whether the learning rate falls to 0 along the run, in proportion to the steps that are left.
         batch_size: Samples of a minibatch, about; those of a rollout are shared out evenly.
         n_epochs: How often every sample is used, at most.
         gamma: Discount of a step.
@@ -31,7 +31,7 @@ class Hyperparameters:
     """
 
     learning_rate: float = 3e-4
-    anneal: bool = False
+    anneal_lr: bool = False
     batch_size: int = 512
     n_epochs: int = 400  # a cap; the divergence ends most updates
     gamma: float = 0.99

@@ -68,7 +68,7 @@ class Learner:
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
             return {}
-        rate = self.numbers.learning_rate * (left if self.numbers.anneal else 1)
+        rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)

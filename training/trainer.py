@@ -32,7 +32,13 @@ from .presets import preset
 from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
-IMITATION: dict[str, Any] = {"learning_rate": 2e-3, "anneal": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
+IMITATION: dict[str, Any] = {
+    "learning_rate": 2e-3,
+    "anneal_lr": True,
+    "batch_size": 1024,
+    "n_epochs": 1,
+    "target_kl": 0.0,
+}
 IMITATION_TAGS = {
     "imitation/cross_entropy": "train/policy_loss",
     "imitation/value_loss": "train/value_loss",

@@ -127,7 +127,7 @@ def test_the_divergence_ends_an_update() -> None:
 
 OTHERS = {
     "learning_rate": "1e-4",
-    "anneal": "true",
+    "anneal_lr": "true",
     "batch_size": "200",
     "n_epochs": "2",
     "gamma": "0.9",
@@ -160,7 +160,7 @@ def test_a_number_that_stays_as_it_is_changes_nothing() -> None:
 
 
 def test_an_annealed_rate_is_that_of_a_smaller_one() -> None:
-    assert torch.equal(updated(anneal=True, learning_rate=2e-4), updated(learning_rate=1e-4))
+    assert torch.equal(updated(anneal_lr=True, learning_rate=2e-4), updated(learning_rate=1e-4))
 
 
 def test_a_seed_decides_everything() -> None:
@@ -194,7 +194,7 @@ def test_a_seed_decides_everything() -> None:
         ({"gamma": 2}, "gamma=2: a finite number from 0 to 1 is needed"),
         ({"target_kl": None}, "target_kl=None: a number like 0.01 is needed"),
         ({"n_epochs": 2.5}, "n_epochs=2.5: a number like 400 is needed"),
-        ({"anneal": 1}, "anneal=1: true or false is needed"),
+        ({"anneal_lr": 1}, "anneal_lr=1: true or false is needed"),
         ({"vf_coef": True}, "vf_coef=True: a number like 0.5 is needed"),
         ({"gama": 1}, "PPO has no number 'gama'; did you mean gamma"),
         ({"preset": "big"}, "there is no preset 'big'"),
@@ -219,9 +219,9 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         ("n_epochs=0", "n_epochs=0: a finite number of at least 1 is needed"),
         ("max_grad_norm=0", "max_grad_norm=0.0: a finite number above 0 is needed"),
         ("n_epochs=many", "n_epochs=many: a number like 400 is needed"),
-        ("anneal=perhaps", "anneal=perhaps: true or false is needed"),
+        ("anneal_lr=perhaps", "anneal_lr=perhaps: true or false is needed"),
         ("scale_rewards=2", "scale_rewards=2: true or false is needed"),
-        ("normalise=1", "PPO has no number 'normalise'; it has: learning_rate, anneal, batch_size"),
+        ("normalise=1", "PPO has no number 'normalise'; it has: learning_rate, anneal_lr, batch_size"),
         ("gamma", "gamma: a number like 0.99 is needed"),
     ],
 )
@@ -234,4 +234,4 @@ def test_every_number_has_a_range_in_which_the_papers_is() -> None:
     names = [each.name for each in dataclasses.fields(Hyperparameters)]
     truths = {name for name in names if isinstance(getattr(Hyperparameters, name), bool)}
     assert hyperparameters.RANGES.keys() | truths == OTHERS.keys() == set(names)
-    assert TrainingConfig(SHORT).numbers == Hyperparameters()
+    assert TrainingConfig(SHORT, "original").numbers == Hyperparameters()

@@ -95,6 +95,11 @@ def test_numbers_that_are_none_are_left_out(value: float) -> None:
     assert headline({"wins/past": 0.5, "games/past": value}) == [Figure("wins", "past", 0.5, "50 %")]
 
 
+def test_ratings_stand_beside_wins() -> None:
+    tags = {"wins/past": 0.5, "games/past": 310.0, "rating/past": 1040.4, "rating/self": 905.6}
+    assert [figure.text for figure in headline(tags)] == ["50 % (310, Elo 1040)", "906"]
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [(0, "0"), (999.4, "999"), (999.6, "1.00k"), (9996, "10.0k"), (36_549, "36.5k"), (1.5e6, "1.50M"), (2e12, "2000G")],

@@ -15,6 +15,7 @@ from tests.helpers.execution_modes import short
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.lane import NOBODY  # noqa: E402
 from outlast.training.opponents import PAST_SELVES, Opponent, Opponents  # noqa: E402
 from outlast.training.resume import capture, restore  # noqa: E402
@@ -240,6 +241,22 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
     actions = load_policy(tmp_path / "a.zip")(trainer.env.observe())
     assert (actions[:, :2, 0] == 0).all()
     assert (actions[:, 2:, 0] == 2).all()
+
+
+# ---- what cannot be
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"policies": "each"}, "policies = 'each': allowed are 'shared', 'side', 'agent'"),
+        ({"prioritised": True}, "prioritised has no effect without opponents: name some"),
+        ({"snapshots": 3, "opponents": {"scripted": 1.0}}, "snapshots have no effect without past selves"),
+    ],
+)
+def test_settings_without_effect_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        TrainingConfig(SHORT, **given)
 
 
 # ---- going on

@@ -209,7 +209,7 @@ def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
 
 def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
     each = 4 * 32 * 2
-    given = {"opponents": {"self": 1.0, "past": 1.0}, "snapshots": 1, "every": each, "settings": {"anneal": False}}
+    given = {"opponents": {"self": 1.0, "past": 1.0}, "snapshots": 1, "every": each, "settings": {"anneal_lr": False}}
     TrainingRun(config(steps=4 * each, **given), tmp_path / "whole").train()
     TrainingRun(config(steps=2 * each, **given), tmp_path / "parts").train()
     TrainingRun(config(steps=4 * each, **given), tmp_path / "parts", resume=True).train()

@@ -96,7 +96,7 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     with pytest.raises(TrainingError, match=f"was begun with steps = {5 * EACH}, not {6 * EACH}"):
         TrainingRun(replace(fast, steps=6 * EACH), tmp_path / "parts", resume=True)
     with pytest.raises(TrainingError, match="was begun with settings = "):
-        TrainingRun(replace(fast, settings={"batch_size": 64, "anneal": False}), tmp_path / "parts", resume=True)
+        TrainingRun(replace(fast, settings={"batch_size": 64, "anneal_lr": False}), tmp_path / "parts", resume=True)
 
 
 def test_what_was_logged_after_the_checkpoint_is_taken_back(tmp_path: Path) -> None:
