@@ -42,7 +42,7 @@ def config(rollouts: int, **changes: Any) -> TrainingConfig:
     """Small, with opponents, past selves after each update, and rewards that are scaled."""
     given = {"scenario": SHORT, "preset": "fast", "steps": rollouts * EACH, "worlds": WORLDS, "threads": 1}
     given |= {"rollout": WORLDS * STEPS, "opponents": MIXTURE, "snapshots": 1, "every": EACH, "seed": 3}
-    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal": False}} | changes))
+    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal_lr": False}} | changes))
 
 
 def trained(folder: Path, rollouts: int, *, resume: bool = False, **changes: Any) -> dict[str, bytes]:
