@@ -223,7 +223,7 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
     settings = {"batch_size": 64, "n_epochs": 1}
     for seed in (1, 2):
         config = run.TrainingConfig(
-            scenario, steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings
+            scenario, "original", steps=2000, seed=seed, worlds=8, rollout=192, threads=1, settings=settings
         )
         run.TrainingRun(config, tmp_path / "runs" / str(seed)).train()
     assert outlast_plot(tmp_path / "runs", "--out", tmp_path / "out", "--keep", tmp_path / "kept") == 0

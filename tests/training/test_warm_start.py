@@ -29,7 +29,7 @@ START = checkpoint.NAME.format(0)
 
 def config(steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:
     given = {"scenario": SHORT, "preset": "fast", "steps": steps, "worlds": 8, "rollout": 8 * 24, "threads": 1}
-    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal": False}, "seed": 3} | changes))
+    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal_lr": False}, "seed": 3} | changes))
 
 
 def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
