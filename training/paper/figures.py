@@ -74,10 +74,10 @@ def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str]) -> Non
 
 
 def digest(group: RunGroup) -> str:
-    """A digest of all curves and settings that a figure shows."""
+    """A digest of what a figure shows: all curves, and the settings that are not the paper's."""
     total = hashlib.blake2b(digest_size=16)
     for run in group.runs:
-        total.update(json.dumps([run.settings, run.seed], sort_keys=True).encode())
+        total.update(json.dumps([group.name, run.unlike, run.seed], sort_keys=True).encode())
     for curves in [*(run.curves for run in group.runs), group.paper]:
         total.update(curves.steps.tobytes())
         for tag, values in sorted(curves.values.items()):
