@@ -47,9 +47,7 @@ class Anneal:
 
 def kept(scenario: Scenario, name: str) -> object:
     """The value of a number in the scenario. Raises NumberError if there is none of that name."""
-    if (found := scenario.find_number(name)) is None:
-        raise scenario.unknown_number(name)
-    value: object = scenario.numbers()["_".join(found)]
+    value: object = scenario.numbers()["_".join(scenario.find_number(name))]
     return value
 
 

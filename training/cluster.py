@@ -12,7 +12,8 @@ import outlast
 from outlast.envs.errors import ClusterError
 from outlast.envs.rollout.ray import connected
 
-from .crew import GRACE, POLL, WRONG, Crew, LostError, Member, join, joined, listening
+from .crew import GRACE, POLL, WRONG, Crew, Member, join, joined, listening
+from .errors import TrainingError
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
@@ -38,10 +39,10 @@ class Tasks:
         self.tasks, self.store, self.opened = tasks, store, opened
 
     def wait(self) -> None:
-        """Until all are about to join. Raises LostError if one ended instead."""
+        """Until all are about to join. Raises TrainingError if one ended instead."""
         while not joined(self.store, len(self.tasks) + 1):
             if ray.wait(self.tasks, timeout=0)[0]:
-                raise LostError(self.reason())
+                raise TrainingError(self.reason(), lost=True)
             time.sleep(POLL)
 
     def reason(self) -> str:

@@ -26,10 +26,6 @@ JOINS, WRONG = "joins {}", "wrong {}"  # what process number {} leaves in the st
 LOST = 75  # exit status of a process whose only fault is that it lost another one
 
 
-class LostError(TrainingError):
-    """A process of the crew has ended."""
-
-
 class Crew:
     """One process alone: sums are what they were, and nothing is sent.
 
@@ -138,14 +134,15 @@ class Member(Crew):
             begin(self._joined).wait()
         except RuntimeError as error:
             reason = self._others.reason() if self._others is not None else ""
-            raise LostError(reason or f"the processes that train together lost each other: {error}") from error
+            text = reason or f"the processes that train together lost each other: {error}"
+            raise TrainingError(text, lost=True) from error
 
 
 class Others(Protocol):
     """Processes that the first one has started."""
 
     def wait(self) -> None:
-        """Until all are about to join. Raises LostError if one ended instead."""
+        """Until all are about to join. Raises TrainingError if one ended instead."""
 
     def reason(self) -> str:
         """Why one of them ended; nothing if none did."""
@@ -169,10 +166,10 @@ class Children:
                 process.start()
 
     def wait(self) -> None:
-        """Until all are about to join. Raises LostError if one ended instead."""
+        """Until all are about to join. Raises TrainingError if one ended instead."""
         while not joined(self.store, self.size):
             if any(not process.is_alive() for process in self.processes):
-                raise LostError(self.reason())
+                raise TrainingError(self.reason(), lost=True)
             time.sleep(POLL)
 
     def reason(self) -> str:
@@ -238,9 +235,9 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
     crew = Member(rank, size, host, store)
     try:
         work(crew, *arguments)
-    except LostError:
-        raise SystemExit(LOST) from None
     except Exception as error:
+        if isinstance(error, TrainingError) and error.lost:
+            raise SystemExit(LOST) from None
         with contextlib.suppress(RuntimeError):  # the first process has ended
             store.set(WRONG.format(rank), f"{error}" or type(error).__name__)
         raise SystemExit(1) from None

@@ -308,42 +308,31 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def set_numbers(self, /, **numbers: Number) -> None:
         """Change numbers of the game from the next step on, in all worlds, in mid-episode or not.
 
-        `scenario` stays what was asked for, and with it what identifies states and recordings: a state has no numbers,
-        so whoever goes on from one changes them again.
+        `scenario` stays what was asked for. A state has no numbers: whoever goes on from one changes them again.
 
         Args:
             **numbers: By name, as Scenario.replace takes them: rewards_kill=5.
 
         Raises:
-            NumberError: An unknown number, one that cannot change while worlds run, such as those that size tables or
-                that entities begin with, or a value out of its range; nothing was changed.
+            NumberError: One that is unknown or cannot change while worlds run, or is out of range; nothing was changed.
             RecordingError: A recording goes on.
         """
         self._check_unrecorded("set_numbers")
-        found = {key: self.scenario.find_number(key) for key in numbers}
-        unknown = next((key for key, pair in found.items() if pair is None), None)
-        if unknown is not None:
-            raise self.scenario.unknown_number(unknown)
-        self.worlds.set_numbers(**{"_".join(pair): numbers[key] for key, pair in found.items() if pair is not None})
+        self.worlds.set_numbers(**{"_".join(self.scenario.find_number(name)): numbers[name] for name in numbers})
 
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.
 
-        The worlds that it names are treated as those that ended by themselves: reported in terminated, truncated and
-        info, and reset as autoreset_mode says.
+        The worlds that it names are reported and reset like those that ended by themselves.
 
         Args:
-            stops: Called after every tick; returns who terminates and who is truncated, bool (worlds,) each, as a
-                function of the worlds' state alone.
+            stops: Called after every tick; who terminates, who is truncated, bool (worlds,), by the state alone.
         """
         self._stops = stops
 
     @exclusive
     def run_with(self, make_runner: Callable[[], Runner]) -> Runner:
-        """Run the worlds through what make_runner() returns; for outlast.record.
-
-        RecordingError if one does already, or if numbers were changed, which a recording does not have.
-        """
+        """Run the worlds through what make_runner() returns, for outlast.record. Raises RecordingError."""
         self._check_unrecorded("record")
         if self.worlds.changed:
             names = ", ".join(self.worlds.changed)

@@ -103,9 +103,7 @@ class Scenario:
         """
         changed: dict[str, dict[str, Any]] = {}
         for key, value in numbers.items():
-            if (found := self.find_number(key)) is None:
-                raise self.unknown_number(key)
-            module, name = found
+            module, name = self.find_number(key)
             if f"{module}_{name}" != _full(key):
                 renamed.warn(key, f"{module}_{name}")
             changed.setdefault(module, {})[name] = value
@@ -140,25 +138,24 @@ class Scenario:
                 return module
         return None
 
-    def find_number(self, asked: str) -> tuple[str, str] | None:
-        """Module and number that `replace` changes under this name, which may be one of an earlier version."""
+    def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
+        """Module and number that `replace` changes under this name, which may be one of an earlier version.
+
+        NumberError if there is none; it may be meant for one of the `options` of a function.
+        """
         for key in (_full(asked), renamed.NUMBERS.get(_full(asked), "")):
             for module in self.modules:
                 name = key.removeprefix(f"{module.name}_")
                 if name != key and any(item.name == name for item in dataclasses.fields(module)):
                     return module.name, name
-        return None
+        known = self.known_numbers()
+        near = difflib.get_close_matches(asked, [*options, *known], 3)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
 
     def known_numbers(self) -> list[str]:
         """Every name that `replace` takes."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-
-    def unknown_number(self, asked: str, options: Iterable[str] = ()) -> NumberError:
-        """The error for a name that is no number here; it may be meant for one of the `options` of a function."""
-        known = self.known_numbers()
-        near = difflib.get_close_matches(asked, [*options, *known], 3)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
-        return NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
 
 
 def _check_mechanics(name: str, modules: Iterable[Any]) -> None:

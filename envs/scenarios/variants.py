@@ -120,6 +120,5 @@ def resolve(
     if not numbers:
         return scenario
     for name in numbers:
-        if scenario.find_number(name) is None:
-            raise scenario.unknown_number(name, options)
+        scenario.find_number(name, options)
     return scenario.replace(**numbers)

@@ -19,7 +19,6 @@ from outlast.training import learner
 from outlast.training.config import TrainingConfig
 from outlast.training.presets import PRESETS
 from outlast.training.rollout import Rollout
-from outlast.training.rows import PaddedRows, Rows
 from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
@@ -98,9 +97,8 @@ def parts(trainer: Trainer, rollout: Rollout, clock: Stopwatch) -> dict[str, tup
 def watched_functions() -> Stopwatch:
     """A clock on what all trainers share."""
     clock = Stopwatch()
-    for rows in (Rows, PaddedRows, learner.Samples):
-        clock.wrap("minibatches", rows, "select")
-    clock.wrap("loss", learner, "ppo_loss", "normalised")
+    clock.wrap("minibatches", learner.Samples, "select")
+    clock.wrap("loss", learner, "ppo_loss")
     clock.wrap("backward", torch.autograd, "backward")
     clock.wrap("clipping", torch.nn.utils, "clip_grad_norm_")
     return clock
@@ -110,7 +108,7 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
     """Put a clock on the parts of a trainer."""
     clock.wrap("worlds", trainer.env, "step", "reset")
     clock.wrap("observations", trainer.env, "observe")
-    clock.wrap("observations", trainer.lane, "packer")
+    clock.wrap("observations", trainer.lane, "_seen")
     for one in trainer.learners:
         clock.wrap("networks", one.policy, "forward")
         clock.wrap("networks", one.policy.choices, "draw", "of")
