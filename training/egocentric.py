@@ -7,98 +7,102 @@ done.
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
-import torch
-from torch import Tensor, nn
+import numpy as np
 
 from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout
-from .rows import Rows
 
+Array = np.ndarray[Any, Any]
 ANGLE = "angle"
-VECTORS = {
+VECTORS = {  # fields of a vector, and what of the agent is its origin
     ("x", "y"): "x",
     ("next_x", "next_y"): "x",
     ("vx", "vy"): "vx",
-}  # fields, and what of the agent is their origin
+}
 ME = ("x", "y", "vx", "vy", ANGLE)
 
 
-class Egocentric(nn.Module):
-    """Rows in the frame of the agent that observes: its place is the origin, and it looks along the x-axis.
+class Egocentric:
+    """Brings rows into the frame of the agent that observes: its place is the origin, and it looks along the x-axis.
 
     Places become relative to the agent's, velocities to its velocity; of itself it observes where the room's middle is,
     and its velocity. Angles of others become relative to its own, and all are brought to -pi to pi.
     """
 
-    me: Tensor
-
     def __init__(self, layout: ObservationLayout) -> None:
         """layout: With the fields of the agent's own place, velocity and angle. Raises TrainingError without them."""
-        super().__init__()
         columns = layout.field_columns()
         if not columns[OWN].keys() >= {*ME}:
             raise TrainingError(f"preset fast needs the fields {', '.join(ME)} of '{OWN}'; take another preset")
-        self.register_buffer("me", torch.tensor([columns[OWN][name] for name in ME]), persistent=False)
+        self.me = np.array([columns[OWN][name] for name in ME])
         self.own, self.entities = Columns(), Columns()
         for key in layout.alone:
             factors = {"x": 2.0, "vx": 0.0, ANGLE: 0.0} if key == OWN else {}
             self.own.add(columns[key], 0, factors)
         for k, kind in enumerate(layout.kinds):
             self.entities.add(columns[kind.key], layout.columns - len(layout.kinds) + k, {})
-        for each in (self.own, self.entities):
-            each.close()
 
-    def forward(self, seen: Rows) -> Rows:
-        """The same rows in the frames of their agents."""
-        with torch.no_grad():
-            me = seen.own.index_select(1, self.me)
-            own = self.own(seen.own, me, torch.ones_like(seen.own))
-            entities = self.entities(seen.entities, me.index_select(0, seen.agent), seen.entities)
-        return Rows(own, entities, seen.count)
+    def __call__(self, own: Array, entities: Array, agent: Array) -> None:
+        """Turn rows, in place.
+
+        Args:
+            own: float32 (agents, layout.own), their own numbers.
+            entities: float32 (rows, layout.columns), as in Rows.
+            agent: int (rows,), whose row each one is.
+        """
+        me = own[:, self.me]
+        turn = np.cos(me[:, 4:]), np.sin(me[:, 4:])
+        self.own.turn(own, me, turn, None)
+        self.entities.turn(entities, me[agent], (turn[0][agent], turn[1][agent]), entities)
 
 
-class Columns(nn.Module):
-    """The vectors and angles in rows, by column.
-
-    A vector is (column of x, column of y, column of the kind of row that has it, place in ME of its origin's x, factor
-    of the origin); an angle is (column, column of the kind, factor of the agent's angle).
-    """
+class Columns:
+    """The vectors and angles in rows: columns, those of the kind of row that has them, origins and factors of these."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.vectors, self.angles = list[tuple[float, ...]](), list[tuple[float, ...]]()
+        self.x, self.y, self.of_vector = list[int](), list[int](), list[int]()
+        self.origin, self.moved = list[int](), list[float]()
+        self.angle, self.of_angle, self.turned = list[int](), list[int](), list[float]()
 
     def add(self, columns: Mapping[str, int], kind: int, factors: Mapping[str, float]) -> None:
-        """Add those among the fields of a kind of row, whose column is `kind`. factors: 1 unless given."""
+        """Add those among the fields of a kind of row.
+
+        Args:
+            columns: By name of the field.
+            kind: The column that is 1 in rows of the kind.
+            factors: How often the agent's place, velocity or angle is subtracted, by field; once unless given.
+        """
         for (x, y), origin in VECTORS.items():
             if x in columns and y in columns:
-                self.vectors.append((columns[x], columns[y], kind, ME.index(origin), factors.get(x, 1.0)))
+                self.x.append(columns[x])
+                self.y.append(columns[y])
+                self.of_vector.append(kind)
+                self.origin.append(ME.index(origin))
+                self.moved.append(factors.get(x, 1.0))
         if ANGLE in columns:
-            self.angles.append((columns[ANGLE], kind, factors.get(ANGLE, 1.0)))
+            self.angle.append(columns[ANGLE])
+            self.of_angle.append(kind)
+            self.turned.append(factors.get(ANGLE, 1.0))
 
-    def close(self) -> None:
-        """Make tensors of them; none may follow."""
-        for name, entries, width in (("vector", self.vectors, 5), ("turn", self.angles, 3)):
-            table = torch.tensor(entries).reshape(-1, width)
-            self.register_buffer(f"{name}_columns", table[:, :-1].long().T.contiguous(), persistent=False)
-            self.register_buffer(f"{name}_factor", table[:, -1].float(), persistent=False)
-
-    def forward(self, values: Tensor, me: Tensor, there: Tensor) -> Tensor:
-        """The values (rows, columns) in the frame of their agents.
+    def turn(self, values: Array, me: Array, turn: tuple[Array, Array], there: Array | None) -> None:
+        """Bring the values into the frame of their agents, in place.
 
         Args:
             values: float32 (rows, columns).
             me: float32 (rows, numbers of ME), of the agent whose row it is.
-            there: float32 (rows, columns), 1 in the column of the row's kind.
+            turn: Cosine and sine of the agent's angle, float32 (rows, 1) each.
+            there: float32 (rows, columns), 1 in the column of the row's kind, else 0; None: all are there.
         """
-        x, y, kind, origin = self.get_buffer("vector_columns")
-        factor = there.index_select(1, kind) * self.get_buffer("vector_factor")
-        dx = values.index_select(1, x) - me.index_select(1, origin) * factor
-        dy = values.index_select(1, y) - me.index_select(1, origin + 1) * factor
-        angle = me[:, -1:]
-        cosine, sine = angle.cos(), angle.sin()
-        found = values.index_copy(1, x, cosine * dx + sine * dy).index_copy(1, y, cosine * dy - sine * dx)
-        column, kind = self.get_buffer("turn_columns")
-        turned = values.index_select(1, column) - angle * there.index_select(1, kind) * self.get_buffer("turn_factor")
-        return found.index_copy(1, column, torch.remainder(turned + math.pi, 2 * math.pi) - math.pi)
+        if self.x:
+            factor = np.array(self.moved, np.float32)
+            factor = factor if there is None else there[:, self.of_vector] * factor
+            origin, (cosine, sine) = np.array(self.origin), turn
+            dx, dy = values[:, self.x] - me[:, origin] * factor, values[:, self.y] - me[:, origin + 1] * factor
+            values[:, self.x], values[:, self.y] = cosine * dx + sine * dy, cosine * dy - sine * dx
+        if self.angle:
+            factor = np.array(self.turned, np.float32)
+            factor = factor if there is None else there[:, self.of_angle] * factor
+            angle = values[:, self.angle] - me[:, 4:] * factor
+            values[:, self.angle] = np.mod(angle + np.float32(math.pi), np.float32(2 * math.pi)) - np.float32(math.pi)

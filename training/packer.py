@@ -59,6 +59,7 @@ class Packer:
             here[:, column : column + kind.features] = observations[kind.key].reshape(-1, kind.features)[rows]
             here[:, k - len(seen)] = 1
             row, column = row + len(rows), column + kind.features
+        if self.frame is not None:
+            self.frame(own, entities, agent)
         order, count = np.argsort(agent, kind="stable"), np.bincount(agent, minlength=len(own))
-        packed = Rows(torch.from_numpy(own), torch.from_numpy(entities[order]), torch.from_numpy(count))
-        return packed if self.frame is None else self.frame(packed)
+        return Rows(torch.from_numpy(own), torch.from_numpy(entities[order]), torch.from_numpy(count))

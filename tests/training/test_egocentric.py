@@ -15,7 +15,6 @@ from outlast.envs.rollout.policies import scripted_policy
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.egocentric import Egocentric  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.observation_layout import layout_of  # noqa: E402
 from outlast.training.packer import Packer  # noqa: E402
@@ -56,7 +55,7 @@ def test_rows_are_those_of_the_naive_form(name: str) -> None:
     for _ in range(60):
         env.step(policy(env.observe()))
     seen, layout = env.observe(), layout_of(env)
-    found = Egocentric(layout)(Packer(layout, leaky=False, egocentric=False)(seen))
+    found = Packer(layout, leaky=False, egocentric=True)(seen)
     columns = layout.field_columns()
     widths = {kind.key: kind.features for kind in layout.kinds}
     own_fields = env.fields["own"]
