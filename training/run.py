@@ -167,7 +167,7 @@ class TrainingRun:
         self._save(self._capture())
         if tags:
             with self._disk_errors():  # after the checkpoint, so that no log has it twice
-                self.log.write(tags | {"imitation/seconds": time.perf_counter() - start}, 0)
+                self.log.write(tags | {"time/imitation": time.perf_counter() - start}, 0)
 
     def _iterate(self, progress: Progress) -> None:
         """Collect a rollout, update from it, and log both."""

@@ -4,7 +4,8 @@
         [--threads 2] [--device cpu] [--save MACHINE]
 
 One rollout as `outlast train` has it and a number of epochs of one update, with random initial weights. Rates are in
-agent-steps a second while collecting, samples a second while updating; shares are of either part. CPU time, the best of several rounds.
+agent-steps a second while collecting, samples a second while updating; shares are of either part. CPU time, the best of
+several rounds.
 """
 
 import time

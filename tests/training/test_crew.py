@@ -99,19 +99,19 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "tolerance"),
     [
-        {"policies": "side"},
-        {"prioritised": True},
-        {"settings": {"target_kl": 0.001}},
-        {"memory": 16},
-        {"critic": "state"},
-        {"warm_start": f"scripted:{EACH}", "halves": True},
+        ({"policies": "side"}, 1e-5),
+        ({"prioritised": True}, 1e-5),
+        ({"settings": {"target_kl": 0.001}}, 1e-5),
+        ({"memory": 16}, 1e-5),
+        ({"critic": "state"}, 1e-5),
+        ({"warm_start": f"scripted:{EACH}", "halves": True}, 1e-3),  # many steps of Adam, which magnify rounding
     ],
 )
-def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) -> None:
+def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any], tolerance: float) -> None:
     expected = trained(tmp_path / "one", 2, **changes)
-    same(trained(tmp_path / "two", 2, processes=2, **changes), expected, 1e-3)  # Adam divides gradients by their size
+    same(trained(tmp_path / "two", 2, processes=2, **changes), expected, tolerance)
     close(tmp_path / "two", tmp_path / "one")
 
 
