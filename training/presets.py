@@ -15,9 +15,9 @@ DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Colle
 
 PAPER_NUMBERS = Hyperparameters()
 FAST = Hyperparameters(
-    learning_rate=1.5e-3,
+    learning_rate=2e-3,
     anneal_lr=True,
-    batch_size=2048,
+    batch_size=4096,
     n_epochs=2,
     ent_coef=5e-3,  # without it some runs stop exploring before they have found what heals are for
     target_kl=0.0,
