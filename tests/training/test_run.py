@@ -90,7 +90,7 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     run.train()
     assert_same(tmp_path / "whole", tmp_path / "parts")
     rates = [rate for _, rate in points(tmp_path / "whole")["train/learning_rate"]]
-    assert rates == pytest.approx([1.5e-3 * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
+    assert rates == pytest.approx([fast.numbers.learning_rate * left for left in (1, 0.8, 0.6, 0.4, 0.2)])
     files = checkpoint.read_checkpoint(checkpoint.newest(tmp_path / "whole"))
     assert torch.load(io.BytesIO(files["rest.pt"]))["rewards"]["count"] == 5 * EACH
     with pytest.raises(TrainingError, match=f"was begun with steps = {5 * EACH}, not {6 * EACH}"):
