@@ -106,8 +106,9 @@ class Opponents:
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
-        for name in weights.keys() - players.keys() - {SELF, PAST}:
-            self._add(Opponent(name, weights[name], plain=plain(name, env)))
+        for name in weights:  # in this order: indices are in checkpoints, and the same in all processes
+            if name not in players and name not in (SELF, PAST):
+                self._add(Opponent(name, weights[name], plain=plain(name, env)))
         for name, player in players.items():
             player.check(env)
             self._add(Opponent(name, weights[name], player.policies, player.packer, player.team))

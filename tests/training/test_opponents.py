@@ -1,5 +1,6 @@
 """Opponents that are drawn per world: who plays whom, whose samples are trained on, who won, ratings, going on."""
 
+import itertools
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,13 @@ def test_opponents_are_drawn_by_weight() -> None:
     assert shares(pool({"self": 1, "scripted": 2, "random": 1})) == {"self": 0.25, "scripted": 0.5, "random": 0.25}
     assert shares(pool({"self": 0.25, "past": 0.75})) == {"self": 1.0}  # until there is a past
     assert shares(pool({"scripted": 3, "past": 1})) == {"self": 0.25, "scripted": 0.75}
+
+
+def test_indices_are_in_the_order_in_which_opponents_were_named() -> None:
+    """Whatever the process: they are in checkpoints. Sets of names have another order in each process."""
+    for names in itertools.permutations(("scripted", "random", "noop")):
+        opponents = pool(dict.fromkeys(names, 1.0))
+        assert [one.name for one in opponents.all.values()] == ["self", *names]
 
 
 def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> None:
