@@ -20,6 +20,7 @@ HOW = ("processes", "halves")  # what decides how a run is computed, not which n
 CRITICS = ("own", "state")
 FAST = "fast"  # the preset unless another one is asked for
 SELF, PAST = "self", "past"  # opponents that only training has
+OPPONENTS = (SELF, PAST, *NAMED)
 SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps that gradients flow back through a memory
 MOST = 4096  # numbers of a memory
@@ -140,7 +141,7 @@ class TrainingConfig:
         if not 1 <= self.processes <= most:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
         name, imitated = self.teacher
-        if imitated and name.endswith(".zip") and self.processes > 1:
+        if imitated and name.endswith(SAVED) and self.processes > 1:
             raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with more")
 
     def header(self) -> Header:

@@ -13,7 +13,7 @@ from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
-from outlast.envs.rollout.sides import living_sides, own_side
+from outlast.envs.rollout.sides import living_sides, own_side, own_wins
 
 from .config import CHUNK
 from .errors import TrainingError
@@ -294,17 +294,8 @@ class Lane:
         """
         for index in np.unique(self.opponent[done & (self.opponent > 0)]):
             worlds = np.flatnonzero(done & (self.opponent == index))
-            own = self.life[worlds, self.own[worlds]]
-            others = self._others(worlds)
-            won = float((1 + np.sign(own - others)).sum() / 2)
+            won = float(own_wins(self.life[worlds], self.own[worlds]).sum())
             self.samples.games.append((t, int(index), won, len(worlds)))
-
-    def _others(self, worlds: Array) -> Array:
-        """Ticks that the longest-lived side lived which is not the learners', int (worlds,)."""
-        life = self.life[worlds].copy()
-        life[np.arange(len(worlds)), self.own[worlds]] = -1
-        longest: Array = life.max(1)
-        return longest
 
     def _draw(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""

@@ -14,15 +14,14 @@ from outlast.envs.rollout.policies import POLICIES
 from .checkpoint import check_state, load_weights
 from .config import PAST, SELF
 from .errors import TrainingError
+from .evaluation.ratings import MEAN
 from .packer import Packer
 from .player import Player
 from .policy import ActorCritic
 
 Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
-NAMES = (SELF, PAST, *POLICIES)
 PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
-START = 1000.0  # of ratings, as in evaluation.ratings
 STEP = 4.0  # Elo points of a game that was won although it should have been drawn, twice that
 SCALE = 400.0  # Elo points of odds of ten to one
 FORGET = 0.9  # of earlier games, with each update: learners change
@@ -36,7 +35,7 @@ class Opponent:
     """One that can be drawn.
 
     Attributes:
-        name: A kind of NAMES, a path, or of a past self "past" and the agent-steps behind an @.
+        name: One of OPPONENTS, a path, or of a past self "past" and the agent-steps behind an @.
         weight: How often it is drawn, unless opponents are prioritised.
         policies: Of a past self or a file, one for each learner.
         packer: Of the observations for these; None: that of the learners.
@@ -54,7 +53,7 @@ class Opponent:
     packer: Packer | None = None
     team: Array | None = None
     plain: Plain | None = None
-    rating: float = START
+    rating: float = MEAN
     won: float = 0.0
     games: float = 0.0
     total: int = 0
@@ -97,7 +96,7 @@ class Opponents:
         """Make a pool without past selves.
 
         Args:
-            weights: By name of NAMES or path, see envs.rollout.mixture.parse_mixture.
+            weights: By name of OPPONENTS or path, see envs.rollout.mixture.parse_mixture.
             players: Those of the paths.
             env: Worlds as those that are played in.
             prioritised: Whether opponents are drawn the more often, the more they win: prioritised fictitious self-play

@@ -71,10 +71,8 @@ class Player:
         files = checkpoint.read_checkpoint(Path(path), ("policy.pt",))
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
-        self.layout, self.preset = (
-            ObservationLayout(self.shapes, self.header.get("fields")),
-            preset(self.header["preset"]),
-        )
+        self.layout = ObservationLayout(self.shapes, self.header.get("fields"))
+        self.preset = preset(self.header["preset"])
         self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         self.memory: int = self.header.get("memory", 0)
         self.state: int = self.header.get("state", 0)

@@ -93,7 +93,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
         trainer.opponents.restore(rest.get("opponents"), trainer.policies)
-        like = {name: torch.from_numpy(values) for name, values in trainer.captured()[1].items()}
+        like = {name: torch.from_numpy(values) for name, values in trainer.captured_lanes().items()}
         check_state(rest.get("lane"), like, "lane")
         trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]

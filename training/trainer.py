@@ -240,11 +240,13 @@ class Trainer:
                 env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
-        """The worlds of all processes, and what their lanes are in, (worlds, ...) by name."""
-        lanes = self.collector.lanes
-        states, own = [lane.env.get_state() for lane in lanes], [lane.state() for lane in lanes]
-        worlds = State(states[0].scenario, self._joined([state.arrays for state in states]))
-        return worlds, self._joined(own)
+        """The worlds of all processes, and what their lanes are in."""
+        states = [env.get_state() for env in self.envs]
+        return State(states[0].scenario, self._joined([state.arrays for state in states])), self.captured_lanes()
+
+    def captured_lanes(self) -> dict[str, Array]:
+        """What the lanes of all processes are in, (worlds, ...) by name."""
+        return self._joined([lane.state() for lane in self.collector.lanes])
 
     def restore_worlds(self, worlds: State) -> None:
         """Go on from the worlds that `captured` returned. Raises StateError."""
@@ -300,9 +302,9 @@ def teams(env: SurvivalVectorEnv, policies: str) -> Array:
         env: The worlds.
         policies: "shared": one for all. "side": one for each side. "agent": one for each agent.
     """
-    return {"shared": np.zeros(env.num_agents, int), "side": side(env.worlds, 0), "agent": np.arange(env.num_agents)}[
-        policies
-    ]
+    if policies == "side":
+        return side(env.worlds, 0)
+    return np.arange(env.num_agents) if policies == "agent" else np.zeros(env.num_agents, int)
 
 
 def _device(name: Any) -> torch.device:

@@ -12,7 +12,7 @@ from ..errors import UsageError
 from .memory import tell
 from .mixture import Mixture, key_of
 from .policies import Policy
-from .sides import living_sides, own_side, wins
+from .sides import living_sides, own_side, own_wins
 
 Array = np.ndarray[Any, Any]
 
@@ -22,7 +22,7 @@ RESULTS = ("won", "drawn", "lost")
 class Against:
     """A policy on one side of each world and a mixture on all others, as one policy with a memory; `str` is a table.
 
-    Sides: see sides.own_side. Who wins: see sides.wins.
+    Sides: see sides.own_side. Who wins: see sides.own_wins.
 
     Attributes:
         counts: How many episodes the policy won, drew and lost against each of the mixture, int (policies, 3).
@@ -62,9 +62,7 @@ class Against:
         self._life += living_sides(self._env.worlds)
         end = self._env.worlds[End]
         rows = np.flatnonzero((end.terminated | end.truncated)[:, 0] & where)
-        own = self._own[rows, None] == np.arange(self._life.shape[1])
-        life = self._life[rows]
-        won = wins(np.stack([np.where(own, life, 0).max(1), np.where(own, 0, life).max(1)], 1))[:, 0]
+        won = own_wins(self._life[rows], self._own[rows])
         np.add.at(self.counts, (self._others.drawn[rows], (2 - 2 * won).astype(int)), 1)
 
     def __str__(self) -> str:

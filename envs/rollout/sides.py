@@ -36,6 +36,21 @@ def living_sides(worlds: Worlds) -> Array:
     return np.asarray(worlds[Score].alive > 0)
 
 
+def own_wins(life: Array, own: Array) -> Array:
+    """Who wins where one side of each world plays against all others: see `wins`.
+
+    Args:
+        life: Ticks that each side lived, (worlds, sides).
+        own: The one side of each world, (worlds,).
+
+    Returns:
+        float64 (worlds,): 1 where it wins, 0 where another one does, 0.5 in a draw.
+    """
+    mine = own[:, None] == np.arange(life.shape[1])
+    best: Array = wins(np.stack([np.where(mine, life, 0).max(1), np.where(mine, 0, life).max(1)], 1))[:, 0]
+    return best
+
+
 def wins(life: Array) -> Array:
     """Who wins: the role whose longest-lived side lives longer.
 

@@ -34,6 +34,7 @@ SHORT = variant("teams_2").replace(
 WORLDS, STEPS = 7, 32
 EACH = WORLDS * STEPS * 4  # agent-steps of a rollout
 MIXTURE = {"self": 0.5, "past": 0.3, "scripted": 0.2}
+ADAM_STEP = 2e-3  # the learning rate: the most by which one step moves a weight
 PATIENCE = 60  # seconds
 linux = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks into /proc")
 
@@ -42,7 +43,9 @@ def config(rollouts: int, **changes: Any) -> TrainingConfig:
     """Small, with opponents, past selves after each update, and rewards that are scaled."""
     given = {"scenario": SHORT, "preset": "fast", "steps": rollouts * EACH, "worlds": WORLDS, "threads": 1}
     given |= {"rollout": WORLDS * STEPS, "opponents": MIXTURE, "snapshots": 1, "every": EACH, "seed": 3}
-    return TrainingConfig(**(given | {"settings": {"batch_size": 64, "anneal_lr": False}} | changes))
+    return TrainingConfig(
+        **(given | {"settings": {"batch_size": 64, "anneal_lr": False, "learning_rate": ADAM_STEP}} | changes)
+    )
 
 
 def trained(folder: Path, rollouts: int, *, resume: bool = False, **changes: Any) -> dict[str, bytes]:
@@ -58,8 +61,12 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, byt
     return folder, trained(folder, 3)
 
 
-def same(files: dict[str, bytes], expected: dict[str, bytes], tolerance: float = 1e-5) -> None:
-    """Worlds are the same bit for bit, tensors nearly."""
+def same(files: dict[str, bytes], expected: dict[str, bytes], tolerance: float = ADAM_STEP / 2) -> None:
+    """Worlds are the same bit for bit, tensors nearly.
+
+    Processes add float32 numbers in another order, and Adam magnifies the rounding of small gradients: to 6e-5 on one
+    machine, to 1e-6 on another. A gradient that misses a process moves weights by several of Adam's steps.
+    """
     one, other = (state.read(io.BytesIO(each["worlds.npz"]), "worlds").arrays for each in (files, expected))
     assert one.keys() == other.keys()
     assert all(np.array_equal(one[key], other[key]) for key in one)
@@ -88,7 +95,7 @@ def close(folder: Path, expected: Path) -> None:
     for tag in [tag for tag in one if not tag.startswith("time/")]:
         assert [step for step, _ in one[tag]] == [step for step, _ in other[tag]]
         values, wanted = ([value for _, value in each[tag]] for each in (one, other))
-        np.testing.assert_allclose(values, wanted, rtol=1e-4, atol=1e-5, err_msg=tag)
+        np.testing.assert_allclose(values, wanted, rtol=1e-3, atol=1e-4, err_msg=tag)
 
 
 @pytest.mark.parametrize("processes", [2, pytest.param(3, marks=pytest.mark.slow)])
@@ -99,19 +106,19 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("changes", "tolerance"),
+    "changes",
     [
-        ({"policies": "side"}, 1e-5),
-        ({"prioritised": True}, 1e-5),
-        ({"settings": {"target_kl": 0.001}}, 1e-5),
-        ({"memory": 16}, 1e-5),
-        ({"critic": "state"}, 1e-5),
-        ({"warm_start": f"scripted:{EACH}", "halves": True}, 1e-3),  # many steps of Adam, which magnify rounding
+        {"policies": "side"},
+        {"prioritised": True},
+        {"settings": {"target_kl": 0.001}},
+        {"memory": 16},
+        {"critic": "state"},
+        {"warm_start": f"scripted:{EACH}", "halves": True},
     ],
 )
-def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any], tolerance: float) -> None:
+def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) -> None:
     expected = trained(tmp_path / "one", 2, **changes)
-    same(trained(tmp_path / "two", 2, processes=2, **changes), expected, tolerance)
+    same(trained(tmp_path / "two", 2, processes=2, **changes), expected)
     close(tmp_path / "two", tmp_path / "one")
 
 

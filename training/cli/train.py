@@ -16,12 +16,11 @@ from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.rollout.mixture import parse_mixture
-from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import log_file
 from ..annealing import parse_anneal
-from ..config import CRITICS, FAST, PAST, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
+from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -125,7 +124,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
     (own,), numbers = options.seed, {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
-    numbers["opponents"] = parse_mixture(options.opponents, (SELF, PAST, *NAMED))
+    numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
     folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
