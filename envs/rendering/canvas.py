@@ -66,17 +66,21 @@ class Canvas:
             thick = self._thick(width)
             cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
 
-    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
-        """A filled convex polygon, blended in with an opacity below 1; or with a width (metres) its outline."""
+    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0) -> None:
+        """A filled convex polygon; or with a width (metres) its outline."""
         points = _fixed(corners, self._projection)
         if points is None:
             return
         if width:
             cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
-        elif opacity == 1:
-            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
         else:
-            self._glaze(points, color, opacity)
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+
+    def area(self, corners: Image, color: Color, opacity: float) -> None:
+        """A filled polygon of any form, blended in. corners: float (corners, 2)."""
+        if not np.abs(corners).sum(1).max() < self._far:
+            return
+        self._glaze(np.rint(corners * (self._unit, -self._unit) + self._origin).astype(np.int32), color, opacity)
 
     def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
         """A filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
@@ -140,7 +144,7 @@ class Canvas:
             below = self.image[top:bottom, left:right]
             above = below.copy()
             moved = points - np.array([left * UNIT, top * UNIT], np.int32)
-            cv2.fillConvexPoly(above, moved, color, cv2.LINE_AA, SHIFT)
+            cv2.fillPoly(above, [moved], color, cv2.LINE_AA, SHIFT)
             below[:] = cv2.addWeighted(above, opacity, below, 1 - opacity, 0)
 
     def _at(self, x: float, y: float) -> tuple[int, int]:
