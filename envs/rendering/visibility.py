@@ -12,7 +12,7 @@ import numpy as np
 
 Array = np.ndarray[Any, Any]
 
-STEP = math.radians(0.5)  # between rays
+STEP = math.radians(1)  # between rays
 ASIDE = 1e-5  # radians: beside an edge one ray passes it and one meets it
 TINY = 1e-12  # metres: in place of a zero that would be divided by
 BLOCKER = ("x", "y", "cosine", "sine", "radius", "half_width", "half_height")
@@ -38,7 +38,7 @@ def visible_corners(
         Every point of the polygon can be seen from its first corner.
     """
     half = fov / 2
-    bodies = _near(np.asarray(blockers, float).reshape(-1, len(BLOCKER)), x, y, depth)
+    bodies = _near(np.asarray(blockers, float).reshape(-1, len(BLOCKER)), x, y, angle, half, depth)
     fan = np.linspace(-half, half, 2 * math.ceil(half / STEP) + 1)
     edges = _edges(bodies, x, y) - angle
     edges = (edges + math.pi) % (2 * math.pi) - math.pi
@@ -49,10 +49,13 @@ def visible_corners(
     return np.concatenate([[(x, y)], (x, y) + reach[:, None] * rays])
 
 
-def _near(bodies: Array, x: float, y: float, depth: float) -> Array:
-    """Those that reach into the circle around the camera; none that is not a number."""
-    far = np.hypot(bodies[:, 0] - x, bodies[:, 1] - y) - np.maximum(bodies[:, 4], np.hypot(bodies[:, 5], bodies[:, 6]))
-    near: Array = bodies[far <= depth]
+def _near(bodies: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
+    """Those that may reach into the cone; none that is not a number."""
+    to_x, to_y = bodies[:, 0] - x, bodies[:, 1] - y
+    bound = np.maximum(bodies[:, 4], np.hypot(bodies[:, 5], bodies[:, 6]))
+    ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x
+    beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres from the nearer edge, outwards
+    near: Array = bodies[(beside <= bound) & (np.hypot(to_x, to_y) <= depth + bound)]
     return near
 
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from outlast import systems
 from outlast.components import Body, Box, Item, Shape, Side, Sight, Solid
 from outlast.components.sight import OMNISCIENT
@@ -49,12 +51,14 @@ class CamerasLayer(Layer):
         """Of the agents in these rows, up to the first body that blocks sight."""
         cameras, body = scene.mechanic(systems.Cameras), scene.body
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
-        blockers = {e: _blocker(scene, e) for e in scene.living(*kinds)}
+        rows = np.array(scene.living(*kinds), int)
+        blockers = np.array([_blocker(scene, e) for e in rows.tolist()])
         for e in watching:
             if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
-                others = [blocker for o, blocker in blockers.items() if o != e]
                 pose = body.x[e], body.y[e], body.angle[e]
-                corners = visible_corners(*pose, cameras.fov, cameras.depth, cameras.cone == "kite", others)
+                corners = visible_corners(
+                    *pose, cameras.fov, cameras.depth, cameras.cone == "kite", blockers[rows != e]
+                )
                 canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
 
 
