@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .envs.adapters.puffer import make_puffer
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
+    from .envs.films import film
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
     from .envs.rollout.local import rollout
@@ -50,6 +51,7 @@ __all__ = [
     "draw",
     "ecs",
     "errors",
+    "film",
     "load_policy",
     "make_agents",
     "make_puffer",
@@ -71,6 +73,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
     "draw": "envs.rendering.rgb",
+    "film": "envs.films",
     "load_policy": "training.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",

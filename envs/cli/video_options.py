@@ -1,23 +1,23 @@
 """Options of the commands that draw worlds: what is drawn, and where it goes."""
 
 import argparse
+import dataclasses
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from outlast.ecs import Worlds
-
+from ..films import Looks, Progress
 from .options import add_number, printable
 
 LOGGER = logging.getLogger(__name__)
-DEFAULTS: dict[str, Any] = {"size": 512, "mosaic": None, "views": "", "every": 1, "fps": 30}
+DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 
 
 def add(command: argparse.ArgumentParser, required: bool) -> None:
-    """--out and, for it, --size, --mosaic, --views, --every and --fps; `write_frames` reads them, and --quiet."""
+    """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     text = "where to write: a folder for pictures, or a film, .mp4, .webm, .gif or .apng"
     command.add_argument("--out", required=required, metavar="PATH", help=text)
     add_number(command, "--size", DEFAULTS["size"], "pixels along a side of one world's picture")
@@ -42,31 +42,28 @@ def given(options: argparse.Namespace) -> list[str]:
     return [f"--{name}" for name, default in DEFAULTS.items() if getattr(options, name) != default]
 
 
-def write_frames(
-    options: argparse.Namespace,
-    worlds: Worlds,
-    ticks: Iterable[object],
-    total: int,
-    shown: Sequence[int] | None = None,
-) -> int:
-    """Write what the options ask for, of `total` ticks after the reset; the exit status. Raises FilmError.
+def looks(options: argparse.Namespace) -> Looks:
+    """How the film looks that the options ask for."""
+    return Looks(**{name: getattr(options, name) for name in DEFAULTS})
 
-    shown: numbers of the worlds to draw; None: all, or as many as the mosaic has room for.
-    """
-    from ..rendering.layers import select
-    from ..rendering.video import footage, write_film
 
-    room = worlds.count if options.mosaic is None else options.mosaic[0] * options.mosaic[1]
-    chosen = range(min(room, worlds.count)) if shown is None else shown
-    looks = {"size": options.size, "layers": select(options.views), "mosaic": options.mosaic, "every": options.every}
-    frames, count = footage(worlds, ticks, chosen, **looks), total // options.every + 1
-    try:
-        with tqdm(frames, total=count, unit="frame", disable=options.quiet) as bar:
-            count = write_film(options.out, bar, options.fps)
-    except KeyboardInterrupt:
-        LOGGER.warning("stopped; %s was not written", options.out)
-        return 130
-    print(f"{printable(options.out)}: {count:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
+def report(options: argparse.Namespace, total: int, made: Callable[[Progress], object]) -> int:
+    """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status."""
+    frames = 0
+    with tqdm(total=total // options.every + 1, unit="frame", disable=options.quiet) as bar:
+
+        def progress(count: int) -> None:
+            nonlocal frames
+            frames = count
+            bar.update(count - bar.n)
+
+        try:
+            made(progress)
+        except KeyboardInterrupt:
+            LOGGER.warning("stopped; %s was not written", options.out)
+            return 130
+        bar.total = frames  # with what the ends of episodes added
+    print(f"{printable(options.out)}: {frames:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
     return 0
 
 

@@ -31,14 +31,14 @@ def visible_corners(
         depth: How far it reaches, metres.
         kite: Whether the far rim is the two chords of the arc's halves instead of the arc.
         blockers: The bodies that block sight, without the camera's own, numbers (bodies, 7): x, y, cosine and sine of
-            the angle, radius (0: a rectangle), half width, half height; see BLOCKER.
+            the angle, radius (0: a rectangle), half width, half height; see BLOCKER. What is no number hides nothing.
 
     Returns:
-        Corners of a polygon, float64 (corners, 2), metres: first the camera's place, then the far rim, counter-clockwise.
-        Every point of the polygon can be seen from its first corner.
+        Corners of a polygon, float64 (corners, 2), metres: first the camera's place, then the far rim,
+        counter-clockwise. Every point of the polygon can be seen from its first corner.
     """
-    half = fov / 2
-    bodies = _near(np.asarray(blockers, float).reshape(-1, len(BLOCKER)), x, y, angle, half, depth)
+    half, bodies = fov / 2, np.asarray(blockers, float).reshape(-1, len(BLOCKER))
+    bodies = _near(bodies[np.isfinite(bodies).all(1)], x, y, angle, half, depth)
     fan = np.linspace(-half, half, 2 * math.ceil(half / STEP) + 1)
     edges = _edges(bodies, x, y) - angle
     edges = (edges + math.pi) % (2 * math.pi) - math.pi
@@ -50,7 +50,7 @@ def visible_corners(
 
 
 def _near(bodies: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
-    """Those that may reach into the cone; none that is not a number."""
+    """Those that may reach into the cone."""
     to_x, to_y = bodies[:, 0] - x, bodies[:, 1] - y
     bound = np.maximum(bodies[:, 4], np.hypot(bodies[:, 5], bodies[:, 6]))
     ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x

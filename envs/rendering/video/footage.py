@@ -102,9 +102,10 @@ class _Reel:
         for k, _ in enumerate(ticks):
             ended = self.just_ended()
             if k % every == 0 or ended:
-                yield self.draw(0)
-            for _ in range(self.hold if ended else 0):
-                yield self.draw(0)
+                frame = self.draw(0)
+                yield frame
+                for _ in range(self.hold if ended else 0):
+                    yield frame.copy()
 
     def mosaic(self, ticks: Iterable[object], every: int, grid: Grid, title: str) -> Iterator[Image]:
         """Frames of several worlds, of which each shows the end of an episode for a while."""
