@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast import systems
-from outlast.components import Body, Box, Item, Shape, Side, Sight, Solid
+from outlast.components import Body, Shape, Side, Sight, Solid
 from outlast.components.sight import OMNISCIENT
 from outlast.ecs.simd import SIMD_WIDTH
 
@@ -16,6 +16,7 @@ from ..scene import Scene
 from ..style import SIZES, of_side
 from ..visibility import visible_corners
 from .layer import Layer, ZOrder
+from .room import walls
 
 ARC = math.radians(5)  # of a sector's rim, drawn as a straight line
 
@@ -71,8 +72,8 @@ def cone_corners(cameras: systems.Cameras) -> list[Point]:
 
 def seen_rows(scene: Scene, i: int) -> list[int]:
     """Rows in the world that agent number `i` sees, in ascending order; without walls, which are seen, too."""
-    words = scene[Sight].visible[i]
-    rows = sorted({e for kind in (Side, Box, Item) for e in scene.living(Body, kind)})
+    words, fixed = scene[Sight].visible[i], {*walls(scene)} if Solid in scene else {}
+    rows = (e for e in scene.living(Body, Shape) if e not in fixed)
     return [e for e in rows if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1]
 
 

@@ -15,11 +15,15 @@ from .title import LINE, digit
 
 OPACITY = 0.85
 PLACE = 0.55  # of the middle of the banner, in halves of the picture
+MOST = 1.9  # halves of the picture that words take
 
 
 @dataclass(frozen=True)
 class EndLayer(Layer):
-    """A banner across the last picture of an episode: the side that lived longest, and why it ended."""
+    """A banner across the last picture of an episode: the side that lived longest, and why it ended.
+
+    In pictures that are too small for its words there is none.
+    """
 
     zorder = ZOrder.WORDS + 1
     needs = (End,)
@@ -29,9 +33,11 @@ class EndLayer(Layer):
         if not (scene[End].terminated[0] or scene[End].truncated[0]):
             return
         height, wide, y = digit(canvas.size) / canvas.scale, 2 * canvas.half, PLACE * canvas.half
+        words, color = _verdict(scene)
+        if canvas.length(words, 1.3 * height) + 2.6 * height > MOST * canvas.half:
+            return
         upper, lower = y + 1.4 * LINE * height, y - 1.4 * LINE * height
         canvas.area(np.array([(-wide, lower), (wide, lower), (wide, upper), (-wide, upper)]), INK, OPACITY)
-        words, color = _verdict(scene)
         _write(canvas, y + 0.5 * LINE * height, words, 1.3 * height, color)
         _write(canvas, y - 0.6 * LINE * height, _reason(scene), height, None)
 
@@ -70,7 +76,7 @@ def _reason(scene: Scene) -> str:
 def _write(canvas: Canvas, y: float, words: str, height: float, disc: Color | None) -> None:
     """Words in the middle, behind a disc; left out where they do not fit."""
     length = canvas.length(words, height) + (0 if disc is None else 2 * height)
-    if length > 1.9 * canvas.half:
+    if length > MOST * canvas.half:
         return
     if disc is not None:
         canvas.circle(0.7 * height - length / 2, y, 0.7 * height, disc)

@@ -1,7 +1,6 @@
 """Items and bodies of mechanics that have no layer of their own, by what their components say."""
 
 import functools
-import math
 from dataclasses import dataclass
 
 from outlast.components import Body, Box, BoxItem, Heal, Side, Solid
@@ -12,6 +11,7 @@ from ..scene import Scene
 from ..style import INK, KINDS, SIZES, Color, mix
 from .layer import Layer, ZOrder
 from .room import walls
+from .title import digit, printable
 
 KNOWN = (Side, Box, BoxItem, Heal)  # what outlast's own layers draw, shown or not
 POINT = 0.2  # metres, radius of a body without a size
@@ -33,9 +33,9 @@ class OthersLayer(Layer):
         rows = others(scene)
         for e in rows:
             self._draw(canvas, scene, e)
-        taken: list[tuple[float, float, float]] = []
-        for e in rows if canvas.readable(self.height) else ():
-            self._name(canvas, scene, e, taken)
+        height, taken = min(self.height, digit(canvas.size) / canvas.scale), list[tuple[float, float, float]]()
+        for e in rows if canvas.readable(height) else ():
+            _name(canvas, scene, e, height, taken)
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
         body, shape, color = scene.body, scene.shape, of_kind(scene, e)
@@ -47,15 +47,16 @@ class OthersLayer(Layer):
         if (shape.radius[e] or min(shape.half_width[e], shape.half_height[e])) > 2 * self.rim:
             canvas.body(scene, e, color, -self.rim)
 
-    def _name(self, canvas: Canvas, scene: Scene, e: int, taken: list[tuple[float, float, float]]) -> None:
-        """taken: middle and length of the names that are written."""
-        x, y = scene.body.x[e], scene.body.y[e] - (scene.shape.bound[e] or POINT) - self.height
-        name = kinds(scene.worlds.layout)[e].replace("_", " ")
-        length = canvas.length(name, self.height)
-        clear = all(abs(y - b) > 1.5 * self.height or abs(x - a) > (length + other) / 2 for a, b, other in taken)
-        if clear and math.hypot(x, y) < 2 * scene.half:
-            canvas.text(x, y, name, self.height, INK)
-            taken.append((x, y, length + self.height))
+
+def _name(canvas: Canvas, scene: Scene, e: int, height: float, taken: list[tuple[float, float, float]]) -> None:
+    """Below the body, or above it where walls are below. taken: middle and length of the names that are written."""
+    x, y, gap = scene.body.x[e], scene.body.y[e], (scene.shape.bound[e] or POINT) + height
+    name = printable(kinds(scene.worlds.layout)[e].replace("_", " "))
+    length, y = canvas.length(name, height), y - gap if y - gap > height - scene.room else y + gap
+    x = min(max(x, length / 2 - scene.room), scene.room - length / 2)
+    if all(abs(y - b) > 1.5 * height or abs(x - a) > (length + other) / 2 for a, b, other in taken):
+        canvas.text(x, y, name, height, INK)
+        taken.append((x, y, length + height))
 
 
 def others(scene: Scene) -> list[int]:

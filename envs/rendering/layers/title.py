@@ -12,6 +12,7 @@ from .layer import Strip, ZOrder
 
 LEAST, MOST, SHARE = 8, 40, 46  # pixels of a digit: the limits, and one in so many of the strip's length
 LINE = 2.0  # heights of a digit, from line to line
+FIGURE = 0.75  # heights of a digit, its width
 
 
 @dataclass(frozen=True)
@@ -41,24 +42,23 @@ class TitleStrip(Strip):
 
 
 def write_ends(canvas: Canvas, starts: Iterable[str], ends: Iterable[str]) -> None:
-    """Write on a strip from the left the longest of `starts`, and to the right the longest of `ends`, that fit.
+    """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
 
-    The shortest end comes first; without room for a start beside it, the shortest start is cut. Widths are those of
-    figures of four digits, so that nothing comes and goes while a number grows.
+    Ends but the first take at most half of it. The first start is cut if there is no room for it. Numbers are taken
+    for figures of four digits, so that nothing comes and goes while they grow.
     """
-    height, edge = digit(canvas.size), digit(canvas.size)
+    height = edge = digit(canvas.size)
     room = canvas.size - 2 * edge
 
     def length(words: str) -> float:
-        return canvas.length(words, height) + height * max(0, 4 - sum(map(str.isdigit, words.rpartition(" ")[2])))
+        figures = sum(map(str.isdigit, words.rpartition(" ")[2]))
+        return canvas.length(words, height) + FIGURE * height * max(0, 4 - figures)
 
-    left, right = "", ""
-    for words in ends:
-        right = words if length(words) <= (room if not right else 0.5 * room) else right
+    fitting = (words for k, words in enumerate(ends) if length(words) <= (0.5 * room if k else room))
+    right = max(fitting, key=len, default="")
     gap = 2 * height if right else 0
-    for words in map(printable, starts):
-        if not left or length(words) + gap + length(right) <= room:
-            left = words
+    left, *longer = map(printable, starts)
+    left = max((words for words in longer if length(words) + gap + length(right) <= room), key=len, default=left)
     while left and canvas.length(left, height) + gap + length(right) > room:
         left = left[:-1]
     canvas.text(-canvas.half + edge, 0, left, height, PAPER, anchor=0)
