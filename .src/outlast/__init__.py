@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .envs.rendering.rgb import draw
     from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.web.play.call import play
     from .training.player import load_policy
 
 __version__ = "0.1.0"
@@ -59,6 +60,7 @@ __all__ = [
     "make_vec",
     "noop_policy",
     "parallel_env",
+    "play",
     "random_policy",
     "record",
     "rollout",
@@ -80,6 +82,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "make_sb3": "envs.adapters.sb3",
     "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
+    "play": "envs.web.play.call",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
     "rollout": "envs.rollout.local",

@@ -4,8 +4,6 @@ import argparse
 import contextlib
 import logging
 import os
-import threading
-import webbrowser
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
@@ -20,6 +18,7 @@ from ..rollout.saved import SAVED
 from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
+from ..web.announce import announce as announced
 
 MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
@@ -74,9 +73,7 @@ def add_page(command: argparse.ArgumentParser) -> None:
 
 def announce(options: argparse.Namespace, text: str, address: str) -> None:
     """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
-    print(text, flush=True)
-    if not options.no_browser:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
+    announced(text, address, not options.no_browser)
 
 
 def add_common(command: argparse.ArgumentParser, *options: str) -> None:

@@ -65,6 +65,33 @@ def test_holding_w_moves_the_agent_ahead(page, game):
     assert not page.is_visible("#card")
 
 
+def test_the_start_card_says_what_the_game_is_and_any_key_begins(page, game):
+    text = card(page, "ready")
+    for words in (
+        "ffa_3: two agents, heals and boxes; outliving pays.",
+        "Against you: agent 1.",
+        "half speed",
+        "forward",
+    ):
+        assert words in text
+    page.keyboard.press("Shift")
+    page.wait_for_timeout(100)
+    assert game.phase is GamePhase.READY
+    page.keyboard.press("Enter")
+    shows(page, 2)
+    assert "half speed" in page.inner_text("#badge")
+    assert tuple(game.action()) == (1, 1, 1, 0, 0, 0)
+    shows(page, 46)
+    page.wait_for_selector("#badge", state="hidden")
+
+
+def test_the_start_card_has_a_button(page, game):
+    page.click("#card [data-command=begin]")
+    shows(page, 1)
+    assert game.phase is GamePhase.RUNNING
+    assert not page.is_visible("#card")
+
+
 @pytest.mark.parametrize(
     ("key", "action"),
     [
