@@ -108,13 +108,12 @@ def film(
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
     looks = Looks(size, mosaic, views, every, fps)
-    if isinstance(game, Recording) or _is_recording(game):
-        _refuse(game, policy=policy, others=others, seed=seed, **numbers)
-        recording = game if isinstance(game, Recording) else Recording.open(game)
+    if (recording := _recording(game)) is not None:
+        _refuse(policy=policy, others=others, seed=seed, **numbers)
         with contextlib.closing(Replay(recording)) as replay:
             shown, played = _replayed(replay, steps, worlds, looks)
             return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress)
-    asked = resolve(game, numbers, OPTIONS)  # type: ignore[arg-type]  # paths of recordings are done with
+    asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, OPTIONS)  # type: ignore[arg-type]
     count = _count(worlds, looks)
     with _played(asked, count, policy or "scripted", others, seed or 0) as (env, act):
         played = ticks(env, act, STEPS if steps is None else steps)
@@ -158,7 +157,8 @@ def write_film_of(
         LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
-    hold = round(HOLD * looks.fps) if isinstance(looks.fps, int) else 0  # what is none is refused below
+    rate: Any = looks.fps
+    hold = round(HOLD * rate) if isinstance(rate, int) else 0  # what is no number is refused below
     frames = footage(worlds, played, shown, layers=select(looks.views), title=title, hold=hold, **settings)
     write_film(out, _counted(frames, progress), looks.fps)
     return Path(out)
@@ -208,14 +208,15 @@ def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
     return worlds
 
 
-def _is_recording(game: object) -> bool:
-    """Whether it is the path of a file, and not that of a scenario."""
-    return isinstance(game, os.PathLike) or (
-        isinstance(game, str) and os.path.isfile(game) and not game.endswith(SOURCES)
-    )
+def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
+    """The recording, also by the path of its file; None for what names a scenario."""
+    if isinstance(game, Scenario | Recording):
+        return game if isinstance(game, Recording) else None
+    named = os.fspath(game).endswith(SOURCES) or (isinstance(game, str) and not os.path.isfile(game))
+    return None if named else Recording.open(game)
 
 
-def _refuse(game: object, **given: object) -> None:
+def _refuse(**given: object) -> None:
     """FilmError for what a recording has decided."""
     if decided := [name for name, value in given.items() if value is not None]:
         raise FilmError(f"{', '.join(decided)}: the recording has that already; leave it out, or give a scenario")

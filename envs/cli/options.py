@@ -4,16 +4,14 @@ import argparse
 import contextlib
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, TextIO
 
 from tqdm import tqdm
 
-from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
-from ..rollout.loading import load_policies, maker
 from ..rollout.mixture import checked_entries, parse_mixture
-from ..rollout.policies import POLICIES, Policy
+from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
 from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
@@ -38,7 +36,7 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
 
 
 def add_policy(command: argparse.ArgumentParser, default: str) -> None:
-    """--policy; `scenario_and_policy` reads it."""
+    """--policy; what it names is read where worlds are made for it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
     command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
@@ -103,15 +101,6 @@ def mixture(text: str) -> dict[str, float]:
         return parse_mixture(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
-    """The scenario that the options name, and what makes the policy for it: see POLICIES.
-
-    Raises ScenarioError, UsageError.
-    """
-    fitting, (chosen,) = load_policies([options.policy], scenario(options), options.seed)
-    return fitting, maker(chosen)
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ from ..errors import ClusterError
 from ..recording import record
 from ..rollout.against import Against
 from ..rollout.event_file import event_file
+from ..rollout.loading import load_policies, maker
 from ..rollout.local import Task, rollout
 from ..rollout.mixture import Mixture
 from ..rollout.policies import POLICIES, Policy
@@ -25,8 +26,6 @@ from .options import (
     add_policy,
     add_scenario,
     add_seed,
-    load_policies,
-    maker,
     messages_shown,
     scenario,
 )

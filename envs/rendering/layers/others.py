@@ -76,7 +76,7 @@ def of_kind(scene: Scene, e: int) -> Color:
 @functools.lru_cache(maxsize=64)
 def _unknown(layout: Layout, shown: frozenset[type[Component]]) -> list[int]:
     """Rows of bodies, in the world or not, without the components of layers that show them."""
-    known = {e for component in (*KNOWN, *shown) for e in layout.rows(component).tolist()}
+    known = {e for component in shown.union(KNOWN) for e in layout.rows(component).tolist()}
     return [e for e in layout.rows(Body).tolist() if e not in known]
 
 

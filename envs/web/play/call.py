@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import os
-from numbers import Real
+from typing import Any
 
 from ...adapters.opponents import Others, checked_others
 from ...errors import PlayError
@@ -75,9 +75,9 @@ def play(
 OPTIONS = tuple(play.__kwdefaults__ or ())  # its keywords
 
 
-def _check(fps: object) -> None:
+def _check(fps: Any) -> None:
     """PlayError for a rate that cannot be, and where an event loop runs."""
-    if fps is not None and not (isinstance(fps, Real) and 0 < fps <= FASTEST):
+    if fps is not None and not (isinstance(fps, int | float) and 0 < fps <= FASTEST):
         raise PlayError(f"fps = {fps!r}: a number above 0, up to {FASTEST}, is needed")
     if _in_loop():
         raise PlayError("an event loop runs here already, as in a notebook: run `outlast play` in a terminal")
