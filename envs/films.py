@@ -15,6 +15,8 @@ from .core.make import make_vec
 from .core.vector_env import SurvivalVectorEnv
 from .errors import FilmError
 from .recording import Recording, Replay
+from .rendering.layers import Layer, select
+from .rendering.video import footage, write_film
 from .rollout.against import Against
 from .rollout.loading import load_policies, maker
 from .rollout.local import ticks
@@ -62,6 +64,7 @@ def film(
     size: int = 512,
     mosaic: tuple[int, int] | None = None,
     views: str = "",
+    layers: Iterable[Layer] = (),
     every: int = 1,
     fps: int = 30,
     progress: Progress = lambda count: None,
@@ -91,6 +94,7 @@ def film(
             the last deaths are beside it.
         mosaic: Rows and columns of worlds in a frame; None: nearly a square.
         views: What else to show, and what not, as "+vision,-scores".
+        layers: Layers of your own that are shown, too; see docs/mechanic.md.
         every: Show every `every`-th tick, and the ends of episodes.
         fps: Frames a second; 30 is real time.
         progress: Called after each frame with the number of frames so far.
@@ -107,18 +111,18 @@ def film(
         ReplayError: A tick of the recording is not what it was.
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
-    looks = Looks(size, mosaic, views, every, fps)
+    looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
         with contextlib.closing(Replay(recording)) as replay:
             shown, played = _replayed(replay, steps, worlds, looks)
-            return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress)
+            return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
     asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, OPTIONS)  # type: ignore[arg-type]
     count = _count(worlds, looks)
     with _played(asked, count, policy or "scripted", others, seed or 0) as (env, act):
         played = ticks(env, act, STEPS if steps is None else steps)
         title = ", ".join([env.scenario.name, _players(policy or "scripted", others)])
-        return write_film_of(out, env.worlds, played, range(count), looks, title, progress)
+        return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
 
 
 OPTIONS = tuple(film.__kwdefaults__ or ())  # its keywords
@@ -132,6 +136,7 @@ def write_film_of(
     looks: Looks,
     title: str,
     progress: Progress = lambda count: None,
+    layers: Iterable[Layer] = (),
 ) -> Path:
     """Write the film of the worlds `shown` while `played` runs them; see `film` and envs.rendering.video.footage.
 
@@ -143,6 +148,7 @@ def write_film_of(
         looks: How it looks.
         title: The game and who plays.
         progress: Called after each frame with the number of frames so far.
+        layers: What is shown beside what `looks` asks for.
 
     Returns:
         The path.
@@ -150,16 +156,14 @@ def write_film_of(
     Raises:
         FilmError: Something cannot be as asked, or the film could not be written.
     """
-    from .rendering.layers import select
-    from .rendering.video import footage, write_film  # here, as these load OpenCV
-
     if looks.mosaic is not None and len(shown) > (room := looks.mosaic[0] * looks.mosaic[1]):
         LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
     rate: Any = looks.fps
     hold = round(HOLD * rate) if isinstance(rate, int) else 0  # what is no number is refused below
-    frames = footage(worlds, played, shown, layers=select(looks.views), title=title, hold=hold, **settings)
+    settings["layers"] = [*select(looks.views), *layers]
+    frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
     write_film(out, _counted(frames, progress), looks.fps)
     return Path(out)
 
