@@ -1,7 +1,7 @@
 """Captions in the margin: the step counter above the room, and the kill feed below it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from outlast.components import Died, Health, Side, Sides
 from outlast.ecs import Clock
@@ -74,7 +74,7 @@ class FeedStrip(Strip):
 
     needs = KillFeedLayer.needs
     zorder = ZOrder.WORDS + 2
-    feed: KillFeedLayer = field(default_factory=KillFeedLayer)
+    feed: KillFeedLayer = KillFeedLayer()
 
     def pixels(self, scene: Scene, size: int) -> int:
         """One line."""
