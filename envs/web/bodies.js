@@ -5,9 +5,10 @@ const Bodies = (() => {
   const LETTER = 14; // pixels, at most, of the names of items
   const STAR = [0, 1, 2, 3].map((k) => [Math.cos(k * Math.PI / 2), Math.sin(k * Math.PI / 2)]);
 
-  function item(scene, kind, { x, y, owner }) {
-    const radius = kind.radius || Math.min(kind.width, kind.height) / 2;
-    Brush.item(scene, kind, owner, x, y, radius);
+  function item(scene, kind, object) {
+    const { x, y, owner } = object, radius = kind.radius || Math.min(kind.width, kind.height) / 2;
+    if (kind.role === "other" && !kind.radius) solid(scene, kind, object);
+    else Brush.item(scene, kind, owner, x, y, radius);
     if (kind.role === "item" || kind.role === "other") {
       const height = Math.min(0.45, LETTER * scene.pixel);
       label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.7 * height, height, scene.colors.ink);
@@ -17,7 +18,7 @@ const Bodies = (() => {
   function solid(scene, kind, object) {
     const { context, colors, pixel } = scene;
     const wall = kind.role === "wall", rim = Math.max(SIZES.outline, pixel);
-    const color = wall ? colors.wall : boxColor(scene, object.owner);
+    const color = wall ? colors.wall : kind.color || boxColor(scene, object.owner);
     if (kind.radius > 0) {
       circle(scene, object.x, object.y, kind.radius, wall ? color : colors.outline);
       if (!wall) circle(scene, object.x, object.y, kind.radius - rim, color);

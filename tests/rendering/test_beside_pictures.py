@@ -1,16 +1,14 @@
 """What films show beside and over the picture: title, scoreboard, deaths, ends of episodes, own items and bodies."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 
 from outlast import make_vec, variant
-from outlast.components import Body, End, Episode, Health, Item, Score, Shape, Solid, Spawned
-from outlast.ecs import Archetype, Array, Clock, Component, Entity, Module, Worlds, column
+from outlast.components import Body, End, Episode, Health, Score, Shape
+from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import (
@@ -30,6 +28,7 @@ from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import noop_policy
+from tests.helpers.own_bodies import Gem, Mine
 from tests.helpers.scenario_builder import ScenarioBuilder
 from tests.rendering.test_captions import killed
 
@@ -202,12 +201,6 @@ def test_in_a_mosaic_the_end_stays_and_the_others_go_on() -> None:
 # ---- items and bodies of mechanics without a layer
 
 
-class Gem(Component):
-    """An item."""
-
-    worth: Array = column("i4")
-
-
 class GemLayer(Layer):
     """Its own layer, which draws nothing."""
 
@@ -215,22 +208,6 @@ class GemLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Nothing."""
-
-
-@dataclass(frozen=True)
-class Mine(Module):
-    """Gems to be carried, a ball to be pushed, and a door that nothing can push."""
-
-    name: ClassVar[str] = "mine"
-
-    def archetypes(self) -> Iterable[Archetype]:
-        body = (Body(), Shape(radius=0.4), Spawned())
-        return [
-            Archetype("big_gem", (*body, Item(), Gem()), 2),
-            Archetype("ball", (Body(), Shape(radius=0.8), Solid(dynamic=1)), 1),
-            Archetype("crate", (Body(), Shape(half_width=1.0, half_height=0.2), Solid(dynamic=1)), 1),
-            Archetype("door", (Body(), Shape(half_width=1.0, half_height=0.2), Solid(dynamic=0)), 1),
-        ]
 
 
 @pytest.fixture

@@ -6,10 +6,12 @@ from urllib.parse import urlsplit
 
 import pytest
 
+import outlast
 from outlast.components import Body, Heal, Health, Side
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import GamePhase
-from tests.web.clients import enemy_shown, heals_shown, picture, served
+from outlast.envs.web.play.game import Game, GamePhase
+from tests.helpers.own_bodies import Mine
+from tests.web.clients import enemy_shown, has, heals_shown, picture, served
 
 
 @pytest.fixture(params=[{"viewport": {"width": 1400, "height": 900}}], ids=["desktop"])
@@ -242,3 +244,27 @@ def test_a_phone_shows_all_at_once(page):
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= 390
         assert box["y"] + box["height"] <= 844
+
+
+def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
+    game = Game(outlast.variant("ffa_1").with_(Mine()), others="noop", seed=1)
+    kinds = {each["kind"]: each for each in game.world["objects"]}
+    assert {name: kinds[name]["role"] for name in ("big_gem", "ball", "crate", "door")} == {
+        "big_gem": "item",
+        "ball": "other",
+        "crate": "other",
+        "door": "wall",
+    }
+    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.keyboard.press("v")
+        page.wait_for_selector("#view[aria-pressed=false]")
+        image, body = picture(page), game.worlds[Body]
+        for kind in ("ball", "crate"):
+            row, color = game.worlds.span(kind).start, kinds[kind]["color"]
+            rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+            assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
+            assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
+    game.close()
