@@ -106,6 +106,17 @@ def test_the_scoreboard_has_hit_points_kills_and_deaths() -> None:
     assert said(duel.env.worlds, ScoresStrip())[-1] == "3 kills"
 
 
+def test_long_numbers_are_shortened_and_returns_are_shown_where_nobody_fights() -> None:
+    game = ScenarioBuilder("teams_3")
+    for points, words in ((9999, "9999"), (1_234_567, "1e+06"), (-3, "-3")):
+        game.wound(0, points)
+        assert said(game.env.worlds, ScoresStrip())[3] == words
+    peaceful = variant("ffa_1").without("melee", "safe_zone", "heals", "cameras")
+    worlds = Worlds(peaceful.modules, 1)
+    worlds[Episode].returns[0] = -12345.678, 0.25
+    assert said(worlds, ScoresStrip()) == ["0", "100", "return -1e+04", "1", "100", "return 0.25"]
+
+
 def test_carried_items_are_on_the_scoreboard() -> None:
     game = ScenarioBuilder("ffa_4")
     before = draw(game.env.worlds, 0, 512, [ScoresStrip()])

@@ -13,7 +13,7 @@ from .inventory import draw_item
 from .layer import Strip, ZOrder
 from .title import LINE, digit
 
-DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.0, 4.0, 4.2, 8.5, 1.3, 0.7  # lengths in heights of a digit
+DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
 MOST = 6  # items of a bag that are shown
 HIGHEST = 0.75  # of the strip's length: more lines are left out
 
@@ -115,19 +115,24 @@ class Entry:
             self.canvas.rectangle(x + full, y - 0.4 * unit, x + full * min(share, 2), y + 0.4 * unit, EXTRA)
 
     def _points(self, x: float, y: float, unit: int) -> None:
-        words = str(self.scene[Health].points[self.e]) if self.alive else "dead"
+        words = _short(self.scene[Health].points[self.e]) if self.alive else "dead"
         self.canvas.text(x, y, words, unit, PAPER, anchor=0)
 
     def _kills(self, x: float, y: float, unit: int) -> None:
         self.canvas.text(x, y, _kills(self.scene, self.scene[Side].side[self.e]), unit, PAPER, anchor=0)
 
     def _return(self, x: float, y: float, unit: int) -> None:
-        self.canvas.text(x, y, f"return {self.scene[Episode].returns[self.i]:.4g}", unit, PAPER, anchor=0)
+        self.canvas.text(x, y, f"return {_short(self.scene[Episode].returns[self.i])}", unit, PAPER, anchor=0)
 
     def _bag(self, x: float, y: float, unit: int) -> None:
         bag = self.scene[Bag]
         for k, item in enumerate(bag.items[self.e][: min(bag.count[self.e], MOST)]):
             draw_item(self.canvas, self.scene, item, x + (k + 0.5) * ITEM * unit, y, 0.45 * unit)
+
+
+def _short(number: float) -> str:
+    """The number in a few characters: 100, 0.25, 1e+06."""
+    return f"{number:.4g}" if abs(number) < 10_000 else f"{number:.0e}"
 
 
 def _kills(scene: Scene, side: int) -> str:
