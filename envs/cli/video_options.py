@@ -1,7 +1,6 @@
 """Options of the commands that draw worlds: what is drawn, and where it goes."""
 
 import argparse
-import contextlib
 import dataclasses
 import logging
 from collections.abc import Callable
@@ -49,26 +48,28 @@ def looks(options: argparse.Namespace) -> Looks:
 
 
 def report(options: argparse.Namespace, total: int, made: Callable[[Progress], object]) -> int:
-    """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status."""
-    frames, bars = 0, contextlib.ExitStack()
-    settings = {"total": total // options.every + 1, "unit": "frame", "disable": options.quiet}
+    """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status.
+
+    The bar begins with the first frame: until then, something may be refused.
+    """
+    bars, frames = list[Any](), 0
 
     def progress(count: int) -> None:
-        """The bar begins with the first frame: until then, something may be refused."""
-        nonlocal frames, bar
-        if bar is None:
-            bar = bars.enter_context(tqdm(**settings))
+        nonlocal frames
         frames = count
-        bar.total = max(bar.total or 0, count)  # the ends of episodes add some
-        bar.update()
+        if not bars:
+            bars.append(tqdm(total=total // options.every + 1, unit="frame", disable=options.quiet))
+        bars[0].total = max(bars[0].total or 0, count)  # the ends of episodes add some
+        bars[0].update()
 
-    bar: Any = None
-    with bars:
-        try:
-            made(progress)
-        except KeyboardInterrupt:
-            LOGGER.warning("stopped; %s was not written", options.out)
-            return 130
+    try:
+        made(progress)
+    except KeyboardInterrupt:
+        LOGGER.warning("stopped; %s was not written", options.out)
+        return 130
+    finally:
+        for bar in bars:
+            bar.close()
     print(f"{printable(options.out)}: {frames:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
     return 0
 
