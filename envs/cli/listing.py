@@ -9,7 +9,10 @@ from ..scenarios.variants import ALIASES, VARIANTS
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    commands.add_parser("variants", help="list the paper's variants and ablations").set_defaults(run=variants)
+    text = "list the paper's variants and ablations"
+    description = "List the games by name: the paper's variants, and the ablations that may follow a name with a plus."
+    examples = [("variants", "every name, and what the game is")]
+    commands.add_parser("variants", help=text, description=description, examples=examples).set_defaults(run=variants)
 
 
 def variants(options: argparse.Namespace) -> int:

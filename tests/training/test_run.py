@@ -334,7 +334,7 @@ def test_the_command_trains_resumes_and_counts_both_steps(
 def test_the_command_refuses_steps_that_are_none(steps: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         outlast_train("ffa_2", "--steps", steps)
-    assert f"{steps}: a whole number of at least 1 is needed" in capsys.readouterr().err
+    assert f"{steps}: an integer of at least 1 is needed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
