@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..rollout.policies import POLICIES
+from ..scenarios.plugins import installed
 from ..scenarios.variants import VARIANTS
 from .grammar import Parser
 from .overview import summaries
@@ -38,7 +39,7 @@ def values(action: argparse.Action) -> tuple[list[str], bool]:
     if action.choices is not None:
         return [str(choice) for choice in action.choices], False
     if action.dest == "variant":
-        return list(VARIANTS), True
+        return [*VARIANTS, *installed()], True
     if action.dest in ("policy", "policies", "others", "opponents"):
         return list(POLICIES), True
     return [], action.metavar in FILES or action.dest in ("file", "out")

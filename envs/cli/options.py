@@ -19,12 +19,13 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED, common_scenario, load_saved
+from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
-from ..scenarios.variants import variant
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
+VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
 MAX_COUNT = 2**63 - 1  # of worlds, steps, ticks: what arrays and clocks can hold
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
@@ -32,14 +33,14 @@ GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # t
 def add_scenario(command: Parser, several: bool = False) -> None:
     """VARIANT, or several, and --set; `scenario` reads them."""
     command = command.group(GAME)
-    command.add_argument("variant", nargs="+" if several else None, help="name of a game: see `outlast variants`")
+    command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
-    asked = variant(name or options.variant)
+    asked = resolve(name or options.variant)
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from outlast.ecs import Component, Entity, Worlds
 
-from ..scenarios.variants import variant
+from .options import add_scenario, scenario
 
 
 class Use(NamedTuple):
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
     description = "Print what happens in a tick: every system with its phase, in order. Nothing is compiled or run."
     text = "print the tick of a variant as a table"
     table = commands.add_parser("schedule", help=text, description=description, examples=examples)
-    table.add_argument("variant")
+    add_scenario(table)
     kind = table.add_mutually_exclusive_group()
     kind.add_argument("--components", action="store_true", help="print which systems write and read each component")
     kind.add_argument("--source", action="store_true", help="print the generated code, one function a system")
@@ -46,7 +46,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table."""
-    worlds = Worlds(variant(options.variant).modules, 1)
+    asked = scenario(options)
+    worlds = Worlds(asked.modules, 1, ordered=asked.order)
     if options.source:
         print(worlds.source())
     else:
