@@ -31,7 +31,13 @@ def add(commands: Any) -> None:
     description = f"Print a script with which your shell completes commands and options. To keep it:\n{where}"
     command = commands.add_parser("completion", help=text, description=description, examples=examples)
     command.add_argument("shell", choices=sorted(SCRIPTS), help="the shell")
-    command.set_defaults(run=lambda options: print(SCRIPTS[options.shell](commands), end="") or 0)
+    command.set_defaults(run=lambda options: run(options, commands))
+
+
+def run(options: argparse.Namespace, commands: Any) -> int:
+    """Print the script."""
+    print(SCRIPTS[options.shell](commands), end="")
+    return 0
 
 
 def values(action: argparse.Action) -> tuple[list[str], bool]:
@@ -103,7 +109,7 @@ def _zsh_option(option: str, action: argparse.Action) -> str:
 def _zsh_values(words: Sequence[str], files: bool) -> str:
     listed = f"({' '.join(words)})"
     if words and files:
-        return f"{{_alternative \"words:word:{listed}\" \"files:file:_files\"}}"
+        return f'{{_alternative "words:word:{listed}" "files:file:_files"}}'
     return listed if words else "_files" if files else " "
 
 

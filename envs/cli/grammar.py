@@ -120,5 +120,3 @@ class _Help(argparse.HelpFormatter):
         for line in text.splitlines():
             parts.append(line if line.startswith(" ") or not line else super()._fill_text(line, width, indent))
         return "\n".join(parts)
-
-

@@ -1,6 +1,7 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
         return 0
     except OSError as error:
-        where = f"{printable(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
+        where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""
         return _refused(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)

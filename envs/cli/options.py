@@ -6,19 +6,18 @@ import logging
 import os
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from decimal import Decimal, InvalidOperation
 from typing import Any, TextIO
 
-import numpy as np
 from tqdm import tqdm
 
-from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
+from ..rollout.loading import load_policies, maker
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
-from ..rollout.saved import SAVED, common_scenario, load_saved
+from ..rollout.saved import SAVED
 from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
@@ -122,36 +121,6 @@ def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable
     """
     fitting, (chosen,) = load_policies([options.policy], scenario(options), options.seed)
     return fitting, maker(chosen)
-
-
-def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """What makes the policy of that name, or is done with that policy: see POLICIES."""
-    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen
-
-
-def load_policies(names: Sequence[str], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
-    """Load what is saved, and find the scenario with observations that all can play with.
-
-    Args:
-        names: Of policies, and paths of saved ones.
-        asked: The scenario.
-        seed: Of all policies; each draws numbers of its own.
-
-    Returns:
-        The scenario, and for each name itself, or the policy in that file.
-
-    Raises:
-        UsageError: One cannot play there, or there is no PyTorch.
-    """
-    seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
-    chosen = [name if name in POLICIES else load_saved(name, own) for name, own in zip(names, seeds, strict=True)]
-    players = [policy for policy in chosen if not isinstance(policy, str)]
-    fitting = common_scenario(asked, players)
-    if players:
-        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
-            for player in players:
-                player.check(env)
-    return fitting, chosen
 
 
 @contextlib.contextmanager

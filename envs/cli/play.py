@@ -7,6 +7,7 @@ import sys
 from typing import Any
 
 from ..errors import PlayError
+from ..rollout.loading import load_policies
 from .options import (
     PLAY,
     add_common,
@@ -16,7 +17,6 @@ from .options import (
     add_scenario,
     add_seed,
     announce,
-    load_policies,
     scenario,
 )
 
@@ -36,7 +36,9 @@ def add(commands: Any) -> None:
     add_number(command.group(PLAY), "--agent", 0, "number of the agent that you steer", least=0)
     add_others(command, "scripted", "whom you play against")
     add_seed(command)
-    command.group(PLAY).add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
+    command.group(PLAY).add_argument(
+        "--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)"
+    )
     add_page(command)
     add_common(command, "--record")
     command.set_defaults(run=run)

@@ -1,6 +1,5 @@
 """outlast evaluate, and saved policies in rollout, frames and play."""
 
-import argparse
 import csv
 import json
 import re
@@ -15,9 +14,10 @@ import pytest
 from outlast import load_policy, make_vec, variant
 from outlast.components import Body
 from outlast.envs.cli import main as cli
-from outlast.envs.cli import options
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering import video as film
+from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game
@@ -38,7 +38,7 @@ QUICK = [
 
 def evaluate(*arguments: object) -> int:
     """`outlast evaluate`, also where its entry point has not been installed."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     evaluate_command.add(parser.add_subparsers())
     parsed = parser.parse_args(["evaluate", *map(str, arguments)])
     return int(parsed.run(parsed))
@@ -176,7 +176,7 @@ def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
             outputs.append(capsys.readouterr().out.split("\n", 2)[2])
         assert outputs[0] == outputs[1]
         assert f"\n{tmp_path}/{others.split(',')[0].split(':')[0]} " in outputs[0]
-    scenario, (one, name, other) = options.load_policies(
+    scenario, (one, name, other) = load_policies(
         [str(tmp_path / "b.zip"), "noop", str(tmp_path / "a.zip")], variant("teams_3"), 3
     )
     assert scenario.numbers()["cameras_mode"] == "revealed"
@@ -186,7 +186,7 @@ def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
 
 def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
-    scenario, (player,) = options.load_policies([str(tmp_path / "a.zip")], variant("teams_3"), 0)
+    scenario, (player,) = load_policies([str(tmp_path / "a.zip")], variant("teams_3"), 0)
     game = Game(scenario, others=player)
     game.hold({"ahead": 1}, {})
     before = game.worlds[Body].x[0, game.worlds.span("agent")].copy()

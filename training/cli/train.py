@@ -57,7 +57,9 @@ def add(commands: Any) -> None:
         ("train ffa_2 --resume --steps 20e6", "go on with a run"),
     ]
     text = "train the agents of a variant with PPO"
-    description = "Train with PPO, by self-play unless --opponents names others; a run's folder has log and checkpoints."
+    description = (
+        "Train with PPO, by self-play unless --opponents names others; a run's folder has log and checkpoints."
+    )
     command = commands.add_parser("train", help=text, description=description, examples=examples)
     add_scenario(command, several=True)
     command.add_argument("--preset", choices=PRESETS, default=FAST, help="networks and numbers of PPO (default fast)")
@@ -97,7 +99,9 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
     )
-    command.add_argument("--every", type=positive, default=1_000_000, help="agent-steps between checkpoints (default 1e6)")
+    command.add_argument(
+        "--every", type=positive, default=1_000_000, help="agent-steps between checkpoints (default 1e6)"
+    )
     command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
