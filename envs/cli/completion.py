@@ -107,10 +107,10 @@ def _zsh_option(option: str, action: argparse.Action) -> str:
 
 
 def _zsh_values(words: Sequence[str], files: bool) -> str:
-    listed = f"({' '.join(words)})"
+    listed = " ".join(words)
     if words and files:
-        return f'{{_alternative "words:word:{listed}" "files:file:_files"}}'
-    return listed if words else "_files" if files else " "
+        return f" _outlast_words_and_files {listed}"
+    return f"({listed})" if words else "_files" if files else " "
 
 
 def fish(commands: Any) -> str:
@@ -121,16 +121,15 @@ def fish(commands: Any) -> str:
         here = f"complete -c outlast -n '__fish_seen_subcommand_from {name}'"
         for option, action in options(command):
             form = f"-l {option[2:]}" if option.startswith("--") else f"-s {option[1:]}"
-            taken = _fish_values(*values(action), must="-r") if takes_value(action) else ""
+            taken = f" -r{_fish_values(*values(action))}" if takes_value(action) else ""
             lines.append(f"{here} {form}{taken} -d {_fished(action.help or '')}")
         for action in positional(command):
-            lines.append(f"{here}{_fish_values(*values(action), must='')}")
+            lines.append(f"{here}{_fish_values(*values(action))}")
     return "\n".join(lines) + "\n"
 
 
-def _fish_values(words: Sequence[str], files: bool, must: str) -> str:
-    listed = f" -a {_fished(' '.join(words))}" if words else ""
-    return f" {must}{' -F' if files else ''}{listed}" if must or files or listed else ""
+def _fish_values(words: Sequence[str], files: bool) -> str:
+    return (" -F" if files else " -f") + (f" -a {_fished(' '.join(words))}" if words else "")
 
 
 def _fished(text: str) -> str:
@@ -159,11 +158,15 @@ _outlast() {{
 {cases}
   esac
 }}
-complete -o filenames -o bashdefault -F _outlast outlast
+complete -o filenames -F _outlast outlast
 """
 ZSH = """\
 #compdef outlast
 # Completion of outlast; made by `outlast completion zsh`
+_outlast_words_and_files() {{
+  compadd -- "$@"
+  _files
+}}
 _outlast() {{
   if (( CURRENT == 2 )); then
     local -a commands=({commands})

@@ -74,7 +74,9 @@ def parser() -> Parser:
     text = "show this, or how a command is used"
     examples = [("help", "all commands"), ("help rollout", "the options of one")]
     asked = commands.add_parser("help", help=text, description="Show how a command is used.", examples=examples)
-    asked.add_argument("command", nargs="?", metavar="COMMAND", help="its name (default: all commands in short)")
+    known = list(commands.choices)
+    text = "its name (default: all commands in short)"
+    asked.add_argument("command", nargs="?", choices=known, metavar="COMMAND", help=text)
     top.epilog = overview(commands)
     return top
 

@@ -206,7 +206,8 @@ def test_a_status_is_json_whatever_was_logged(folder: Path) -> None:
 
 COMMAND = (  # for a process, also where the entry point has not been installed
     "import sys; from outlast.envs.cli.grammar import Parser; from outlast.training.cli import watch; "
-    "parser = Parser(); watch.add(parser.add_subparsers()); options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
+    "parser = Parser(); watch.add(parser.add_subparsers()); "
+    "options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
     "sys.exit(options.run(options))"
 )
 
