@@ -2,12 +2,15 @@
 
 import argparse
 import contextlib
+import logging
 from typing import Any
 
 from ..core.make import make_vec
 from ..rollout.local import ticks
 from . import video_options
 from .options import PLAY, add_common, add_number, add_policy, add_scenario, add_seed, scenario_and_policy
+
+LOGGER = logging.getLogger(__name__)
 
 
 def add(commands: Any) -> None:
@@ -34,6 +37,8 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
     rows, columns = options.mosaic or (1, 1)
+    if options.mosaic and rows * columns < (options.worlds or 0):
+        LOGGER.warning("--mosaic shows the first %d of %d worlds", rows * columns, options.worlds)
     scenario, make_policy = scenario_and_policy(options)
     env = make_vec(scenario, options.worlds or rows * columns, seed=options.seed, copy=False, check_actions=False)
     with contextlib.closing(env):

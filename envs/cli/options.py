@@ -25,7 +25,7 @@ from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
-MAX_COUNT = 2**63 - 1  # of worlds, steps, ticks: what arrays and clocks can hold
+MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
@@ -91,7 +91,7 @@ def add_common(command: Parser, *options: str) -> None:
         add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds")
     if "--record" in options:
         command.group(OUTPUT).add_argument(
-            "--record", metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+            "--record", type=path, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
         )
     if "--quiet" in options:
         command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
@@ -153,6 +153,13 @@ def printable(path: str) -> str:
     return os.fsencode(path).decode(errors="backslashreplace")
 
 
+def path(text: str) -> str:
+    """The path of a file or folder; an empty one would be the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
+    return text
+
+
 def positive(text: str) -> int:
     """An integer of at least 1."""
     return count(text, 1)
@@ -184,7 +191,8 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     if not value.is_finite() or value < least or (value <= most and value != value.to_integral_value()):
         raise argparse.ArgumentTypeError(f"{text}: an integer of at least {least} is needed, such as 1000 or 1e6")
     if value > most:
-        raise argparse.ArgumentTypeError(f"{text}: an integer of at most 2**{most.bit_length()} - 1 is needed")
+        named = "2**64 - 1" if most == MAX_SEED else f"{most:,}"
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at most {named} is needed")
     return int(value)
 
 

@@ -17,7 +17,7 @@ from ..errors import RecordingError, ReplayError
 from ..recording import Recording, Replay
 from ..rollout.event_file import event_file
 from . import video_options
-from .options import OUTPUT, add_common, add_number, nonnegative, printable
+from .options import OUTPUT, add_common, add_number, nonnegative, path, printable
 
 LOGGER = logging.getLogger(__name__)
 FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
@@ -39,11 +39,11 @@ def add(commands: Any) -> None:
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
-    output.add_argument("--html", metavar="PATH", help="write a web page that plays the recording")
+    output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
     text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
-    output.add_argument("--data", metavar="PATH", help=text)
+    output.add_argument("--data", type=path, metavar="PATH", help=text)
     text = "write what happened into a new table, NAME.csv or NAME.parquet"
-    output.add_argument("--events", metavar="FILE", help=text)
+    output.add_argument("--events", type=path, metavar="FILE", help=text)
     text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, else all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
     add_number(part, "--from", 0, "first tick to write", least=0, dest="first")

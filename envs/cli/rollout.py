@@ -32,6 +32,7 @@ from .options import (
     add_scenario,
     add_seed,
     messages_shown,
+    path,
     printable,
     scenario,
 )
@@ -63,11 +64,11 @@ def add(commands: Any) -> None:
     add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
     add_seed(command)
     text = "write a row for each episode, with all statistics, into a new file, NAME.csv"
-    output.add_argument("--csv", metavar="FILE", help=text)
+    output.add_argument("--csv", type=path, metavar="FILE", help=text)
     text = "write the table and what was asked for into a new file, NAME.json; -: print that instead of the table"
-    output.add_argument("--json", metavar="FILE", help=text)
+    output.add_argument("--json", type=path, metavar="FILE", help=text)
     text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
-    output.add_argument("--events", metavar="FILE", help=text)
+    output.add_argument("--events", type=path, metavar="FILE", help=text)
     output.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
     text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
