@@ -140,7 +140,7 @@ def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, wor
         latest = work(progress)
     except KeyboardInterrupt as stop:
         latest, status = stop.args[0] if stop.args else Summary(), 130
-    except OutlastError as error:  # as where the disk is full
+    except (OutlastError, OSError) as error:  # as where the disk is full
         failure = error
     finally:
         bar.close()
