@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["help"]:
         words = [*words[1:], "--help"]
-    options = parser().parse_args(words or ["--help"])
+    options = parser().parse_args(words if words and words != ["--"] else ["--help"])
     try:
         with messages_shown():
             return int(options.run(options))
@@ -68,7 +68,7 @@ def parser() -> Parser:
 
     top = Parser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
     top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}", help="print the version")
-    commands = top.add_subparsers(required=True, metavar="COMMAND", help=argparse.SUPPRESS)
+    commands = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
     text = "show this, or how a command is used"

@@ -200,10 +200,13 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     saved(tmp_path / "a.zip")
     policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
     for arguments, words in (
-        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3; here are"),
+        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3 and does not fit here"),
         (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
         (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "there is no checkpoint"),
-        (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3; here are"),
+        (
+            ("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"),
+            "trained on teams_3 and does not fit here",
+        ),
     ):
         assert cli.main(arguments) == 2
         err = capsys.readouterr().err.strip()
