@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from .envs.adapters.puffer import make_puffer
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
-    from .envs.one_call import rollout
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.rollouts import rollout
     from .training.player import load_policy
 
 __version__ = "0.1.0"
@@ -79,7 +79,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "parallel_env": "envs.adapters.pettingzoo",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
-    "rollout": "envs.one_call",
+    "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
 }
 

@@ -14,11 +14,11 @@ from outlast.ecs.errors import OutlastError
 
 from ..core.make import make_vec
 from ..errors import ClusterError, UsageError
-from ..one_call import WORLDS, prepared, worlds_of
 from ..rollout.local import Task
 from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
 from ..rollout.table_file import checked_target
+from ..rollouts import WORLDS, prepared, worlds_of
 from ..scenarios.scenario import Scenario
 from ..storage.atomic_write import atomic_write
 from .options import (
