@@ -5,7 +5,7 @@ import difflib
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 WIDEST = 110  # columns of help: longer lines are hard to read
@@ -16,14 +16,22 @@ class Parser(argparse.ArgumentParser):
     """A parser of a command, or of all.
 
     Args:
-        examples: Pairs of a command line without its first word, "rollout ffa_2 --steps 300", and what it does.
+        examples: Pairs of a command line without its first word, "rollout ffa_2 --steps 300", and what it does. They
+            stand ahead of the epilog.
         **settings: As argparse's own.
     """
 
     def __init__(self, *, examples: Sequence[tuple[str, str]] = (), **settings: Any) -> None:
-        super().__init__(formatter_class=_Help, **settings)
-        self.examples = tuple(examples)
-        self.epilog = "\n".join(["examples:", *_aligned(self.examples)]) if examples else None
+        super().__init__(**{**settings, "formatter_class": Help})
+        self.examples, self._titles = tuple(examples), dict[str, str]()
+        if examples:
+            self.epilog = "\n".join(
+                ["examples:", *_aligned(self.examples), *(["", self.epilog] if self.epilog else [])]
+            )
+
+    def arrange(self, groups: Mapping[str, Sequence[str]]) -> None:
+        """Show options that were added without a group in groups of these titles; arguments go by their `dest`."""
+        self._titles |= {name: title for title, names in groups.items() for name in names}
 
     def group(self, title: str) -> Any:
         """The group of options of that title, made when it is first asked for."""
@@ -32,9 +40,16 @@ class Parser(argparse.ArgumentParser):
 
     def groups(self) -> list[tuple[str, list[argparse.Action]]]:
         """Titles of the groups, and the arguments and options in each, as they are to be shown; empty ones are not."""
-        shown = [(group.title or "", group._group_actions) for group in self._action_groups]
-        shown = [(title, [each for each in actions if each.help != argparse.SUPPRESS]) for title, actions in shown]
-        return sorted(((title, own) for title, own in shown if own), key=lambda pair: pair[0] == "options")
+        found: dict[str, list[argparse.Action]] = {}
+        for group in self._action_groups:
+            for action in group._group_actions:
+                name = action.option_strings[-1] if action.option_strings else action.dest
+                if action.help != argparse.SUPPRESS:
+                    found.setdefault(self._titles.get(name, group.title or ""), []).append(action)
+        made = [group.title or "" for group in self._action_groups if group.title != "options"]
+        return [
+            (title, found[title]) for title in dict.fromkeys([*made, *self._titles.values(), *found]) if title in found
+        ]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """As argparse's, but nothing is left over: what is unknown is an error of the command that got it."""
@@ -108,7 +123,7 @@ def _aligned(examples: Sequence[tuple[str, str]]) -> list[str]:
     return [line for text, says in examples for line in (f"  # {says}", f"  outlast {text}")]
 
 
-class _Help(argparse.HelpFormatter):
+class Help(argparse.HelpFormatter):
     """Paragraphs are filled; lines that are indented stay as they are."""
 
     def __init__(self, prog: str) -> None:

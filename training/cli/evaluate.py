@@ -36,6 +36,13 @@ def add(commands: Any) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help="write the tables there, as CSV and JSON")
     command.add_argument("--film", action="store_true", help="and a film and a page of a typical episode each")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(
+        {
+            "what is played": ("policies", "--episodes", "--worlds", "--seed"),
+            "output": ("--out", "--film", "--quiet"),
+            "machine": ("--threads",),
+        }
+    )
     command.set_defaults(run=run)
 
 

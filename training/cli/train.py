@@ -41,6 +41,16 @@ SINGLE = (
     "every",
     "warm_start",
 )  # options with one value each
+GROUPS = {
+    "what is learned": (
+        *("--preset", "--steps", "--seed", "--ppo", "--anneal", "--policies", "--memory", "--critic", "--dead"),
+        "--warm-start",
+    ),
+    "opponents": ("--opponents", "--prioritised", "--snapshots"),
+    "a rollout": ("--worlds", "--rollout"),
+    "output": ("--out", "--every", "--resume", "--film", "--quiet"),
+    "machine": ("--device", "--threads", "--processes", "--jobs", "--ray", "--halves"),
+}  # of help
 REPEATED = ("set", "ppo", "anneal")
 FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
@@ -105,6 +115,7 @@ def add(commands: Any) -> None:
     command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(GROUPS)
     command.set_defaults(run=run)
 
 
