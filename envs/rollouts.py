@@ -9,6 +9,7 @@ import numpy as np
 
 from .adapters.opponents import Other, Others, checked_others
 from .core.make import make_vec
+from .core.validation import check_count
 from .core.vector_env import SurvivalVectorEnv
 from .errors import UsageError
 from .recording import record as record_env
@@ -88,6 +89,7 @@ def rollout(
     Raises:
         ScenarioError: No such scenario.
         NumberError: No such number, or one that is out of its range.
+        ValueError: A count that is out of its range.
         UsageError: A policy that does not exist or cannot play there, options that exclude each other, or a file that
             cannot be written.
         RecordingError: The recording cannot be written. What `progress` got last is the summary until then.
@@ -210,10 +212,10 @@ def _all_of(watchers: Sequence[Watch]) -> Watch:
 
 
 def _check_counts(**counts: tuple[Any, int]) -> None:
-    """UsageError for what is neither None nor an integer of at least so many."""
+    """ValueError for what is neither None nor an integer of at least so many."""
     for name, (value, least) in counts.items():
-        if value is not None and (not isinstance(value, (int, np.integer)) or value < least):
-            raise UsageError(f"rollout: {name} = {value!r}: an integer of at least {least} is needed")
+        if value is not None:
+            check_count(name, value, least)
 
 
 def _check_decided(**given: Any) -> None:
