@@ -24,8 +24,8 @@ from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
-from .validation import autoreset_mode as checked_autoreset_mode
 from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
+from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
 Arrays = dict[str, np.ndarray[Any, Any]]
