@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from .envs.films import film
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
-    from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.rollouts import rollout
     from .envs.web.play.call import play
     from .training.player import load_policy
 
@@ -85,7 +85,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "play": "envs.web.play.call",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
-    "rollout": "envs.rollout.local",
+    "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
 }
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 import catalogue
+import commands
 import evidence
 from docutils import nodes
 from docutils.parsers.rst.states import Inliner
@@ -39,6 +40,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.phases,
         catalogue.schedule,
         catalogue.views,
+        commands.commands,
         evidence.rules,
         evidence.checks,
         evidence.compared,

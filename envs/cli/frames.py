@@ -6,15 +6,23 @@ from typing import Any
 
 from ..films import Progress, film
 from . import video_options
-from .options import add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
+from .options import PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("frames", help="play worlds and draw every step, as pictures or as a film")
+    examples = [
+        ("frames teams_3 --out fight.webm", "a film of one world, 500 steps of the scripted policy"),
+        ("frames ffa_2 --policy random --steps 100 --out pictures", "numbered pictures in a folder"),
+        ("frames ffa_3 --mosaic 2x2 --views +vision,-ids --out four.gif", "four worlds, with what agents see"),
+    ]
+    description = "Play worlds from the beginning and draw every step: a film, or a folder of pictures."
+    text = "play worlds and draw every step, as pictures or as a film"
+    command = commands.add_parser("frames", help=text, description=description, examples=examples)
     add_scenario(command)
-    add_number(command, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds")
-    add_number(command, "--steps", 500, "steps of each world")
+    played = command.group(PLAY)
+    add_number(played, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds")
+    add_number(played, "--steps", 500, "steps of each world")
     add_policy(command, "scripted")
     add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
     add_seed(command)

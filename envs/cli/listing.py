@@ -15,7 +15,13 @@ LOGGER = logging.getLogger(__name__)
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     text = "list the paper's variants, installed packages' scenarios, and ablations"
-    commands.add_parser("variants", help=text).set_defaults(run=variants)
+    description = (
+        "List the games by name: the paper's variants, scenarios of installed packages, and the ablations that may "
+        "follow a name, as in ffa_2+steering."
+    )
+    examples = [("variants", "every name, and what the game is")]
+    command = commands.add_parser("variants", help=text, description=description, examples=examples)
+    command.set_defaults(run=variants)
 
 
 def variants(options: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import os
 from collections.abc import Iterator
+from decimal import Decimal, InvalidOperation
 from typing import Any, TextIO
 
 from tqdm import tqdm
@@ -17,14 +18,18 @@ from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
 from ..web.announce import announce as announced
+from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
+MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
+GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
-def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
+def add_scenario(command: Parser, several: bool = False) -> None:
     """VARIANT, or several, and --set; `scenario` reads them."""
-    command.add_argument("variant", nargs="+" if several else None, help=VARIANT)
+    command = command.group(GAME)
+    command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
 
@@ -35,35 +40,36 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 
-def add_policy(command: argparse.ArgumentParser, default: str) -> None:
-    """--policy; what it names is read where worlds are made for it."""
+def add_policy(command: Parser, default: str) -> None:
+    """--policy; what it names is loaded where worlds are made for it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
-    command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
+    command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
-def add_others(command: argparse.ArgumentParser, default: str | None, text: str) -> None:
+def add_others(command: Parser, default: str | None, text: str) -> None:
     """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
     text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
     given = None if default is None else {default: 1.0}
-    command.add_argument(
+    command.group(PLAY).add_argument(
         "--others", type=mixture, default=given, metavar="NAMES", help=f"{text} (default: {default or 'none'})"
     )
 
 
-def add_seed(command: argparse.ArgumentParser) -> None:
+def add_seed(command: Parser) -> None:
     """--seed."""
     text = "the same seed gives the same episodes (default: 0)"
-    command.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
+    command.group(PLAY).add_argument("--seed", type=seed, default=0, metavar="N", help=text)
 
 
 def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
-    """An option for an integer. default: the number, or words for what it is without the option."""
+    """An option for an integer, of a command or a group. default: the number, or words for what it is without it."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
 
 
-def add_page(command: argparse.ArgumentParser) -> None:
+def add_page(command: Parser) -> None:
     """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
+    command = command.group("page")
     text = "port of 127.0.0.1 (default: 0, one that is free)"
     command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
     command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
@@ -74,16 +80,16 @@ def announce(options: argparse.Namespace, text: str, address: str) -> None:
     announced(text, address, not options.no_browser)
 
 
-def add_common(command: argparse.ArgumentParser, *options: str) -> None:
+def add_common(command: Parser, *options: str) -> None:
     """Those of --threads, --record and --quiet that are named."""
     if "--threads" in options:
-        add_number(command, "--threads", 1, "threads that share the worlds")
+        add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds")
     if "--record" in options:
-        command.add_argument(
-            "--record", metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+        command.group(OUTPUT).add_argument(
+            "--record", type=path, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
         )
     if "--quiet" in options:
-        command.add_argument("--quiet", action="store_true", help="show no progress bar")
+        command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
 def policy(text: str) -> str:
@@ -133,9 +139,21 @@ def printable(path: str) -> str:
     return os.fsencode(path).decode(errors="backslashreplace")
 
 
+def path(text: str) -> str:
+    """The path of a file or folder; an empty one would be the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
+    return text
+
+
 def positive(text: str) -> int:
     """An integer of at least 1."""
-    return _integer(text, 1)
+    return count(text, 1)
+
+
+def nonnegative(text: str) -> int:
+    """An integer of at least 0."""
+    return count(text, 0)
 
 
 def port(text: str) -> int:
@@ -145,27 +163,23 @@ def port(text: str) -> int:
     return int(text)
 
 
-def nonnegative(text: str) -> int:
-    """An integer of at least 0."""
-    return _integer(text, 0)
-
-
 def seed(text: str) -> int:
     """An integer from 0 to 2**64 - 1."""
-    value = _integer(text, 0)
-    if value > MAX_SEED:
-        raise argparse.ArgumentTypeError(f"{text}: an integer of at most 2**64 - 1 is needed")
-    return value
+    return count(text, 0, MAX_SEED)
 
 
-def _integer(text: str, least: int) -> int:
+def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
+    """An integer as people write them: 1000, 1_000, 1e3, 2.5e6. Raises argparse.ArgumentTypeError."""
     try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{text}: an integer of at least {least} is needed")
-    return value
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("nan")
+    if not value.is_finite() or value < least or (value <= most and value != value.to_integral_value()):
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at least {least} is needed, such as 1000 or 1e6")
+    if value > most:
+        named = "2**64 - 1" if most == MAX_SEED else f"{most:,}"
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at most {named} is needed")
+    return int(value)
 
 
 def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:

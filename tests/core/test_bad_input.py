@@ -202,6 +202,7 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "threads below zero": ({"threads": -2}, "threads = -2", ">= 1"),
     "threads a float": ({"threads": 2.0}, "threads = 2.0", "integer"),
     "first world below zero": ({"first_world": -1}, "first_world = -1", ">= 0"),
+    "first world beyond all": ({"first_world": 2**63}, "first_world = 9223372036854775808", "<= 1,000,000,000,000"),
     "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
     "seed a float": ({"seed": 0.5}, "seed = 0.5", "integer"),
     "unknown autoreset": ({"autoreset_mode": "never"}, "autoreset_mode", "'never'", "NextStep", "SameStep", "Disabled"),

@@ -1,6 +1,5 @@
 """outlast evaluate, and saved policies in rollout, frames and play."""
 
-import argparse
 import csv
 import json
 import re
@@ -15,6 +14,7 @@ import pytest
 from outlast import load_policy, make_vec, variant
 from outlast.components import Body
 from outlast.envs.cli import main as cli
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import FilmError
 from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
@@ -37,7 +37,7 @@ QUICK = [
 
 def evaluate(*arguments: object) -> int:
     """`outlast evaluate`, also where its entry point has not been installed."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     evaluate_command.add(parser.add_subparsers())
     parsed = parser.parse_args(["evaluate", *map(str, arguments)])
     return int(parsed.run(parsed))
@@ -199,10 +199,13 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     saved(tmp_path / "a.zip")
     policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
     for arguments, words in (
-        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3; here are"),
+        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3 and does not fit here"),
         (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
         (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "there is no checkpoint"),
-        (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3; here are"),
+        (
+            ("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"),
+            "trained on teams_3 and does not fit here",
+        ),
     ):
         assert cli.main(arguments) == 2
         err = capsys.readouterr().err.strip()

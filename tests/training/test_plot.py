@@ -1,6 +1,5 @@
 """outlast plot: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
 
-import argparse
 import contextlib
 import csv
 import importlib
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 
 from outlast import load_policy, make_vec, variant
+from outlast.envs.cli.grammar import Parser
 from outlast.training.cli import plot
 from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import claims
@@ -53,7 +53,7 @@ def drawn(of: RunGroup) -> Any:
 
 
 def outlast_plot(*arguments: object) -> int:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     plot.add(parser.add_subparsers())
     options = parser.parse_args(["plot", *map(str, arguments)])
     return int(options.run(options))

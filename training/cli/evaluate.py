@@ -20,7 +20,13 @@ logger = logging.getLogger("outlast")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("evaluate", help="let policies play against each other, and rate them")
+    examples = [
+        ("evaluate ffa_2 scripted random", "who wins how often, ratings and behaviour"),
+        ("evaluate ffa_2 runs/ffa_2-fast-0/steps_0010000000.zip scripted --out duel --film", "tables and films, too"),
+    ]
+    description = "Let every policy play every other one on each side, and print win rates, ratings and behaviour."
+    text = "let policies play against each other, and rate them"
+    command = commands.add_parser("evaluate", help=text, description=description, examples=examples)
     add_scenario(command)
     command.add_argument("policies", nargs="+", type=policy, metavar="POLICY", help="random, noop, scripted, FILE.zip")
     command.add_argument("--episodes", type=positive, default=1000, help="of each pairing, at least (default 1000)")
@@ -30,6 +36,13 @@ def add(commands: Any) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help="write the tables there, as CSV and JSON")
     command.add_argument("--film", action="store_true", help="and a film and a page of a typical episode each")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(
+        {
+            "what is played": ("policies", "--episodes", "--worlds", "--seed"),
+            "output": ("--out", "--film", "--quiet"),
+            "machine": ("--threads",),
+        }
+    )
     command.set_defaults(run=run)
 
 

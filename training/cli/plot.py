@@ -16,7 +16,13 @@ FORMS = ("png", "svg")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("plot", help="figures and a table of runs of `outlast train`, beside the paper's")
+    examples = [
+        ("plot runs", "every run in that folder, into the folder figures"),
+        ("plot runs/ffa_2-fast-0 --out duel --format svg", "one run"),
+    ]
+    description = "Draw the logs of runs, and write a table of their end values."
+    text = "figures and a table of runs of `outlast train`, beside the paper's"
+    command = commands.add_parser("plot", help=text, description=description, examples=examples)
     command.add_argument(
         "runs", nargs="+", type=Path, metavar="RUN", help="folder of a run, a kept result, or a folder of such: runs"
     )

@@ -41,6 +41,16 @@ SINGLE = (
     "every",
     "warm_start",
 )  # options with one value each
+GROUPS = {
+    "what is learned": (
+        *("--preset", "--steps", "--seed", "--ppo", "--anneal", "--policies", "--memory", "--critic", "--dead"),
+        "--warm-start",
+    ),
+    "opponents": ("--opponents", "--prioritised", "--snapshots"),
+    "a rollout": ("--worlds", "--rollout"),
+    "output": ("--out", "--every", "--resume", "--film", "--quiet"),
+    "machine": ("--device", "--threads", "--processes", "--jobs", "--ray", "--halves"),
+}  # of help
 REPEATED = ("set", "ppo", "anneal")
 FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
@@ -51,10 +61,19 @@ logger = logging.getLogger("outlast")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("train", help="train the agents of a variant with PPO")
+    examples = [
+        ("train ffa_2", "ten million agent-steps into runs/ffa_2-fast-0"),
+        ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
+        ("train ffa_2 --resume --steps 20e6", "go on with a run"),
+    ]
+    text = "train the agents of a variant with PPO"
+    description = (
+        "Train with PPO, by self-play unless --opponents names others; a run's folder has log and checkpoints."
+    )
+    command = commands.add_parser("train", help=text, description=description, examples=examples)
     add_scenario(command, several=True)
     command.add_argument("--preset", choices=PRESETS, default=FAST, help="networks and numbers of PPO (default fast)")
-    command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
+    command.add_argument("--steps", type=positive, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
     command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
     command.add_argument("--worlds", type=positive, default=0, help="that share a rollout (the paper: 1)")
@@ -90,10 +109,13 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
     )
-    command.add_argument("--every", type=count, default=1_000_000, help="agent-steps between checkpoints (default 1e6)")
+    command.add_argument(
+        "--every", type=positive, default=1_000_000, help="agent-steps between checkpoints (default 1e6)"
+    )
     command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(GROUPS)
     command.set_defaults(run=run)
 
 
@@ -104,17 +126,6 @@ def run(options: argparse.Namespace) -> int:
     if len(options.variant) * len(options.seed) > 1:
         return _train_several(options, list(zip(options.variant, chosen, strict=True)))
     return _train_one(options, chosen[0], settings)
-
-
-def count(text: str) -> int:
-    """A number of steps of at least 1; 10e6 is one."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0
-    if value < 1 or value != int(value):
-        raise argparse.ArgumentTypeError(f"{text}: a whole number of at least 1 is needed")
-    return int(value)
 
 
 def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str, Any]) -> int:
