@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -108,4 +108,5 @@ def _variant(given: dict[str, Any]) -> Scenario:
     numbers = renamed.current(given["numbers"], renamed.NUMBERS)
     check_repetitions(numbers)
     known = {name: value for name, value in numbers.items() if name in plain.numbers()}
-    return plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+    made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+    return replace(made, name=given.get("label") or plain.name, about=plain.about)

@@ -67,7 +67,8 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
         modules.append(kind(**{name: numbers.pop(full) for name, full in own.items() if full in numbers}))
     if strict and numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
-    return Scenario(str(fingerprint["name"]), tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+    name = str(fingerprint.get("label") or fingerprint["name"])
+    return Scenario(name, tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
 
 
 def _kinds(names: list[str]) -> list[type[Module]]:
