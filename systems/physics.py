@@ -55,10 +55,10 @@ class Physics(Module):
     slower, the same results; "auto": native where the installed Box2D allows it.
     """
 
-    rate: float = number(60.0, above=0)  # substeps a second
-    substeps: int = number(2, low=1)  # a tick
-    velocity_iterations: int = number(10, low=1)
-    position_iterations: int = number(10, low=1)
+    rate: float = number(60.0, low=1, high=1e6)  # substeps a second
+    substeps: int = number(2, low=1, high=1000)  # a tick
+    velocity_iterations: int = number(10, low=1, high=10_000)
+    position_iterations: int = number(10, low=1, high=10_000)
     friction: float = number(0.2, low=0)
     restitution: float = number(0.0, low=0, high=1)
     linear_damping: float = number(0.8, low=0)  # per second

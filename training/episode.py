@@ -14,7 +14,7 @@ from outlast.envs.rollout.memory import told
 from outlast.envs.scenarios import renamed
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.scenarios.serialize import check_repetitions, planned, rebuilt
+from outlast.envs.scenarios.serialize import planned, rebuilt
 from outlast.envs.scenarios.variants import variant
 
 from . import run_header
@@ -106,7 +106,6 @@ def _variant(given: dict[str, Any]) -> Scenario:
     if given.get("code"):
         raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
     numbers = renamed.current(given["numbers"], renamed.NUMBERS)
-    check_repetitions(numbers)
     known = {name: value for name, value in numbers.items() if name in plain.numbers()}
     made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
     return replace(made, name=given.get("label") or plain.name, about=plain.about)

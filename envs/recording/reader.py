@@ -13,9 +13,10 @@ from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from ..scenarios.mechanics import foreign
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, current_classes, foreign, planned, rebuilt
+from ..scenarios.serialize import classes, current_classes, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks

@@ -2,18 +2,25 @@
 
 import dataclasses
 import difflib
+import json
 import logging
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Module, NumberError
+from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
+from ..storage.atomic_write import atomic_write
 from . import renamed
 from .changes import as_file_name, changes, derived_about, derived_name, following, numbers
+from .mechanics import rebuilt_mechanics
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
+VERSION = 1  # of the form of to_json
 LOGGER = logging.getLogger("outlast")
 
 
@@ -149,6 +156,59 @@ class Scenario:
         """Every number of every mechanic, by the name that `replace` takes."""
         return numbers(self.modules)
 
+    def to_json(self) -> str:
+        """Its name, sentence, mechanics (full names of their classes), numbers and order, as JSON."""
+        classes = [full_name(type(module)) for module in self.modules]
+        form = {"version": VERSION, "name": self.name, "about": self.about, "modules": classes}
+        return json.dumps(form | {"numbers": self.numbers(), "order": self.order}, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> "Scenario":
+        """The scenario of what `to_json` returned. Nothing is imported: mechanics of your own must be before.
+
+        Raises:
+            ScenarioError: The text is something else, or names a mechanic that is not imported.
+            NumberError: A number is out of its range.
+        """
+        try:
+            form = json.loads(text)
+            if form["version"] != VERSION:
+                raise ScenarioError(f"version {form['version']!r:.20} of the format: {VERSION} is needed")
+            name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
+            texts = [name, about, *names, *(label for chain in order for label in chain)]
+            if not all(isinstance(each, str) and each.isprintable() for each in texts):
+                raise ScenarioError("its names cannot be")
+            return cls(name, rebuilt_mechanics(names, form["numbers"]), about, tuple(map(tuple, order)))
+        except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
+            raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `to_json` to a file, whole or not at all; what was there before is replaced.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        with atomic_write(Path(path)) as place:
+            place.write_text(self.to_json(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Scenario":
+        """Read what `save` wrote.
+
+        Raises:
+            ScenarioError: The file cannot be read, or as for `from_json`.
+            NumberError: A number is out of its range.
+        """
+        name = os.fspath(path)
+        try:
+            return cls.from_json(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            raise ScenarioError(f"{name} is no text, and so no scenario") from error
+        except (ScenarioError, NumberError) as error:
+            raise type(error)(f"{name}: {error}") from error
+
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """The mechanic of this class or name."""
         return self._find(kind)
@@ -219,7 +279,8 @@ def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
     except NumberError as error:
         count = numbers.get("count")
         if isinstance(count, int) and count == 0 and module.name != "agents":
-            raise NumberError(f"{error}; for none, leave it out: Scenario.without({module.name!r})") from None
+            cure = f"--without {module.name}, in Python scenario.without({module.name!r})"
+            raise NumberError(f"{error}; for none, leave it out: {cure}") from None
         raise
 
 

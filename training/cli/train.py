@@ -41,7 +41,7 @@ SINGLE = (
     "every",
     "warm_start",
 )  # options with one value each
-REPEATED = ("set", "ppo", "anneal")
+REPEATED = ("set", "with", "without", "import", "ppo", "anneal")
 FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
