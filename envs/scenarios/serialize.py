@@ -13,7 +13,6 @@ from ..errors import ScenarioError
 from .mechanics import current_class, rebuilt_mechanics
 from .scenario import Scenario
 
-LONGEST = 2**16  # of a dimension: entities of a kind, slots of a bag, cells
 LARGEST = 2**22  # bytes of the state of one world
 
 
@@ -46,10 +45,6 @@ def planned(scenario: Scenario) -> tuple[int, int]:
 
     Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
     """
-    for module in scenario.modules:
-        for dim, size in module.dims().items():
-            if isinstance(size, int) and size > LONGEST:
-                raise ScenarioError(f"it would have {size} {dim}: at most {LONGEST} is possible")
     layout = _Plan(scenario.modules)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
