@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import add_page, announce, printable
+from outlast.envs.scenarios.mechanics import foreign
 from outlast.envs.scenarios.naming import resolve
 
 from .. import run_header
@@ -36,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
     folder = options.run_folder
     _check(folder)
     if options.scenario is not None:
-        resolve(options.scenario)
+        _import(options.scenario, folder)
     name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
     recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
     recorder.start()
@@ -63,3 +64,12 @@ def _check(folder: Path) -> None:
             more = ", ..." if len(runs) > LISTED else ""
             listed = ", ".join(str(path) for path in runs[:LISTED])
             raise TrainingError(f"{folder} holds several runs; choose one: {listed}{more}")
+
+
+def _import(name: str, folder: Path) -> None:
+    """Import a scenario for its mechanics. Raises ScenarioError, and TrainingError if the run has need of none."""
+    if (folder / run_header.NAME).exists():
+        header = run_header.read_run_folder(folder)
+        if "modules" in header and not foreign(header["modules"]):
+            raise TrainingError(f"--scenario {name}: all mechanics of the run are outlast's own; leave it out")
+    resolve(name)
