@@ -11,10 +11,11 @@ import pytest
 from outlast import VARIANTS, variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import log_file
+from outlast.training.averages import average, end_value, smooth
+from outlast.training.curves import Curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper import curves, results
-from outlast.training.paper.curves import BOXES, Curves
-from outlast.training.paper.end_values import average, end_value, smooth
+from outlast.training.paper.curves import BOXES
 from outlast.training.presets import preset
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
