@@ -100,10 +100,8 @@ class Comparison:
         short = [run for group in self.groups for run in group.unfinished]
         named = ", ".join(f"{run.origin.name} ({run.steps:,} agent-steps)" for run in short[:4])
         more = f" and {len(short) - 4} more" if len(short) > 4 else ""
-        notes += [f"Unfinished: {named}{more}; end values are of the finished runs of a group that has any"] * bool(
-            short
-        )
-        return notes
+        unfinished = f"Unfinished: {named}{more}; end values are of the finished runs of a group that has any"
+        return [*notes, unfinished] if short else notes
 
     def ends(self, group: Group) -> Iterator[EndValues]:
         """The end values of a group, of each curve."""
