@@ -46,7 +46,7 @@ def draw(comparison: Comparison) -> Figure:
     FigureCanvasAgg(figure)
     grid = figure.subplots(rows, columns, squeeze=False)
     top, bottom = 1 - (head.height + 0.25) / height, 0.5 / height
-    figure.subplots_adjust(left=0.085, right=0.98, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
+    figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
     longest, scale, unit = _axis(comparison)
     for axes, panel in zip(grid.flat, panels, strict=False):
         axes.set_title(panel.title)
@@ -131,7 +131,7 @@ class _Head:
         widest = max(map(len, self.labels), default=0)
         self.beside = max(1, min(BESIDE, int(WIDTH / (LETTER * widest + 0.65))))
         self.rows = -(-len(self.labels) // self.beside)
-        self.height = 0.42 + ROW * len(self.notes) + 0.24 * self.rows
+        self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
 
     def write(self, figure: Figure, height: float) -> None:
         """Write it into a figure that is so many inches high."""
