@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from . import components, ecs, errors, systems
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
+from .envs.core.scaling import scaled
 from .envs.core.vector_env import SurvivalVectorEnv
 from .envs.scenarios.ablations import ABLATIONS
 from .envs.scenarios.scenario import Scenario
@@ -65,6 +66,7 @@ __all__ = [
     "random_policy",
     "record",
     "rollout",
+    "scaled",
     "scripted_policy",
     "systems",
     "train",

@@ -89,7 +89,7 @@ class Comparison:
         single = any(len(group.runs) == 1 for group in self.groups)
         parts = ["Lines: moving averages over 5 % of the points" + ", means over runs" * several]
         parts += ["bands: from the lowest to the highest run"] * several
-        parts += ["faint: all points"] * (single and self.faint)
+        parts += ["faint: all points" + " of single runs" * several] * (single and self.faint)
         return "; ".join(parts)
 
     def notes(self) -> list[str]:
