@@ -142,6 +142,8 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     ("arguments", "words"),
     [
         (("noop", "noop"), "named twice"),
+        (("scriptd",), r"scriptd: did you mean scripted\?"),
+        (("runs/nowhere",), r"runs/nowhere is neither a folder of a run nor a checkpoint, FILE\.zip"),
         (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
         (("noop", "--film"), "films need a folder"),
         (("noop", "--out", __file__), "cannot be a folder: File exists"),

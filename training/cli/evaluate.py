@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import add_scenario, policy, positive, scenario, seed
+from outlast.envs.cli.options import add_scenario, positive, scenario, seed
 
 from ..columns import explained
 from ..errors import TrainingError
@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
     )
     add_scenario(command)
     text = "random, noop, scripted, FILE.zip; folder of a run, or around several: the newest checkpoint of each"
-    command.add_argument("policies", nargs="+", type=_policy, metavar="POLICY", help=text)
+    command.add_argument("policies", nargs="+", metavar="POLICY", help=text)
     command.add_argument("--episodes", type=positive, default=1000, help="of each pairing, at least (default 1000)")
     command.add_argument("--worlds", type=positive, default=64, help="at once (default 64)")
     command.add_argument("--seed", type=seed, default=0, help="same seed, same numbers (default 0)")
@@ -43,10 +43,6 @@ def add(commands: Any) -> None:
     command.add_argument("--film", action="store_true", help="and a film and a page of a typical episode each")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.set_defaults(run=run)
-
-
-def _policy(text: str) -> str:
-    return text if Path(text).is_dir() else policy(text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.policies import POLICIES, Policy
+from outlast.envs.rollout.saved import SAVED
 
 from .. import checkpoint
 from ..errors import TrainingError
@@ -97,6 +98,8 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
     place = Path(policy)
     if str(policy) in POLICIES or not place.is_dir():
+        if len(place.parts) > 1 and place.suffix != SAVED:
+            raise TrainingError(f"{policy} is neither a folder of a run nor a checkpoint, FILE{SAVED}")
         checked_entries([(policy, 1)])
         return [(str(policy), str(policy))]
     found = checkpoint.runs_in(place)
