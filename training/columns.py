@@ -43,4 +43,5 @@ def explained(width: int = 100) -> Iterator[str]:
         text = f"{unit} {meaning}".strip()
         first = f"  {name}".ljust(indent)
         yield textwrap.fill(text, width, initial_indent=first, subsequent_indent=" " * indent)
-    yield "  others: statistics of the scenario's mechanics in an episode; the same for both"
+    yield "  others: statistics of the scenario's mechanics in an episode: of agents, the mean over its agents; of"
+    yield "  sides, the sum over its sides; of the world, the same for both"

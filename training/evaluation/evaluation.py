@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from outlast.ecs import Statistic
 from outlast.envs.core.make import make_vec
+from outlast.envs.core.spaces import published
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
@@ -123,6 +125,9 @@ class Evaluation:
 
     def _check(self) -> None:
         self.env.reset()
+        known = {key for key, *_ in published(self.env.worlds, Statistic)}
+        if missing := [name for name in ("length", "return", "kills") if name not in known]:
+            raise TrainingError(f"{self.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
         if len(first_of_sides(self.env)) < ROLES:
             raise TrainingError(f"{self.scenario.name} has one side: there is no opponent to play against")
         for contender in self.chosen:

@@ -89,7 +89,8 @@ class Comparison:
         single = any(len(group.runs) == 1 for group in self.groups)
         parts = ["Lines: moving averages over 5 % of the points" + ", means over runs" * several]
         parts += ["bands: from the lowest to the highest run"] * several
-        parts += ["faint: all points" + " of single runs" * several] * (single and self.faint)
+        if single and self.faint:
+            parts.append("faint: points of single runs" if several else "faint: all points")
         return "; ".join(parts)
 
     def notes(self) -> list[str]:
