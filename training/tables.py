@@ -18,4 +18,4 @@ def markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
     table = list(lines)
     kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
     every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
-    return "\n".join("| " + " | ".join(line[k] for k in kept) + " |" for line in every)
+    return "\n".join("| " + " | ".join(line[k].replace("|", r"\|") for k in kept) + " |" for line in every)

@@ -49,7 +49,7 @@ def draw(comparison: Comparison) -> Figure:
     figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
     longest, scale, unit = _axis(comparison)
     for axes, panel in zip(grid.flat, panels, strict=False):
-        axes.set_title(panel.title)
+        axes.set_title(_literal(panel.title))
         axes.set_xlim(0, longest)
         for k, group in enumerate(comparison.groups):
             _curve(axes, comparison, group, panel.name, k, scale)
