@@ -144,7 +144,7 @@ def train(
 
 def usual_folder(config: TrainingConfig) -> Path:
     """Of a run whose folder is not named."""
-    return Path("runs", f"{config.scenario.name}-{config.preset}-{config.seed}")
+    return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:

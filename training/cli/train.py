@@ -42,7 +42,7 @@ SINGLE = (
     "every",
     "warm_start",
 )  # options with one value each
-REPEATED = ("set", "ppo", "anneal")
+REPEATED = ("set", "with", "without", "import", "ppo", "anneal")
 FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
@@ -211,7 +211,7 @@ def _train_several(
     chosen: names, as the user gave them, and their scenarios.
     """
     pairs = itertools.product(chosen, options.seed)
-    waiting = [Job(options, variant, scenario.name, seed) for (variant, scenario), seed in pairs]
+    waiting = [Job(options, variant, scenario.file_name, seed) for (variant, scenario), seed in pairs]
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
     at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()
