@@ -24,7 +24,7 @@ const Mind = (() => {
       numbers[1].title = start ? `Since tick ${start}, the first one here` : "";
       acts.replaceChildren();
       description.actions.forEach((action, n) => act(acts, action, chosen && chosen[n], thought && thought.likely[n]));
-      write(note, words(description, chosen, thought));
+      write(note, words(episode, i, k, thought));
       note.hidden = !note.textContent;
       attends.replaceChildren();
       const most = thought ? thought.attends.filter(({ share }) => share >= LEAST).sort((a, b) => b.share - a.share) : [];
@@ -47,9 +47,9 @@ const Mind = (() => {
     if (thought) write(value, rounded(thought.value));
   }
 
-  function words({ entities }, chosen, thought) {
-    if (!chosen) return "It does nothing in this tick.";
-    return entities && !thought ? "It is not played by the policy that was recorded." : "";
+  function words(episode, i, k, thought) {
+    if (!episode.action(i, k)) return episode.start + k ? "It is dead, and does nothing." : "The episode is about to begin.";
+    return episode.description.entities && !thought ? "It is not played by the policy that was recorded." : "";
   }
 
   // A row of segments, one for each value: as wide as it is likely, or if that is unknown, all of them alike.

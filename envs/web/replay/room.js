@@ -6,17 +6,22 @@ const Room = (() => {
     const canvas = stage.querySelector("canvas");
     const viewport = Viewport.build(canvas, on.theme);
     const caption = count > 1 ? Dom.make("button", "caption", stage) : null;
+    const heading = count > 1 ? Dom.make("h3") : null;
     if (caption) caption.addEventListener("click", on.focus);
+    if (heading) strips.prepend(heading);
     tip.show = (event, x, y) => {
       Dom.write(tip, `${room.episode.start + event.at}: ${Events.text(event, room.episode.description)}`);
       const half = tip.offsetWidth / 2;
       tip.style.left = `${Math.min(Math.max(x, half), tip.parentElement.clientWidth - half)}px`;
-      tip.style.top = `${y}px`;
+      tip.style.top = `${y + strips.querySelector("canvas").offsetTop}px`;
     };
     const room = {
       canvas, viewport, title: "", worlds: [], episode: null, missing: false,
       timeline: Timeline.build(strips.querySelector("canvas"), tip, on.seek),
-      load({ title, worlds }) { Object.assign(room, { title, worlds, episode: worlds[0].episodes[0] }); },
+      load({ title, worlds }) {
+        Object.assign(room, { title, worlds, episode: worlds[0].episodes[0] });
+        if (heading) Dom.write(heading, title);
+      },
       choose(w, e) {
         const { episodes } = room.worlds[w];
         room.episode.forget();
@@ -46,7 +51,7 @@ const Room = (() => {
     if (!n) return first;
     const copy = first.cloneNode(true);
     for (const element of copy.querySelectorAll("[id]")) element.id += n;
-    copy.querySelector(".caption")?.remove();
+    for (const element of copy.querySelectorAll(".caption, h3")) element.remove();
     first.after(copy);
     return copy;
   }

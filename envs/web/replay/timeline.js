@@ -1,7 +1,8 @@
 // Timeline: how the zone shrinks, a strip for each agent's health, signs where something happened, and returns.
 const Timeline = (() => {
   const ZONE = 12, AXIS = 16, SNAP = 7; // pixels: height of the zone's strip and of the axis, reach of a click on a sign
-  const CURVES = 48, GAP = 6; // pixels: height of the curves of returns, and what is free above them
+  const CURVES = 48, FLAT = 32, GAP = 5; // pixels: height of the curves of returns, on small screens, and free above them
+  const STRIPS = 150, DENSE = 84; // pixels for all strips together, and with another recording beside
   const SIGNS = { kill: 4, death: 4, heal: 3, use: 2, place: 1, break: 0 }; // later ones lie on top
   const LEFT = 30, RIGHT = 10;
 
@@ -10,16 +11,17 @@ const Timeline = (() => {
     const context = canvas.getContext("2d");
     let episode = null, colors = null, scale = null, follow = -1, at = 0, ratio = 1, width = 0, height = 0, still = null, dragging = false;
 
-    const strip = () => Math.max(3, Math.min(18, Math.floor(150 / Math.max(1, episode.description.agents.length))));
+    const strip = () => Math.max(3, Math.min(18, Math.floor((scale.dense ? DENSE : STRIPS) / Math.max(1, episode.description.agents.length))));
     const top = (i) => (episode.description.zone ? ZONE + 4 : 0) + i * (strip() + (strip() < 8 ? 1 : 3));
     const curves = () => top(episode.description.agents.length) + GAP;
+    const tall = () => (scale.dense || window.innerHeight < 700 || width < 500 ? FLAT : CURVES);
     const last = () => Math.max(1, scale.ticks - 1);
     const place = (k) => LEFT + (width - LEFT - RIGHT) * k / last();
     const paid = () => scale.high > scale.low;
     const index = (x) => Math.min(last(), Math.max(0, Math.round((x - LEFT) / (width - LEFT - RIGHT) * last())));
 
-    // size: {ticks, low, high}, how many rows there is room for and the range of returns, which recordings side by
-    // side have in common; low and high are 0 where nobody is paid.
+    // size: {ticks, low, high, dense}, how many rows there is room for and the range of returns, which recordings side
+    // by side have in common; low and high are 0 where nobody is paid; dense: whether there are two.
     function show(shown, theme, size) {
       [episode, colors, scale] = [shown, theme, size];
       resize();
@@ -27,10 +29,10 @@ const Timeline = (() => {
 
     function resize() {
       if (!episode) return;
-      height = top(episode.description.agents.length) + (paid() ? GAP + CURVES + GAP : 0) + AXIS;
+      width = canvas.clientWidth;
+      height = top(episode.description.agents.length) + (paid() ? GAP + tall() + GAP : 0) + AXIS;
       canvas.style.height = `${height}px`;
       ratio = window.devicePixelRatio || 1;
-      width = canvas.clientWidth;
       canvas.width = Math.round(width * ratio);
       canvas.height = Math.round(height * ratio);
       still = document.createElement("canvas");
@@ -77,30 +79,29 @@ const Timeline = (() => {
 
     // Of every agent, in the colour of its side; zero is a line.
     function returns(pen) {
-      const { low, high } = scale, level = (value) => curves() + CURVES * (high - value) / (high - low);
       pen.fillStyle = pen.strokeStyle = colors.ink;
       pen.globalAlpha = 0.07;
-      pen.fillRect(LEFT, curves(), width - LEFT - RIGHT, CURVES);
+      pen.fillRect(LEFT, curves(), width - LEFT - RIGHT, tall());
       pen.globalAlpha = 0.25;
       Brush.line({ context: pen }, LEFT, level(0), width - RIGHT, level(0));
-      pen.globalAlpha = 0.6;
-      for (const value of [low, high]) {
-        write(pen, short(value), LEFT - 4, level(value) + (value === low ? -5 : 5), "right", colors.ink, 400);
-      }
-      write(pen, "return", LEFT + 6, curves() + 8, "left", colors.ink, 400);
       pen.lineJoin = "round";
       episode.description.agents.forEach((_, i) => curve(pen, i, 1.5, follow < 0 || follow === i ? 0.9 : 0.35));
       if (follow >= 0 && follow < episode.description.agents.length) curve(pen, follow, 2.5, 1);
+      pen.globalAlpha = 0.6;
+      write(pen, `return ${short(scale.high)}`, LEFT + 5, curves() + 8, "left", colors.ink, 400);
+      if (scale.low < 0) write(pen, short(scale.low), LEFT + 5, curves() + tall() - 7, "left", colors.ink, 400);
       pen.globalAlpha = 1;
     }
 
+    const level = (value) => curves() + tall() * (scale.high - value) / (scale.high - scale.low);
+
     function curve(pen, i, wide, alpha) {
-      const { description } = episode, values = episode.returns()[i], { low, high } = scale;
+      const { description } = episode, values = episode.returns()[i];
       pen.strokeStyle = description.sides[description.agents[i].side].color;
       pen.lineWidth = wide;
       pen.globalAlpha = alpha;
       pen.beginPath();
-      values.forEach((value, k) => pen[k ? "lineTo" : "moveTo"](place(k), curves() + CURVES * (high - value) / (high - low)));
+      values.forEach((value, k) => pen[k ? "lineTo" : "moveTo"](place(k), level(value)));
       pen.stroke();
     }
 
