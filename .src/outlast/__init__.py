@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .envs.rendering.rgb import draw
     from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.web.replay import replay_page
     from .training.player import load_policy
 
 __version__ = "0.1.0"
@@ -59,6 +60,7 @@ __all__ = [
     "parallel_env",
     "random_policy",
     "record",
+    "replay_page",
     "rollout",
     "scripted_policy",
     "systems",
@@ -79,6 +81,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "parallel_env": "envs.adapters.pettingzoo",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
+    "replay_page": "envs.web.replay",
     "rollout": "envs.rollout.local",
     "scripted_policy": "envs.rollout.policies",
 }

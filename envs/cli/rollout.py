@@ -9,7 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from ..core.make import make_vec
-from ..errors import ClusterError
+from ..errors import ClusterError, UsageError
 from ..recording import record
 from ..rollout.against import Against
 from ..rollout.event_file import event_file
@@ -52,6 +52,8 @@ def add(commands: Any) -> None:
     command.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
     command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
+    text = "with --record: also record what a saved --policy thinks, for the page of `outlast replay --html`"
+    command.add_argument("--record-policy", action="store_true", help=text)
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
     command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
     command.set_defaults(run=run, steps=0)
@@ -59,6 +61,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
+    if options.record_policy and options.record is None:
+        raise UsageError("--record-policy is about recordings: give --record FILE, too")
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     place = _here if options.ray is None else _on_ray
     chosen = load_policies([options.policy, *(options.others or ())], scenario(options), options.seed)
@@ -80,11 +84,12 @@ def _here(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Itera
     )
     with contextlib.closing(env):
         policy, against = maker(chosen[0])(env, options.seed), None
+        thinks = policy if options.record_policy else None
         if options.others:
             entries = list(zip(chosen[1:], options.others.values(), strict=True))
             against = policy = Against(env, policy, Mixture(entries, env, range(env.num_agents), list(options.others)))
         if options.record is not None:
-            record(env, options.record)
+            record(env, options.record, policy=thinks, plays=against and against.plays)
         with event_file(options.events, env.worlds.layout) if options.events else contextlib.nullcontext() as file:
 
             def watch(where: Any) -> None:

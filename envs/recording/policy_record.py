@@ -48,8 +48,8 @@ class PolicyRecorder:
     def __init__(self, env: SurvivalVectorEnv, policy: Any, plays: Callable[[], Array] | None = None) -> None:
         if not hasattr(policy, "explainer"):
             raise RecordingError(
-                f"the policy {getattr(policy, '__name__', type(policy).__name__)} does not say with what probabilities "
-                "it chooses: only saved policies do, as outlast.load_policy returns them"
+                "the policy does not say with what probabilities it chooses, so there is nothing to record of it: only "
+                "saved policies do, a FILE.zip or what outlast.load_policy returns"
             )
         policy.check(env)
         self._env, self._plays, self._begins = env, plays, Begins(env)

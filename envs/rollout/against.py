@@ -54,8 +54,12 @@ class Against:
 
     def __call__(self, observations: Arrays) -> Actions:
         """The actions of all agents, integers (worlds, agents, actions)."""
-        mine = side(self._env.worlds) == self._own[:, None]
-        return np.where(mine[..., None], self._policy(observations), self._others(observations))
+        return np.where(self.plays()[..., None], self._policy(observations), self._others(observations))
+
+    def plays(self) -> Array:
+        """Which agents the policy plays in the episodes that go on, bool (worlds, agents)."""
+        mine: Array = side(self._env.worlds) == self._own[:, None]
+        return mine
 
     def watch(self, where: Array) -> None:
         """Count after each step the episodes that ended in it, of the worlds `where`, bool (worlds,)."""
