@@ -169,7 +169,7 @@ const World = (() => {
     context.strokeStyle = colors.extra;
     for (const { body, share } of options.attends) {
       if (body < 0 || share <= 0 || !(bodies[body].alive || bodies[body].here)) continue;
-      context.globalAlpha = Math.min(0.85, 0.15 + share);
+      context.globalAlpha = Math.min(0.85, 0.2 + share);
       context.lineWidth = Math.max(WIDEST * share, pixel / 2);
       line(scene, me.x, me.y, bodies[body].x, bodies[body].y);
     }

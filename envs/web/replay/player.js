@@ -104,7 +104,7 @@ const Player = { start: async (base64, { linked = false } = {}) => {
   }
 
   function advance(now) {
-    const seconds = Math.min(0.25, (now - before) / 1000), end = ticks() - 1;
+    const seconds = Math.min(0.25, Math.max(0, now - before) / 1000), end = ticks() - 1;
     before = now;
     state.at = Math.min(end, state.at + seconds * SPEEDS[state.speed] / episode().description.seconds);
     if (state.at < end) return;
