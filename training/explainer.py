@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
 from .networks import Extractor
@@ -70,29 +71,28 @@ class Explainer:
         masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
         spread = np.zeros(visible.shape, np.float32)
-        spread[visible] = packed[np.arange(packed.shape[1]) < visible.sum(1)[:, None]]
+        spread[visible] = packed[np.arange(visible.shape[1]) < visible.sum(1)[:, None]]
         return spread
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
     """The share of attention that each row gets, (batch, rows): by torch.nn.MultiheadAttention itself.
 
-    Of Rows, (batch, the most that any agent sees): only what is seen is attended to.
+    Of Rows, only what is seen is attended to: each agent's come first, in their order, and zeros follow.
     """
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):
         embedded = extractor._active(seen.entities @ torch.cat([weight, bias]))
-        if not len(embedded):
-            return torch.zeros(len(seen), 0)
-        rows = pad_sequence(list(embedded.split(seen.known.tolist())), batch_first=True)
+        rows = pad_sequence(list(torch.split(embedded, seen.known.tolist())), batch_first=True)
         visible = torch.arange(rows.shape[1]) < seen.count[:, None]
-        return _shares(extractor, rows, visible, torch.where(visible, 0.0, NEVER))
+        shares = _shares(extractor, rows, visible, torch.where(visible, 0.0, NEVER))
+        return functional.pad(shares, (0, extractor.layout.rows - rows.shape[1]))
     matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
     parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
-    embedded = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
+    known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
     padding = torch.zeros(len(seen), 1, weight.shape[1])  # is seen by all, and attends
-    visible = torch.nn.functional.pad(seen.seen, (0, 1), value=1.0)
-    return _shares(extractor, torch.cat([*embedded, padding], 1), visible > 0, 1 - visible)[:, :-1]
+    visible = functional.pad(seen.seen, (0, 1), value=1.0)
+    return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
 
 
 def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
@@ -101,6 +101,8 @@ def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor)
     rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: what is added to logits, (batch, rows).
     """
     heads, count = extractor.preset.heads, rows.shape[1]
+    if not count:
+        return rows.new_zeros(len(rows), 0)
     mask = raised[:, None, None].expand(-1, heads, count, -1).reshape(-1, count, count)
     _, weights = extractor.attention(rows, rows, rows, attn_mask=mask)
     shares = (weights * visible[:, :, None]).sum(1) / visible.sum(1, keepdim=True).clamp(min=1)

@@ -89,7 +89,7 @@ def _here(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Itera
             entries = list(zip(chosen[1:], options.others.values(), strict=True))
             against = policy = Against(env, policy, Mixture(entries, env, range(env.num_agents), list(options.others)))
         if options.record is not None:
-            record(env, options.record, policy=thinks, plays=against and against.plays)
+            record(env, options.record, policy=thinks, plays=against.plays if against else None)
         with event_file(options.events, env.worlds.layout) if options.events else contextlib.nullcontext() as file:
 
             def watch(where: Any) -> None:

@@ -130,11 +130,12 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     """World `w` as it is now.
 
     episode, tick: of its clock. zone: [x, y, radius, next x, next y, next radius] or None. agents: [{x, y, angle,
-    alive, health, bag, strike, target, sees, action, reward}]: bag holds objects, the last one is the one in use; strike
-    is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met, -1:
-    none; sees holds numbers of bodies other than walls, None: all; action holds what it was told to do in this tick,
-    which is of no meaning in the first of an episode; reward: of this tick. objects: [{x, y, angle, here, owner, wound}]: here: in the world, so
-    not in a bag and not broken; owner: a side, -1: none; wound: hit points that it lacks.
+    alive, health, bag, strike, target, sees, action, reward}]: bag holds objects, the last one is the one in use;
+    strike is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met,
+    -1: none; sees holds numbers of bodies other than walls, None: all; action holds what it was told to do in this
+    tick, without a meaning in the first of an episode; reward: of this tick. objects: [{x, y, angle, here, owner,
+    wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1: none; wound: hit points that it
+    lacks.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None

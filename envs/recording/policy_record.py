@@ -71,9 +71,7 @@ class PolicyRecorder:
 def policy_dtype(actions: Any, policy: Any) -> np.dtype[Any]:
     """The type of a row. actions, policy: as in the header of a recording."""
     values, rows = sum(size for _, _, size in actions), sum(count for _, count in policy["entities"])
-    return np.dtype(
-        [("value", "<f4"), ("probabilities", "<f2", (values,)), ("attention", "<f2", (rows,))]
-    )
+    return np.dtype([("value", "<f4"), ("probabilities", "<f2", (values,)), ("attention", "<f2", (rows,))])
 
 
 def is_policy(actions: Any, policy: Any) -> bool:

@@ -48,7 +48,8 @@ class Recorder:
         self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
         form = TickFormat(
             *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
-            *(len(self._digests.names), self._digests.period, policy and policy.dtype),
+            *(len(self._digests.names), self._digests.period),
+            policy.dtype if policy else None,
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
         if policy:

@@ -1,13 +1,14 @@
 // World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see trace.py.
 //
 // options: width, height (CSS pixels), ratio (device pixels in one), colors (a theme of assets.py), camera {x, y, half}
-// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, attention, night} (true or false;
-// blind: fade what the followed agent does not see; night: darken all but its vision cone), trails [[[x, y] ...] of each
-// agent], attends [{body, share}] of the followed agent's policy, marks [{x, y, age (0 to 1), kind, agent, object}]: events of a moment ago.
+// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, attention, night}
+// (true or false; blind: fade what the followed agent does not see; night: darken all that it does not see), trails
+// [[[x, y] ...] of each agent], attends [{body, share}]: to what its policy attends, marks [{x, y, age (0 to 1), kind,
+// agent, object}]: events of a moment ago.
 const World = (() => {
   const { circle, ring, line, cross, outline, side } = Brush;
   const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
-  const WIDEST = 0.6; // metres: a line to what has all the attention
+  const WIDEST = 0.55; // metres: a line to what has all the attention
   const CLEAR = 1.3; // metres around an agent that stay clear at night
 
   function draw(context, description, snapshot, options) {
