@@ -1,6 +1,6 @@
 """What a policy thinks of what it observes: probabilities, values, attention. Slower than acting, and apart from it."""
 
-import copy
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -10,27 +10,43 @@ from torch.nn import functional
 from torch.nn.utils.rnn import pad_sequence
 
 from .networks import Extractor
-from .observation_layout import MASK, OWN
-from .player import Answer, Player, one_thread
+from .observation_layout import MASK, OWN, ObservationLayout
 from .policy import NEVER, ActorCritic
 from .rows import Observed, Rows
 
 Array = np.ndarray[Any, Any]
+Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and the memory after it
+Question = Callable[[ActorCritic, Observed, Tensor | None, Tensor | None], Answer]  # memory, where episodes begin
 
 
 class Explainer:
-    """Explains the policy of a player, with a memory of its own; made by `Player.explainer`.
+    """Explains the policy of a player; made by `Player.explainer`.
 
     Attributes:
         entities: (key of the observation, rows) of each kind of entities that agents attend to.
         reset: As of Player.
     """
 
-    def __init__(self, player: Player) -> None:
-        self._player = copy.copy(player)
-        self._player._begins = self._player._remembered = None
-        self.reset = self._player._reset if player.memory else None
-        self.entities = [(kind.key, kind.rows) for kind in player.layout.kinds]
+    def __init__(
+        self,
+        ask: Callable[[dict[str, Array], Question], list[Array]],
+        layout: ObservationLayout,
+        actions: Sequence[int],
+        *,
+        leaky: bool,
+        reset: Callable[[Array], None] | None,
+    ) -> None:
+        """Make it of what asks the policies of a player.
+
+        Args:
+            ask: Asks each policy about its own agents, and returns their answers joined.
+            layout: Of the observations.
+            actions: How many values each action has.
+            leaky: Whether hidden rows are attended to, too.
+            reset: As of Player.
+        """
+        self._ask, self._layout, self._actions, self._leaky, self.reset = ask, layout, actions, leaky, reset
+        self.entities = [(kind.key, kind.rows) for kind in layout.kinds]
 
     def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
         """Explain what each agent is about to do; the memory goes on.
@@ -47,9 +63,8 @@ class Explainer:
         Raises:
             TrainingError: As of Player.
         """
-        with one_thread(), torch.inference_mode():
-            values, likely, attention = self._player._ask(observations, self._explain)
-        if not self._player.packer.leaky:
+        values, likely, attention = self._ask(observations, self._explain)
+        if not self._leaky:
             attention = self._spread(attention, observations)
         leading = observations[OWN].shape[:-1]
         return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
@@ -60,14 +75,13 @@ class Explainer:
         else:  # it plays without the state of the world, which its critic needs
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan)
-        sizes = self._player.header["actions"]
-        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(sizes)]).T
+        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._actions)]).T
         attention = attended(cast(Extractor, policy.extractors[0]), seen)
         return [values.numpy(), likely.numpy(), attention.numpy()], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
         """Attention (batch, rows), from that of the rows that are seen, which come first in `packed`."""
-        kinds = self._player.layout.kinds
+        kinds = self._layout.kinds
         masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
         spread = np.zeros(visible.shape, np.float32)

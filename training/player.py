@@ -1,11 +1,12 @@
 """Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
 
 import contextlib
+import copy
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,18 +22,14 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
 
 from .errors import TrainingError
+from .explainer import Answer, Explainer, Question
 from .observation_layout import OWN, ObservationLayout
 from .packer import Packer
 from .policy import ActorCritic
 from .presets import preset
 from .rows import Observed
 
-if TYPE_CHECKING:
-    from .explainer import Explainer
-
 Array = np.ndarray[Any, Any]
-Answer = tuple[list[Array], torch.Tensor | None]  # arrays (batch, ...), and the memory after it
-Question = Callable[[ActorCritic, Observed, torch.Tensor | None, torch.Tensor | None], Answer]
 THREADS_LOCK = threading.RLock()  # held while PyTorch is at another number of threads than the user's
 
 
@@ -136,15 +133,15 @@ class Player:
             TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
                 that episodes begin there.
         """
-        with one_thread(), torch.inference_mode():
-            (actions,) = self._ask(observations, self._choose)
+        (actions,) = self._ask(observations, self._choose)
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
-    def explainer(self) -> "Explainer":
-        """What says why it acts as it does, for outlast.record(env, path, policy=player)."""
-        from .explainer import Explainer  # here, as it stands on this class
-
-        return Explainer(self)
+    def explainer(self) -> Explainer:
+        """What says with what probabilities it acts, with a memory of its own; for outlast.record(policy=player)."""
+        own = copy.copy(self)
+        own._begins = own._remembered = None
+        own.reset = own._reset if self.memory else None
+        return Explainer(own._ask, self.layout, self.header["actions"], leaky=self.packer.leaky, reset=own.reset)
 
     def _reset(self, where: Array) -> None:
         """See `reset`."""
@@ -190,7 +187,12 @@ class Player:
         if self.memory:
             leading = observations[OWN].shape[:-1]
             memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
-        seen = self.packer(observations)
+        with one_thread(), torch.inference_mode():
+            return self._answers(self.packer(observations), memory, begins, question)
+
+    def _answers(
+        self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None, question: Question
+    ) -> list[Array]:
         if len(self.policies) == 1:
             answers, self._remembered = question(self.policies[0], seen, memory, begins)
             return answers
