@@ -14,32 +14,9 @@ from outlast.envs.recording import Recording, Replay, recorder
 from outlast.envs.recording.container import HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
 from outlast.envs.rollout import random_policy
 from tests.conftest import run
+from tests.helpers.thinker import ENTITIES, Thinker
 
 Json = dict[str, Any]
-ENTITIES = [("others", 1), ("heals", 15)]
-
-
-class Thinker:
-    """A policy that thinks something definite of each observation."""
-
-    entities = ENTITIES
-
-    def __init__(self) -> None:
-        self.told: list[list[bool]] = []
-
-    def check(self, env: Any) -> None:
-        """Fits everywhere."""
-
-    def explainer(self) -> "Thinker":
-        return self
-
-    def reset(self, where: Any) -> None:
-        self.told.append(where.tolist())
-
-    def __call__(self, observations: Any) -> tuple[Any, Any, Any]:
-        own = observations["own"]
-        likely = np.abs(own[..., :1]) / 100 + np.arange(15) / 100
-        return own.sum(-1), likely, np.zeros((*own.shape[:2], 16)) + observations["heals"][..., :1, 0] / 100
 
 
 @pytest.fixture

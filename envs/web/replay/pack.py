@@ -144,7 +144,9 @@ def _bits(values: Any) -> list[int]:
 
 
 def _percent(shares: Array) -> list[int]:
-    percent: list[int] = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1).astype(int).ravel().tolist()
+    """Shares in percent, -1 for those that are unknown. Files may hold any number."""
+    known = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1)
+    percent: list[int] = known.clip(-1, WHOLE).astype(int).ravel().tolist()
     return percent
 
 
