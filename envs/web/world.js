@@ -132,7 +132,7 @@ const World = (() => {
     context.globalAlpha = 1;
   }
 
-  // Darkens the floor that an agent does not see, but for a disc around it.
+  // Darkens what an agent does not see, but for a disc around it. Bodies that it sees are clear as a whole.
   function night(scene, agent) {
     const { context, description, snapshot, colors } = scene, half = edge(scene), far = 100 * half;
     const seen = Sight.cone(description, snapshot, snapshot.agents.indexOf(agent));
@@ -145,10 +145,19 @@ const World = (() => {
     context.save();
     clip((path) => outline(path, seen, agent));
     clip((path) => path.arc(agent.x, agent.y, CLEAR, 0, 2 * Math.PI));
+    for (const k of agent.sees || []) clip((path) => silhouette(path, scene, k));
     context.fillStyle = colors.night;
     context.globalAlpha = 0.45;
     context.fillRect(-half, -half, 2 * half, 2 * half);
     context.restore();
+  }
+
+  // Adds the outline of body number k to a path.
+  function silhouette(path, { description, snapshot }, k) {
+    const count = snapshot.agents.length, shape = k < count ? description.agents[k] : description.objects[k - count];
+    const body = k < count ? snapshot.agents[k] : snapshot.objects[k - count];
+    if (shape.radius > 0) path.arc(body.x, body.y, shape.radius, 0, 2 * Math.PI);
+    else outline(path, [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [a * shape.width / 2, b * shape.height / 2]), body);
   }
 
   function lines(scene, agent) {

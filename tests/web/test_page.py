@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
 from outlast.envs.web.replay.pack import EpisodeTrack, Room, pack
-from outlast.envs.web.replay.write import record_ticks
+from outlast.envs.web.replay.write import _entities, record_ticks
 from tests.conftest import COMPILED, scaled
 from tests.web.browser import ticks
 
@@ -117,6 +118,23 @@ def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]
         died = Counter(event["cause"] for event in episode["events"] if event["kind"] in ("kill", "death"))
         assert died["zone"] == statistics["deaths_zone"]
         assert died["melee"] == statistics["deaths_melee"]
+
+
+def test_what_a_policy_attends_to_is_found_by_its_name() -> None:
+    """The other agents, and rows that are called as a kind of entity, also one of one's own; not what is called otherwise."""
+    env = outlast.make_vec(outlast.variant("teams_3").with_(Poison()), 1, seed=1)
+    env.reset()
+    vials = len(env.worlds.span("vial"))
+    entities = [("others", 3), ("vials", vials), ("boxes", 8), ("heals", 3), ("heal_slot", 1)]
+    replay = SimpleNamespace(policy=np.zeros((1, 4)), recording=SimpleNamespace(entities=entities))
+    found = {entry["key"]: entry for entry in _entities(env.worlds, replay)["entities"]}  # type: ignore[arg-type]
+    kinds = [body["kind"] for body in describe(env.worlds, 0)["objects"]]
+    assert [entry["rows"] for entry in found.values()] == [count for _, count in entities]
+    assert [key for key, entry in found.items() if entry["others"]] == ["others"]
+    for key, kind in (("vials", "vial"), ("boxes", "box")):
+        first = found[key]["first"] - 4
+        assert {k for k, other in enumerate(kinds) if other == kind} == {*range(first, first + found[key]["rows"])}
+    assert [found[key]["first"] for key in ("heals", "heal_slot")] == [-1, -1]  # not as many, no kind
 
 
 def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
