@@ -121,10 +121,10 @@ def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]
 
 
 def test_what_a_policy_attends_to_is_found_by_its_name() -> None:
-    """The other agents, and rows that are called as a kind of entity, also one of one's own; not what is called otherwise."""
+    """The other agents, and rows that are called as a kind of entity, also one of one's own."""
     env = outlast.make_vec(outlast.variant("teams_3").with_(Poison()), 1, seed=1)
     env.reset()
-    vials = len(env.worlds.span("vial"))
+    vials = len(env.worlds.layout.spans["vial"])
     entities = [("others", 3), ("vials", vials), ("boxes", 8), ("heals", 3), ("heal_slot", 1)]
     replay = SimpleNamespace(policy=np.zeros((1, 4)), recording=SimpleNamespace(entities=entities))
     found = {entry["key"]: entry for entry in _entities(env.worlds, replay)["entities"]}  # type: ignore[arg-type]
