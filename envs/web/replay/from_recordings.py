@@ -33,7 +33,7 @@ def replay_page(
     >>> outlast.replay_page("fights.rec", "fights.html", worlds=[0, 3], last=400)
 
     Args:
-        recording: A Recording, or the path of one.
+        recording: A Recording, or the path of one; for a game of one's own, Recording.open(path, scenario).
         out: Of the page, an HTML file; one that is there is replaced.
         beside: Another recording, of the same scenario or of another, which plays beside it in step.
         worlds: Numbers of the worlds to show, of both recordings; None: the first.
