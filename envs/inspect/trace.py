@@ -90,11 +90,11 @@ def describe(worlds: Worlds, w: int) -> Json:
     half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
     tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
     0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
-    if there are no cameras. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick.
-    rewards: whether there are any. sides: [{color, ink, box}] as CSS. agents: [{side, radius, hides}]. objects: [{kind,
-    role, radius, width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius
-    0: a rectangle; hides: whether cameras do not see through it; of: the box that a box item was, -1: none; amount: hit
-    points that a heal gives; health: hit points at the start, 0: cannot be damaged.
+    if there are no cameras, or agents observe everything. damage_types: by number. actions: [{name, low, high}], what
+    an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box}] as CSS. agents: [{side,
+    radius, hides}]. objects: [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item,
+    heal, item, wall or other; radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a
+    box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -214,7 +214,7 @@ def _hides(scene: Scene, e: int) -> bool:
 
 
 def _cone(scene: Scene) -> list[list[float]] | None:
-    if systems.Cameras not in scene:
+    if systems.Cameras not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
     return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras))]
 

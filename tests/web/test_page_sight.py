@@ -61,6 +61,12 @@ def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name
     assert found[False, False] > 200, found
 
 
+def test_who_observes_everything_has_no_cone(compiled: None) -> None:
+    env = outlast.make_vec(outlast.variant("ffa_1").replace(cameras_mode="omniscient"), 1, seed=0)
+    env.reset()
+    assert describe(env.worlds, 0)["cone"] is None
+
+
 def cone(screen: Screen, description: Json, state: Json, i: int) -> np.ndarray[Any, Any]:
     """The corners of what is painted, metres of the room, float (corners, 2)."""
     corners = screen.page.evaluate(f"Sight.cone({json.dumps(description)}, {json.dumps(state)}, {i})")
