@@ -44,6 +44,7 @@ def rollout(
     threads: int | None = None,
     others: Others | None = None,
     record: File | None = None,
+    record_policy: bool = False,
     events: File | None = None,
     csv: File | None = None,
     interpret: Collection[str] = (),
@@ -77,6 +78,7 @@ def rollout(
             several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}. One is drawn for each world and
             episode; `outcomes` of the summary says how often it lost.
         record: Record everything in this new file, see outlast.record.
+        record_policy: Also record what a saved policy thinks, for outlast.replay_page.
         events: Write what happened into this new file, NAME.csv or NAME.parquet.
         csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
@@ -109,7 +111,8 @@ def rollout(
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
-        play = stack.enter_context(prepared(*made, record=record, events=events, csv=csv, watch=watch))
+        files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
+        play = stack.enter_context(prepared(*made, watch=watch, **files))
         try:
             return play(steps, episodes or 1, progress)
         except KeyboardInterrupt as stop:
@@ -169,6 +172,7 @@ def prepared(
     against: Against | None,
     *,
     record: File | None,
+    record_policy: bool,
     events: File | None,
     csv: File | None,
     watch: Watch | None = None,
@@ -177,7 +181,12 @@ def prepared(
     watchers = [each for each in (watch, against and against.watch) if each]
     with contextlib.ExitStack() as stack:
         if record is not None:
-            stack.enter_context(record_env(env, record))
+            thinks = (against.policy if against else policy) if record_policy else None
+            stack.enter_context(record_env(env, record, policy=thinks, plays=against.plays if against else None))
+        elif record_policy:
+            raise UsageError(
+                "--record-policy (record_policy=True) is about recordings: give --record FILE (record=), too"
+            )
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
             watchers.append(lambda where: table.add(env.events(), where))
