@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import install
 from outlast.envs.rollout.saved import REVEALED
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -18,7 +19,7 @@ try:
 
     from . import checkpoint
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
+    raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
 from .errors import TrainingError
 from .observation_layout import OWN, ObservationLayout

@@ -6,7 +6,7 @@ import contextlib
 import sys
 from typing import Any
 
-from ..errors import PlayError
+from ..errors import PlayError, install
 from .options import (
     add_common,
     add_number,
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
         from ..web.play.server import play
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
-        raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
+        raise PlayError(f"outlast play needs {package}: {install('play')}") from error
     world, chosen = load_policies(list(options.others), scenario(options), options.seed)
     others = dict(zip(chosen, options.others.values(), strict=True))
     game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)

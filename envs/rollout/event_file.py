@@ -11,7 +11,7 @@ import numpy as np
 
 from outlast.ecs import Layout
 
-from ..errors import UsageError
+from ..errors import UsageError, install
 from ..inspect.event_table import COLUMNS, event_table
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
@@ -109,7 +109,7 @@ class _Parquet:
             import pyarrow as pa
             import pyarrow.parquet as pq
         except ModuleNotFoundError:
-            raise UsageError(".parquet files need pyarrow: pip install 'outlast[data]'") from None
+            raise UsageError(f".parquet files need pyarrow: {install('data')}") from None
         kinds = {"world": pa.int64(), "episode": pa.int64(), "tick": pa.int64(), "amount": pa.float64()}
         self._arrow, self._schema = pa, pa.schema([(name, kinds.get(name, pa.string())) for name in COLUMNS])
         self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")

@@ -212,7 +212,9 @@ def test_documented_extras_exist() -> None:
     named = set()
     for path in tracked():
         if path.suffix in (".md", ".py"):
-            named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", path.read_text("utf-8")))
+            text = path.read_text("utf-8")
+            named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", text))
+            named |= set(re.findall(r"install\('([\w-]+)'\)", text))  # envs.errors.install, in messages
     assert named > {"train", "video", "test"}
     assert named <= PROJECT["project"]["optional-dependencies"].keys()
 

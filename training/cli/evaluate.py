@@ -11,6 +11,7 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, policy, positive, scenario, seed
+from outlast.envs.errors import install
 from outlast.envs.recording import record
 
 from ..errors import TrainingError
@@ -40,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         from ..evaluation.evaluation import Evaluation, contenders
     except ModuleNotFoundError as error:
-        raise TrainingError(f"evaluating needs {error.name}: pip install 'outlast[train]'") from error
+        raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
     evaluation = Evaluation(scenario(options), contenders(options.policies), **numbers)
     try:

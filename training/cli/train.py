@@ -15,6 +15,7 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
+from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -122,7 +123,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     try:
         from ..run import TrainingRun
     except ModuleNotFoundError as error:
-        raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
+        raise TrainingError(f"training needs {error.name}: {install('train')}") from error
     (own,), numbers = options.seed, {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
     numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
