@@ -1,9 +1,11 @@
 """The site: it builds without a warning, its examples run and print what the pages show, its pictures are current."""
 
 import contextlib
+import importlib
 import importlib.util
 import io
 import platform
+import posixpath
 import re
 import shlex
 import subprocess
@@ -125,9 +127,22 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
         assert {module.__class__.__name__ for module in scenario.modules} <= words_of("scenarios")
     assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("variants")
     assert set(systems.__all__) <= words_of("scenarios")
-    assert {*outlast.__all__, *outlast._LAZY} <= words_of("api")
     env = outlast.make_vec("ffa_3", 1, seed=0)
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")
+
+
+@once
+@pytest.mark.parametrize("name", ["", ".errors", ".ecs", ".components", ".systems"])
+def test_the_reference_has_every_public_name(site: Path, name: str) -> None:
+    """With a signature, where it is a class or a function: as an entry that other sites can link to."""
+    inventory = importlib.import_module("sphinx.util.inventory").InventoryFile
+    with (site / "objects.inv").open("rb") as file:
+        entries = inventory.load(file, "", posixpath.join)
+    known = {name for kind, found in entries.items() if kind.startswith("py:") for name in found}
+    module = importlib.import_module(f"outlast{name}")
+    public = {f"outlast{name}.{own}" for own in module.__all__}
+    errors = {f"outlast.ecs.{own}" for own in outlast.errors.__all__}  # they are documented where users catch them
+    assert public - errors <= known
 
 
 @pytest.mark.parametrize(
