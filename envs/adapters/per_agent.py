@@ -16,8 +16,8 @@ from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
+from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
-from ..scenarios.variants import resolve
 from ..snapshots.state import State
 
 DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until its world ends

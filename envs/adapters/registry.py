@@ -1,4 +1,4 @@
-"""The variants in the registries of Gymnasium and PettingZoo; their modules are imported when an environment is made.
+"""All scenarios in the registries of Gymnasium and PettingZoo; their modules are imported when an environment is made.
 
 Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
 ``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says
@@ -6,10 +6,13 @@ otherwise; ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` are the eight va
 plug-ins: import outlast first, or let Gymnasium do so with ``gymnasium.make("outlast:outlast/Teams-v1")``.
 
 PettingZoo (1.27 and later): ``pettingzoo.make("parallel", "outlast/teams_3-v1")``, or ``"aec"``.
+
+The scenarios of installed packages are registered by their own names: ``outlast/NAME-v1`` in each of the three.
 """
 
 import gymnasium
 
+from ..scenarios.plugins import installed
 from ..scenarios.variants import VARIANTS
 
 VERSION = "v1"  # of the environments: another one where behaviour changes
@@ -22,8 +25,8 @@ IDS = {
 
 
 def register() -> None:
-    """Register all variants; those that are registered already, after a reload of the package, are left alone."""
-    for name, scenario in IDS.items():
+    """Register all scenarios, without importing any; those that are registered already are left alone."""
+    for name, scenario in (IDS | {f"outlast/{own}-{VERSION}": own for own in installed()}).items():
         if name not in gymnasium.registry:
             gymnasium.register(
                 name,
@@ -38,7 +41,7 @@ def register() -> None:
     except (ImportError, AttributeError):  # no PettingZoo, or one without registries
         return
     for kind, registry in registries.items():
-        for scenario in VARIANTS:
+        for scenario in (*VARIANTS, *installed()):
             name = f"outlast/{scenario}-{VERSION}"
             if name not in registry:
                 entry_point = f"outlast.envs.adapters.pettingzoo:{kind}_env"

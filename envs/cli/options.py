@@ -18,23 +18,24 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED, common_scenario, load_saved
+from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
-from ..scenarios.variants import variant
 
 MAX_SEED = 2**64 - 1
+VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
 
 
 def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
     """VARIANT, or several, and --set; `scenario` reads them."""
-    command.add_argument("variant", nargs="+" if several else None, help="name of a game: see `outlast variants`")
+    command.add_argument("variant", nargs="+" if several else None, help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
-    asked = variant(name or options.variant)
+    asked = resolve(name or options.variant)
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 

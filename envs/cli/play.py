@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
 
     def opened(address: str) -> None:
-        text = f"{options.variant}: you are agent {options.agent} at {address}\nCtrl-C ends the game."
+        text = f"{world.name}: you are agent {options.agent} at {address}\nCtrl-C ends the game."
         announce(options, text, address)
 
     with contextlib.closing(game), contextlib.suppress(KeyboardInterrupt):

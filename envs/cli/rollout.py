@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     place = _here if options.ray is None else _on_ray
     chosen = load_policies([options.policy, *(options.others or ())], scenario(options), options.seed)
     with deaths, place(options, *chosen) as (agents, work, results):
-        return _run_with_bar(options, agents, work, results)
+        return _run_with_bar(options, chosen[0].name, agents, work, results)
 
 
 @contextlib.contextmanager
@@ -118,7 +118,7 @@ def _on_ray(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Ite
         yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress), None
 
 
-def _run_with_bar(options: argparse.Namespace, agents: int, work: Work, results: Against | None) -> int:
+def _run_with_bar(options: argparse.Namespace, name: str, agents: int, work: Work, results: Against | None) -> int:
     """Do the work behind a progress bar and report; the exit status."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
@@ -138,18 +138,16 @@ def _run_with_bar(options: argparse.Namespace, agents: int, work: Work, results:
         summary, status = stop.args[0] if stop.args else Summary(), 130
     seconds = time.perf_counter() - start
     bar.close()
-    _report(options, summary, seconds, agents)
+    _report(options, name, summary, seconds, agents)
     if results:
         print(f"\n{results}")
     return status
 
 
-def _report(options: argparse.Namespace, summary: Summary, seconds: float, agents: int) -> None:
+def _report(options: argparse.Namespace, name: str, summary: Summary, seconds: float, agents: int) -> None:
     each, done = options.steps or options.episodes, summary.world_steps
     against = " against " + ", ".join(options.others) if options.others else ""
-    print(
-        f"{options.variant}: {options.policy} policy{against}, seed {options.seed}, {options.worlds} worlds x ", end=""
-    )
+    print(f"{name}: {options.policy} policy{against}, seed {options.seed}, {options.worlds} worlds x ", end="")
     print(f"{each} {'step' if options.steps else 'episode'}{'s' if each > 1 else ''}")
     print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
     print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")

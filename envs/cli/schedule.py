@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from outlast.ecs import Component, Entity, Worlds
 
-from ..scenarios.variants import variant
+from .options import add_scenario, scenario
 
 
 class Use(NamedTuple):
@@ -30,7 +30,7 @@ class Use(NamedTuple):
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     table = commands.add_parser("schedule", help="print the tick of a variant as a table")
-    table.add_argument("variant")
+    add_scenario(table)
     kind = table.add_mutually_exclusive_group()
     kind.add_argument("--components", action="store_true", help="print which systems write and read each component")
     kind.add_argument("--source", action="store_true", help="print the generated code, one function a system")
@@ -39,7 +39,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table."""
-    worlds = Worlds(variant(options.variant).modules, 1)
+    asked = scenario(options)
+    worlds = Worlds(asked.modules, 1, ordered=asked.order)
     if options.source:
         print(worlds.source())
     else:

@@ -4,8 +4,8 @@ from collections.abc import Collection
 
 from gymnasium.vector import AutoresetMode
 
+from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
-from ..scenarios.variants import resolve
 from .validation import renamed
 from .vector_env import SurvivalVectorEnv
 

@@ -5,7 +5,6 @@ says what the runs had.
 """
 
 import difflib
-from collections.abc import Iterable, Mapping
 
 from outlast.systems import (
     Agents,
@@ -97,28 +96,3 @@ def variant(name: str) -> Scenario:
         known = ", ".join(f"{name} ({alias})" for alias, name in ALIASES.items())
         raise ScenarioError(f"there is no variant '{plain}'; {hint}known: {known}")
     return ablated(found, ablations) if ablations else found
-
-
-def resolve(
-    scenario: Scenario | str, numbers: Mapping[str, Number] | None = None, options: Iterable[str] = ()
-) -> Scenario:
-    """The scenario that a factory was asked for: a variant's name or a scenario, with other numbers.
-
-    Args:
-        scenario: Name of a variant ("ffa_3", "teams_2+health_cap"), or a Scenario.
-        numbers: Numbers to change, as `Scenario.replace` takes them; what a factory got as `**numbers`.
-        options: Names of the factory's own keywords, so that "thread" is answered with "did you mean threads?".
-
-    Raises:
-        ScenarioError: `scenario` is neither, or there is no such variant.
-        NumberError: A number that the scenario does not have, or a value that is out of its range.
-    """
-    if isinstance(scenario, str):
-        scenario = variant(scenario)
-    if not isinstance(scenario, Scenario):
-        raise ScenarioError(f"{scenario!r}: the name of a variant or a Scenario is needed")
-    if not numbers:
-        return scenario
-    for name in numbers:
-        scenario.find_number(name, options)
-    return scenario.replace(**numbers)

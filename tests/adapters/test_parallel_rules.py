@@ -237,8 +237,8 @@ def test_calls_out_of_order() -> None:
         ({"max_cycles": 5, "ending_limit": 5}, ValueError, "the same number"),
         ({"max_episode_steps": 5, "ending_limit": 5}, ValueError, "the same number"),
         ({"max_cycles": 5, "max_episode_steps": 5}, ValueError, "the same number"),
-        ({"scenario": 3}, ScenarioError, "3: the name of a variant or a Scenario"),
-        ({"scenario": None, "melee_damage": 3}, ScenarioError, "None: the name of a variant or a Scenario"),
+        ({"scenario": 3}, ScenarioError, "3: a Scenario or the name of one"),
+        ({"scenario": None, "melee_damage": 3}, ScenarioError, "None: a Scenario or the name of one"),
         ({"n_agents": 0}, NumberError, "agents.count = 0"),
     ],
 )

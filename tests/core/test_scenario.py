@@ -32,7 +32,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import action_space, observation_space
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.variants import resolve
+from outlast.envs.scenarios.naming import resolve
 from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Pickup, Teams
 from tests.conftest import draw_actions, nightly_compiled
 
@@ -495,5 +495,5 @@ def test_a_factory_resolves_names_scenarios_and_numbers_in_one_way() -> None:
         resolve("ffa_1", {"mele_damage": 20})
     with pytest.raises(NumberError, match="ffa_1 has no number 'thread'; did you mean threads"):
         resolve("ffa_1", {"thread": 2}, options=("seed", "threads"))
-    with pytest.raises(ScenarioError, match="3: the name of a variant or a Scenario is needed"):
+    with pytest.raises(ScenarioError, match="3: a Scenario or the name of one is needed"):
         resolve(3)  # type: ignore[arg-type]

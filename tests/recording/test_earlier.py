@@ -11,8 +11,8 @@ import outlast
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording.reader import Recording
 from outlast.envs.recording.replay import Replay
+from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.renamed import CLASSES, MECHANICS, NUMBERS
-from outlast.envs.scenarios.variants import resolve
 from outlast.envs.snapshots.state import State
 from tests.conftest import COMPILED
 

@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
     parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
     if len(options.variant) * len(options.seed) > 1:
-        return _train_several(options, [scenario.name for scenario in chosen])
+        return _train_several(options, list(zip(options.variant, chosen, strict=True)))
     return _train_one(options, chosen[0], settings)
 
 
@@ -153,8 +153,8 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
 class Job:
     """One of several runs, in a process group of its own, so that Ctrl-C reaches it once: from this process."""
 
-    def __init__(self, options: argparse.Namespace, variant: str, seed: int) -> None:
-        self.name = f"{variant}-{options.preset}-{seed}"
+    def __init__(self, options: argparse.Namespace, variant: str, name: str, seed: int) -> None:
+        self.name = f"{name}-{options.preset}-{seed}"
         self.folder = (options.out or Path("runs")) / self.name
         self.words = [sys.executable, "-m", "outlast", "train", variant, "--quiet", "--out", str(self.folder)]
         self.words += ["--seed", str(seed), "--threads", str(options.threads or 1)]
@@ -194,13 +194,15 @@ class Job:
         return int(self.process.returncode)
 
 
-def _train_several(options: argparse.Namespace, variants: Sequence[str]) -> int:
+def _train_several(options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]]) -> int:
     """Train every variant with every seed; the exit status: 0 if all went well, 130 if they were stopped.
 
     A run that fails is reported, and the others go on. Ctrl-C lets all of them save; `--resume` goes on with them, and
     begins those that had not begun. Raises TrainingError, before anything begins, if two runs would be the same.
+    chosen: names, as the user gave them, and their scenarios.
     """
-    waiting = [Job(options, variant, seed) for variant, seed in itertools.product(variants, options.seed)]
+    pairs = itertools.product(chosen, options.seed)
+    waiting = [Job(options, variant, scenario.name, seed) for (variant, scenario), seed in pairs]
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
     at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()

@@ -1,0 +1,48 @@
+"""Scenarios of installed packages: entry points of the group `outlast.scenarios`, NAME = "package.module:scenario"."""
+
+import functools
+import logging
+import re
+from importlib.metadata import EntryPoint, entry_points
+
+from ..errors import ScenarioError
+from .imports import scenario_in_module
+from .scenario import Scenario
+from .variants import ALIASES, VARIANTS
+
+GROUP = "outlast.scenarios"
+LOGGER = logging.getLogger("outlast")
+
+
+@functools.cache  # so that each warning is given once
+def installed() -> dict[str, EntryPoint]:
+    """The scenarios of installed packages by name; nothing of them is imported.
+
+    One that cannot be used by its name is left out, with a warning that names the package.
+    """
+    found = dict[str, EntryPoint]()
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, package(entry))):
+        if entry.name in VARIANTS or entry.name in ALIASES:
+            problem = "that is the name of a variant"
+        elif not re.fullmatch(r"[A-Za-z][\w-]*", entry.name):
+            problem = "a name has letters, digits, - and _ only"
+        elif entry.name in found and found[entry.name].value != entry.value:
+            problem = f"{package(found[entry.name])} has one of that name, too"
+        else:
+            found[entry.name] = entry
+            continue
+        LOGGER.warning("the scenario '%s' of the package %s is left out: %s", entry.name, package(entry), problem)
+    return found
+
+
+def package(entry: EntryPoint) -> str:
+    """The name of the package that an entry point is of."""
+    return entry.dist.name if entry.dist else entry.module
+
+
+def scenario_of_package(entry: EntryPoint) -> Scenario:
+    """Import the scenario of an entry point. Raises ScenarioError, which names the package."""
+    try:
+        return scenario_in_module(entry.module, entry.attr)
+    except ScenarioError as error:
+        raise ScenarioError(f"the scenario '{entry.name}' of the package {package(entry)}: {error}") from error

@@ -1,0 +1,196 @@
+"""Scenarios of one's own by name: from files, modules and installed packages."""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import pytest
+
+import outlast
+from outlast.envs.cli.main import main
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios import plugins
+from outlast.envs.scenarios.naming import named, resolve
+
+SWAMP = """
+from dataclasses import dataclass
+
+from outlast.components import Phase, Push
+from outlast.ecs import Module, Rows, Write, number
+
+
+@dataclass(frozen=True)
+class Swamp(Module):
+    drag: float = number(0.5, low=0, high=1)
+
+
+@Swamp.system(Phase.DRIVE, after="motors")
+def wade(push: Write[Push], agents: Rows[Push], drag: float) -> None:
+    for k in range(agents.size):
+        push.x[agents[k]] *= 1 - drag
+"""
+BOG = """
+import outlast
+from swamp_of_bog import Swamp
+
+arena = outlast.Scenario("the arena", (*outlast.variant("ffa_1").modules, Swamp()), "a duel in a swamp")
+again = arena
+three = 3
+
+
+def quick():
+    return arena.replace(ending_limit=50)
+
+
+def wrong():
+    return len(3)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with a game in two files, forgotten afterwards."""
+    (tmp_path / "bog.py").write_text(BOG)
+    (tmp_path / "swamp_of_bog.py").write_text(SWAMP)
+    before = set(sys.modules)
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if Path(getattr(sys.modules[name], "__file__", None) or "/").is_relative_to(tmp_path):
+            del sys.modules[name]
+
+
+def test_a_file_is_imported_once_and_its_mechanics_are_one_class(folder: Path) -> None:
+    file = folder / "bog.py"
+    arena = named(f"{file}:arena")
+    assert arena.name == "the arena"
+    assert named(str(file)) is named("bog:arena") is resolve(f"{folder}/../{folder.name}/bog.py:again") is arena
+    assert named(f"{file}:quick").numbers()["ending_limit"] == 50
+    assert type(pickle.loads(pickle.dumps(arena))["swamp"]) is type(arena["swamp"])
+    assert named(f"{file}:arena+steering").name == "the arena+steering"
+
+
+def test_environments_and_commands_take_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    env = outlast.make_vec(f"{folder}/bog.py:quick", 2, seed=0, swamp_drag=0.25)
+    assert env.scenario.numbers()["swamp_drag"] == 0.25
+    env.close()
+    assert main(["schedule", f"{folder}/bog.py:arena"]) == 0
+    assert "swamp.wade" in capsys.readouterr().out
+    assert main(["schedule", f"{folder}/bog.py:arne"]) == 2
+    assert "did you mean arena?" in capsys.readouterr().err
+
+
+def test_other_processes_load_its_pickles(folder: Path) -> None:
+    """As those that multiprocessing spawns: they get `sys.path` and no module."""
+    content = pickle.dumps(named(f"{folder}/bog.py")["swamp"])
+    script = f"import pickle, sys; sys.path[:] = {sys.path!r}; print(pickle.loads({content!r}))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "Swamp(drag=0.5)\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("{}/bo.py:arena", r"there is no file .*/bo\.py; did you mean .*/bog\.py\?"),
+        ("{}/bog.py:three", "bog.py:three is int 3: a Scenario is needed, or a function"),
+        ("{}/bog.py:quik", "has no 'quik'; did you mean quick"),
+        ("{}/bog.py:wrong", r"bog\.py, line 15: TypeError: object of type 'int' has no len\(\)"),
+        ("{}/bog.py:arena+steerin", "there is no ablation 'steerin'"),
+        ("{}/swamp_of_bog.py", "holds no Scenario: name what makes one"),
+        ("{}/two.py", "holds ONE, TWO: name one, as in .*two.py:ONE"),
+        ("{}/broken.py:x", r"broken\.py, line 3: ZeroDivisionError: division by zero"),
+        ("{}/caller.py:x", r"broken\.py, line 3: ZeroDivisionError"),
+        ("{}/grammar.py:x", r"grammar\.py, line 1: SyntaxError"),
+        ("{}/leaves.py:x", r"leaves\.py, line 2: SystemExit: 3"),
+        ("{}/declares.py:x", r"declares\.py, line 3: DeclarationError: "),
+        ("{}/json.py:x", r"cannot be imported: 'json' is .*json/__init__\.py; rename it"),
+        ("{}/a-b.py:x", "'a-b' is no name of a module; rename the file"),
+        ("no.such.module:x", "there is no module no.such.module"),
+        ("json:x", "json has no 'x'"),
+        (":x", "there is no module "),
+        ("a:b:c", "'a:b:c' is no name of a scenario; one of your own is FILE.py:NAME"),
+        ("ffa_33", "there is no variant 'ffa_33'; did you mean ffa_3 or"),
+    ],
+)
+def test_what_cannot_be_named(folder: Path, name: str, message: str) -> None:
+    (folder / "two.py").write_text("import outlast\nONE, TWO = outlast.variant('ffa_1'), outlast.variant('ffa_2')")
+    (folder / "broken.py").write_text("import numpy\n\n1 / 0")
+    (folder / "caller.py").write_text("import broken")
+    (folder / "grammar.py").write_text("x = (")
+    (folder / "leaves.py").write_text("import sys\nsys.exit(3)")
+    (folder / "declares.py").write_text("from outlast.ecs import Module\n\nclass Bad(Module): name = 'No Name'")
+    (folder / "json.py").write_text("x = 3")
+    (folder / "a-b.py").write_text("x = 3")
+    path = sys.path.copy()
+    with pytest.raises(ScenarioError, match=message) as caught:
+        named(name.format(folder))
+    assert "\n" not in str(caught.value)
+    if "bog.py" not in name and "two.py" not in name:
+        assert sys.path == path
+
+
+def test_a_file_in_a_package_is_a_module_of_it(folder: Path) -> None:
+    package = folder / "games_of_bog" / "inner"
+    package.mkdir(parents=True)
+    for place in (package, package.parent):
+        (place / "__init__.py").touch()
+    (package / "marsh.py").write_text("from .. import inner\nimport outlast\nM = outlast.variant('ffa_1')")
+    assert named(f"{package}/marsh.py") is named("games_of_bog.inner.marsh:M")
+
+
+@pytest.fixture
+def entries(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[EntryPoint]]:
+    """Entry points of installed packages, to which tests add."""
+    entries = list[EntryPoint]()
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [e for e in entries if e.group == group])
+    monkeypatch.syspath_prepend(folder)
+    plugins.installed.cache_clear()
+    yield entries
+    plugins.installed.cache_clear()
+
+
+def test_scenarios_of_installed_packages(entries: list[EntryPoint], capsys: pytest.CaptureFixture[str]) -> None:
+    entries += [
+        EntryPoint("hunt", "bog:arena", plugins.GROUP),
+        EntryPoint("ffa_1", "bog:arena", plugins.GROUP),
+        EntryPoint("hunt", "bog:quick", plugins.GROUP),
+        EntryPoint("two words", "bog:quick", plugins.GROUP),
+        EntryPoint("gone", "bog_that_is_gone:arena", plugins.GROUP),
+    ]
+    assert named("hunt").name == "the arena"
+    assert main(["variants"]) == 0
+    out, err = capsys.readouterr()
+    assert "\nhunt      bog            a duel in a swamp\n" in out
+    assert "outlast: the scenario 'gone' of the package bog_that_is_gone: there is no module bog_that_is_gone" in err
+    with pytest.raises(ScenarioError, match="the scenario 'gone' of the package"):
+        named("gone")
+    with pytest.raises(ScenarioError, match="did you mean hunt"):
+        named("hnt")
+
+
+def test_names_that_packages_cannot_take(entries: list[EntryPoint], caplog: pytest.LogCaptureFixture) -> None:
+    entries += [EntryPoint(name, "bog:arena", plugins.GROUP) for name in ("ffa_1", "1v1_heals_low", "two words")]
+    entries += [EntryPoint("hunt", f"bog:{name}", plugins.GROUP) for name in ("arena", "quick")]
+    assert list(plugins.installed()) == ["hunt"]
+    messages = [record.getMessage() for record in caplog.records]
+    assert "the scenario 'ffa_1' of the package bog is left out: that is the name of a variant" in messages
+    assert [("hunt" in each, "two words" in each) for each in messages].count((True, False)) == 1
+    assert len(messages) == 4
+
+
+def test_registered_by_name(entries: list[EntryPoint], monkeypatch: pytest.MonkeyPatch) -> None:
+    from outlast.envs.adapters import registry
+
+    entries.append(EntryPoint("hunt", "bog:quick", plugins.GROUP))
+    registered: dict[str, Any] = dict(gymnasium.registry)
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", registered)
+    monkeypatch.setattr(gymnasium, "registry", registered)
+    registry.register()
+    env = gymnasium.make("outlast/hunt-v1")
+    assert env.unwrapped.metadata["name"] == "the arena"
+    env.close()
