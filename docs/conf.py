@@ -1,4 +1,4 @@
-"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install 'outlast[docs]')."""
+"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install '.[docs]')."""
 
 import sys
 from pathlib import Path

@@ -24,9 +24,8 @@ class Hunt(Teams):
         """There are two sides, and both have members."""
         agents = layout.dims["agents"]
         if self.count != 2 or self.hunters >= agents:
-            raise NumberError(
-                f"hunt.hunters = {self.hunters} of {agents} agents in {self.count} teams; take fewer, of 2"
-            )
+            asked = f"hunt.hunters = {self.hunters} of {agents} agents, hunt.count = {self.count} sides"
+            raise NumberError(f"{asked}: two sides are needed, and at least one agent that is prey")
 
 
 @Hunt.system(Phase.DRAW)
