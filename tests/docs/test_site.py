@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
@@ -30,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_parser", "furo")
-LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
+LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
 PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 
 # A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
@@ -169,14 +170,24 @@ def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, 
     assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
 
 
-def pictures() -> dict[str, Any]:
-    """The functions that draw them, by name, from docs/pictures.py."""
+def script() -> ModuleType:
+    """docs/pictures.py."""
     spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return dict(module.PICTURES)
+    return module
+
+
+def pictures() -> dict[str, Any]:
+    """The functions that draw them, by name."""
+    return dict(script().PICTURES)
+
+
+def films() -> dict[str, list[str]]:
+    """The commands of the pages that write films into docs/pictures, by the file's name."""
+    return dict(script().films())
 
 
 def test_pictures_are_small_and_shown() -> None:
@@ -184,6 +195,7 @@ def test_pictures_are_small_and_shown() -> None:
     assert files.keys() == {f"{name}.png" for name in pictures()} | films().keys()
     assert max(size for name, size in files.items() if name not in films()) < LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
+    assert sum(files.values()) < LARGEST_FOLDER
     shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}
     assert shown == files.keys()
 
@@ -202,18 +214,13 @@ def test_pictures_are_those_of_the_script(name: str) -> None:
     assert difference < 1  # of 255: edges may be smoothed a little differently elsewhere
 
 
-def films() -> dict[str, list[str]]:
-    """The commands of the pages that write films into docs/pictures, by the file's name."""
-    found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", "\n".join(PAGES.values()), re.MULTILINE)
-    return {name: shlex.split(command) for command, name in found}
-
-
 @once
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
 @pytest.mark.parametrize("name", films())
-def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
-    """To update one: the command of the page."""
+def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To update one: the command of the page, or python docs/pictures.py NAME"""
     command = films()[name]
+    monkeypatch.chdir(ROOT)
     assert main([*command[:-1], str(tmp_path / "frames"), "--quiet"]) == 0
     frames = [cv2.imread(str(file)) for file in sorted((tmp_path / "frames").iterdir())]
     film = cv2.VideoCapture(str(DOCS / "pictures" / name))
