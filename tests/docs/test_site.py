@@ -21,6 +21,7 @@ import pytest
 
 import outlast
 from outlast import systems
+from outlast.components import Phase
 from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -168,6 +169,20 @@ def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, 
     with pytest.raises(EngineError) as refusal:
         outlast.make_vec(outlast.variant("ffa_3+steering").with_(getattr(module, mechanic)()), 1)
     assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
+
+
+def test_every_phase_has_its_purpose_and_systems_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    poison, tag = importlib.import_module("poison"), importlib.import_module("tag")
+    section = re.search(r"^## Which phase\n(.*?)^## ", PAGES["mechanic"], re.MULTILINE | re.DOTALL)
+    assert section is not None
+    rows = re.findall(r"^\| [^|`]+ \| ([^|]+) \| ([^|]+) \|$", section[1], re.MULTILINE)
+    kinds = [getattr(systems, name) for name in systems.__all__]
+    labels = {s.label: s.phase for kind in (*kinds, poison.Poison, tag.Stamina) for s in kind().systems()}
+    for phases, examples in rows:
+        named = re.findall(r"`([A-Z]+)`", phases)
+        assert {labels[example].name for example in re.findall(r"`(\w+\.\w+)`", examples)} <= {*named}
+    assert [name for phases, _ in rows for name in re.findall(r"`([A-Z]+)`", phases)] == [p.name for p in Phase]
 
 
 def script() -> ModuleType:
