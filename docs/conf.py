@@ -1,4 +1,4 @@
-"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install 'outlast[docs]')."""
+"""How the site is built: python -m sphinx -W docs SOMEWHERE (pip install '.[docs]')."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,10 @@ html_title = f"outlast {version}"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
 exclude_patterns = ["_build", "examples", "training"]
 default_role = "code"  # single backticks, in docstrings
+napoleon_use_ivar = True  # attributes of a class as a list
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["gallery.css"]
 html_copy_source = False
 html_show_copyright = False
 pygments_style = "friendly"

@@ -1,5 +1,13 @@
-"""The pictures of the pages, from seeds: python docs/pictures.py [NAME ...] writes them, or all, into docs/pictures."""
+"""The pictures of the pages, from seeds: python docs/pictures.py writes them into docs/pictures.
 
+    python docs/pictures.py [NAME ...]      (all, if none is named)
+
+Films are made by the commands that the pages show beside them.
+"""
+
+import contextlib
+import re
+import shlex
 import shutil
 import sys
 import tempfile
@@ -13,6 +21,7 @@ import numpy as np
 import outlast
 from outlast.components import Bag, Body, Item, Shape
 from outlast.ecs import Entity
+from outlast.envs.cli.main import main as outlast_command
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Scene
 from outlast.envs.rendering.rgb import draw
@@ -157,14 +166,25 @@ PICTURES: dict[str, Callable[[], Image]] = {
 SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 
 
-def main() -> None:
-    """Write them all, or those whose names are given: python docs/pictures.py page."""
-    pictures = PICTURES | SCREENSHOTS
-    for name, made in ((name, pictures[name]) for name in sys.argv[1:] or pictures):
-        file = DOCS / "pictures" / f"{name}.png"
-        cv2.imwrite(str(file), made()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        print(f"{file.relative_to(DOCS.parent)}: {file.stat().st_size} bytes")
+def films() -> dict[str, list[str]]:
+    """The arguments of the pages' commands that write films into docs/pictures, by the file's name."""
+    pages = "\n".join(page.read_text() for page in sorted(DOCS.glob("*.md")))
+    found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", pages, re.MULTILINE)
+    return {name: shlex.split(command) for command, name in found}
+
+
+def main(*names: str) -> None:
+    """Write them, or only those of these names."""
+    for name, made in (PICTURES | SCREENSHOTS).items():
+        if not names or name in names:
+            file = DOCS / "pictures" / f"{name}.png"
+            cv2.imwrite(str(file), made()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+            print(f"{file.relative_to(DOCS.parent)}: {file.stat().st_size} bytes")
+    with contextlib.chdir(DOCS.parent):
+        for name, command in films().items():
+            if not names or Path(name).stem in names:
+                outlast_command([*command, "--quiet"])
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

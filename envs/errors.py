@@ -8,6 +8,14 @@ from gymnasium import error
 from outlast.ecs.errors import OutlastError
 
 
+def install(extra: str) -> str:
+    """The command that installs what an extra of outlast needs, for messages: "pip install 'outlast[train]'".
+
+    Wherever outlast was installed from, pip finds it there and needs no index for it, only for what is missing.
+    """
+    return f"pip install 'outlast[{extra}]'"
+
+
 class ActionError(OutlastError, error.InvalidAction, ValueError):
     """Actions of the wrong shape or type, or out of range."""
 

@@ -1,4 +1,4 @@
-"""Tables of docs/performance.md, docs/training.md and README, and a plot, from the results of a machine.
+"""Tables of the pages in DOCUMENTS, and a plot, from the results of a machine.
 
     python -m perf.report MACHINE      (needs matplotlib: pip install 'outlast[plot]')
 
@@ -15,7 +15,7 @@ from pathlib import Path
 from perf.table import FOLDER, about, has, read
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = (ROOT / "docs" / "performance.md", ROOT / "docs" / "training.md", ROOT / "README.md")
+DOCUMENTS = (*(ROOT / "docs" / f"{page}.md" for page in ("performance", "training", "experiments")), ROOT / "README.md")
 TABLE = re.compile(
     r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
 )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import install
 from outlast.envs.rollout.saved import REVEALED
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -19,7 +20,7 @@ try:
 
     from . import checkpoint
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("saved policies need PyTorch: pip install 'outlast[train]'", name=error.name) from error
+    raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
 from .errors import TrainingError
 from .explainer import Answer, Explainer, Question

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from outlast.envs.errors import install
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 
@@ -103,7 +104,7 @@ class TrainingRun:
             try:
                 from .cluster import recruit_on_cluster  # here, as Ray takes seconds to load
             except ModuleNotFoundError as error:
-                raise TrainingError("a Ray cluster needs Ray: pip install 'outlast[ray]'") from error
+                raise TrainingError(f"a Ray cluster needs Ray: {install('ray')}") from error
             if config.processes == 1:
                 raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)

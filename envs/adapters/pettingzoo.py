@@ -11,7 +11,7 @@ from gymnasium import spaces
 from ..core.agents import alive
 from ..core.validation import Array, check_choice, check_count, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import ActionError, ClosedError, NotResetError
+from ..errors import ActionError, ClosedError, NotResetError, install
 from ..rendering import modes
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
@@ -23,7 +23,7 @@ try:
     from pettingzoo import ParallelEnv
     from pettingzoo.utils.conversions import parallel_to_aec
 except ModuleNotFoundError as error:
-    hint = "parallel_env and aec_env need PettingZoo: pip install 'outlast[pettingzoo]'"
+    hint = f"parallel_env and aec_env need PettingZoo: {install('pettingzoo')}"
     raise ModuleNotFoundError(hint, name=error.name) from error
 
 Observations = dict[str, dict[str, Array]]

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import install
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
 
 try:
     from ray.rllib.env.env_context import EnvContext
     from ray.rllib.env.multi_agent_env import MultiAgentEnv
 except ImportError as error:
-    raise ModuleNotFoundError("SurvivalMultiAgentEnv needs RLlib: pip install 'outlast[ray]'", name="ray") from error
+    raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
 
 class SurvivalMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml

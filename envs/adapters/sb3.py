@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays
-from ..errors import PendingError
+from ..errors import PendingError, install
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from .gymnasium_agents import SurvivalAgentVectorEnv
@@ -18,7 +18,7 @@ try:
     from stable_baselines3.common.vec_env.base_vec_env import tile_images
 except ImportError as error:
     raise ModuleNotFoundError(
-        "make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'", name="stable_baselines3"
+        f"make_sb3 needs Stable-Baselines3: {install('sb3')}", name="stable_baselines3"
     ) from error
 
 

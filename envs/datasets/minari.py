@@ -13,7 +13,7 @@ from gymnasium import spaces
 from outlast.ecs import Worlds
 
 from ..core.spaces import action_space, observation_space
-from ..errors import RecordingError
+from ..errors import RecordingError, install
 from ..recording import Replay
 from ..storage import atomic_write
 from .samples import Samples, Selection, concatenate, manifest, read_samples
@@ -26,7 +26,7 @@ try:
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("Minari datasets need Minari: pip install 'outlast[minari]'", name=error.name) from error
+    raise ModuleNotFoundError(f"Minari datasets need Minari: {install('minari')}", name=error.name) from error
 
 
 ROOT = "MINARI_DATASETS_PATH"  # where Minari looks for datasets

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, install
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
 from .samples import Samples, Selection, manifest, read_shards
@@ -16,7 +16,7 @@ try:
     import pyarrow as pa
     import pyarrow.parquet as pq
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(".parquet files need pyarrow: pip install 'outlast[data]'", name=error.name) from error
+    raise ModuleNotFoundError(f".parquet files need pyarrow: {install('data')}", name=error.name) from error
 
 Array = np.ndarray[Any, Any]
 

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import install
+
 
 class Window:
     """Opens with the first frame, and holds the caller up to `fps` frames a second. Needs pygame: ImportError."""
@@ -13,7 +15,7 @@ class Window:
         try:
             self.pygame: Any = import_module("pygame")  # optional
         except ModuleNotFoundError as error:
-            raise ImportError("a window needs pygame: pip install 'outlast[window]'") from error
+            raise ImportError(f"a window needs pygame: {install('window')}") from error
         self.title, self.fps = title, fps
         self.clock = self.pygame.time.Clock()
         self.surface: Any = None

@@ -9,7 +9,7 @@ from typing import Any
 
 import outlast
 
-from ..errors import ClusterError, EndlessError
+from ..errors import ClusterError, EndlessError, install
 from .local import Task, run_task, split_worlds
 from .summary import Summary
 
@@ -17,7 +17,7 @@ try:
     import ray
     from ray.exceptions import RayError, RayTaskError
 except ImportError as error:
-    raise ModuleNotFoundError("--ray needs Ray: pip install 'outlast[ray]'", name="ray") from error
+    raise ModuleNotFoundError(f"--ray needs Ray: {install('ray')}", name="ray") from error
 
 MAX_RETRIES = 5  # of a batch of worlds that lost its worker
 GRACE = 2.0  # seconds that running batches have to end before they are stopped

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..errors import UsageError
+from ..errors import UsageError, install
 from ..scenarios.scenario import Scenario
 
 SAVED = ".zip"  # what a saved policy's file ends in
@@ -17,7 +17,7 @@ def load_saved(path: str, seed: int = 0) -> Any:
     try:
         return outlast.load_policy(path, seed)
     except ModuleNotFoundError as error:
-        raise UsageError(f"{path} needs {error.name}: pip install 'outlast[train]'") from error
+        raise UsageError(f"{path} needs {error.name}: {install('train')}") from error
 
 
 def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:

@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-from ..errors import UsageError
+from ..errors import UsageError, install
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
 
@@ -117,7 +117,7 @@ class _Parquet:
             import pyarrow as pa
             import pyarrow.parquet as pq
         except ModuleNotFoundError:
-            raise UsageError(".parquet files need pyarrow: pip install 'outlast[data]'") from None
+            raise UsageError(f".parquet files need pyarrow: {install('data')}") from None
         kinds = [(name, pa.type_for_alias(types.get(name, "string"))) for name in columns]
         self._arrow, self._schema = pa, pa.schema(kinds)
         self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")

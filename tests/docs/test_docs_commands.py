@@ -32,9 +32,10 @@ def shown(page: Path) -> list[list[str]]:
 def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("docs").mkdir()
-    Path("docs/results").symlink_to(ROOT / "docs/results")  # trained policies
     for game in (ROOT / "docs/examples").glob("*.py"):
         Path(game.name).symlink_to(game)
+    for name in ("results", "examples"):  # trained policies, and games of one's own
+        Path("docs", name).symlink_to(ROOT / "docs" / name)
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue

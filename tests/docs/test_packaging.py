@@ -212,9 +212,15 @@ def test_documented_extras_exist() -> None:
     named = set()
     for path in tracked():
         if path.suffix in (".md", ".py"):
-            named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", path.read_text("utf-8")))
+            text = path.read_text("utf-8")
+            named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", text))
+            named |= set(re.findall(r"install\('([\w-]+)'\)", text))  # envs.errors.install, in messages
     assert named > {"train", "video", "test"}
-    assert named <= PROJECT["project"]["optional-dependencies"].keys()
+    extras = PROJECT["project"]["optional-dependencies"].keys()
+    assert named <= extras
+    page = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    listed = set(re.findall(r"^\| `([\w-]+)` \| ", page, re.MULTILINE))
+    assert listed == extras - {"mutation", "test-core", "test-ray"}  # these are for outlast's own development
 
 
 def test_the_limit_of_bodies_is_documented() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import step
+from perf import interfaces, step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -201,3 +201,15 @@ def test_rates_of_training_are_shared_out_among_its_parts(
             assert shares["networks"] > 5
             assert not any(shares[name] for name in without)
             assert float(row["a second"].replace(",", "")) > 10
+
+
+@pytest.mark.filterwarnings("default")  # of the libraries
+def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interfaces, "SECONDS", 0.001)
+    found = {label: row for label, *row in interfaces.rows("ffa_1", 3)}
+    assert found.keys() >= {"make_vec", "make_vec(copy=False)", "make_agents", "gymnasium.make", "gymnasium.make_vec"}
+    assert found.keys() <= interfaces.INTERFACES.keys()
+    for worlds, us, rate in found.values():
+        assert worlds in (1, 3)
+        assert us > 0
+        assert float(rate.replace(",", "")) > 0

@@ -1,14 +1,17 @@
 """The site: it builds without a warning, its examples run and print what the pages show, its pictures are current."""
 
 import contextlib
+import importlib
 import importlib.util
 import io
 import platform
+import posixpath
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import cv2
@@ -18,6 +21,7 @@ import pytest
 
 import outlast
 from outlast import systems
+from outlast.components import Phase
 from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -29,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_parser", "furo")
-LARGEST_PICTURE, LARGEST_FILM = 60_000, 700_000  # bytes
+LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
 PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 
 # A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
@@ -126,9 +130,22 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
         assert {module.__class__.__name__ for module in scenario.modules} <= words_of("scenarios")
     assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("variants")
     assert set(systems.__all__) <= words_of("scenarios")
-    assert {*outlast.__all__, *outlast._LAZY} <= words_of("api")
     env = outlast.make_vec("ffa_3", 1, seed=0)
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")
+
+
+@once
+@pytest.mark.parametrize("name", ["", ".errors", ".ecs", ".components", ".systems"])
+def test_the_reference_has_every_public_name(site: Path, name: str) -> None:
+    """With a signature, where it is a class or a function: as an entry that other sites can link to."""
+    inventory = importlib.import_module("sphinx.util.inventory").InventoryFile
+    with (site / "objects.inv").open("rb") as file:
+        entries = inventory.load(file, "", posixpath.join)
+    known = {name for kind, found in entries.items() if kind.startswith("py:") for name in found}
+    module = importlib.import_module(f"outlast{name}")
+    public = {f"outlast{name}.{own}" for own in module.__all__}
+    errors = {f"outlast.ecs.{own}" for own in outlast.errors.__all__}  # they are documented where users catch them
+    assert public - errors <= known
 
 
 @pytest.mark.parametrize(
@@ -155,14 +172,38 @@ def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, 
     assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
 
 
-def pictures(which: str = "PICTURES") -> dict[str, Any]:
-    """The functions that draw them, by name, from docs/pictures.py; or those of SCREENSHOTS, which need a browser."""
+def test_every_phase_has_its_purpose_and_systems_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS / "examples"))
+    poison, tag = importlib.import_module("poison"), importlib.import_module("tag")
+    section = re.search(r"^## Which phase\n(.*?)^## ", PAGES["mechanic"], re.MULTILINE | re.DOTALL)
+    assert section is not None
+    rows = re.findall(r"^\| [^|`]+ \| ([^|]+) \| ([^|]+) \|$", section[1], re.MULTILINE)
+    kinds = [getattr(systems, name) for name in systems.__all__]
+    labels = {s.label: s.phase for kind in (*kinds, poison.Poison, tag.Stamina) for s in kind().systems()}
+    for phases, examples in rows:
+        named = re.findall(r"`([A-Z]+)`", phases)
+        assert {labels[example].name for example in re.findall(r"`(\w+\.\w+)`", examples)} <= {*named}
+    assert [name for phases, _ in rows for name in re.findall(r"`([A-Z]+)`", phases)] == [p.name for p in Phase]
+
+
+def script() -> ModuleType:
+    """docs/pictures.py."""
     spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return dict(getattr(module, which))
+    return module
+
+
+def pictures(which: str = "PICTURES") -> dict[str, Any]:
+    """The functions that draw them, by name, from docs/pictures.py; or those of SCREENSHOTS, which need a browser."""
+    return dict(getattr(script(), which))
+
+
+def films() -> dict[str, list[str]]:
+    """The commands of the pages that write films into docs/pictures, by the file's name."""
+    return dict(script().films())
 
 
 def test_pictures_are_small_and_shown() -> None:
@@ -172,6 +213,7 @@ def test_pictures_are_small_and_shown() -> None:
     assert max(files[name] for name in drawn) < LARGEST_PICTURE
     assert max(files[name] for name in taken) < 2 * LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
+    assert sum(files.values()) < LARGEST_FOLDER
     shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}
     assert shown == files.keys()
 
@@ -190,18 +232,13 @@ def test_pictures_are_those_of_the_script(name: str) -> None:
     assert difference < 1  # of 255: edges may be smoothed a little differently elsewhere
 
 
-def films() -> dict[str, list[str]]:
-    """The commands of the pages that write films into docs/pictures, by the file's name."""
-    found = re.findall(r"^outlast (frames .* --out docs/pictures/(\S+))$", "\n".join(PAGES.values()), re.MULTILINE)
-    return {name: shlex.split(command) for command, name in found}
-
-
 @once
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
 @pytest.mark.parametrize("name", films())
-def test_films_are_those_of_the_commands(name: str, tmp_path: Path) -> None:
-    """To update one: the command of the page."""
+def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To update one: the command of the page, or python docs/pictures.py NAME"""
     command = films()[name]
+    monkeypatch.chdir(ROOT)
     assert main([*command[:-1], str(tmp_path / "frames"), "--quiet"]) == 0
     frames = [cv2.imread(str(file)) for file in sorted((tmp_path / "frames").iterdir())]
     film = cv2.VideoCapture(str(DOCS / "pictures" / name))

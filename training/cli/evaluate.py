@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.errors import install
 
 from ..columns import explained
 from ..errors import TrainingError
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         from ..evaluation.evaluate import checked_folder
         from ..evaluation.evaluation import Evaluation
     except ModuleNotFoundError as error:
-        raise TrainingError(f"evaluating needs {error.name}: pip install 'outlast[train]'") from error
+        raise TrainingError(f"evaluating needs {error.name}: {install('train')}") from error
     folder = checked_folder(options.out, options.film)
     numbers = {name: getattr(options, name) for name in ("episodes", "worlds", "seed", "threads")}
     evaluation = Evaluation(scenario(options), contenders(options.policies), **numbers)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.errors import install
+
 from ..errors import TrainingError
 from ..files import write_files
 from ..paper.claims import sentences
@@ -95,6 +97,6 @@ def figures_and_tables(groups: Sequence[RunGroup], form: str) -> dict[str, bytes
     try:
         from ..paper.figures import picture
     except ModuleNotFoundError as error:
-        raise TrainingError(f"figures need {error.name}: pip install 'outlast[plot]'") from error
+        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
     return {**figures, "ends.md": report(groups).encode(), "ends.csv": csv_table(groups).encode()}

@@ -15,6 +15,7 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
+from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -137,7 +138,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
         from ..run import TrainingRun
         from ..train import shown, usual_folder
     except ModuleNotFoundError as error:
-        raise TrainingError(f"training needs {error.name}: pip install 'outlast[train]'") from error
+        raise TrainingError(f"training needs {error.name}: {install('train')}") from error
     config = _config(options, chosen, options.seed[0], settings)
     folder = options.out or usual_folder(config)
     training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)

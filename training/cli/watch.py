@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import add_page, announce, printable
+from outlast.envs.errors import install
 from outlast.envs.scenarios.mechanics import foreign
 from outlast.envs.scenarios.naming import resolve
 
@@ -34,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         from ..watch import RunWatcher
     except ModuleNotFoundError as error:
-        raise TrainingError(f"watching needs {error.name}: pip install 'outlast[train]'") from error
+        raise TrainingError(f"watching needs {error.name}: {install('train')}") from error
     from outlast.envs.web.replay.server import serving
 
     folder = options.run_folder

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from outlast.envs.errors import install
+
 from ..errors import TrainingError
 from ..files import write_files
 from .comparison import AXES, Comparison
@@ -56,7 +58,7 @@ def plot(
     try:
         from .figure import picture
     except ModuleNotFoundError as error:
-        raise TrainingError(f"figures need {error.name}: pip install 'outlast[plot]'") from error
+        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     if form not in FORMS:
         raise TrainingError(f"form = {form!r}: allowed are {', '.join(FORMS)}")
     places = [runs] if isinstance(runs, (str, Path)) else runs

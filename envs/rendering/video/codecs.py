@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import FilmError
+from ...errors import FilmError, install
 from .. import opencv as cv2
 from ..canvas import Image
 from .apng import count_apng, write_apng
@@ -63,7 +63,7 @@ def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
     level = cv2.utils.logging.setLogLevel(LOG_ERRORS)  # frames lost to a full disk are found by reading back
     try:
         if not writer.isOpened():
-            raise FilmError("this OpenCV cannot write VP8: pip install 'outlast[video]' and write .mp4")
+            raise FilmError(f"this OpenCV cannot write VP8: {install('video')} and write .mp4")
         for frame in itertools.chain([first], frames):
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
     finally:
@@ -161,7 +161,7 @@ def find_ffmpeg(suffix: str) -> str:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ModuleNotFoundError, RuntimeError) as error:
         raise FilmError(
-            f"{suffix} needs FFmpeg: pip install 'outlast[video]'; or write .webm or .apng, which need nothing"
+            f"{suffix} needs FFmpeg: {install('video')}; or write .webm or .apng, which need nothing"
         ) from error
 
 

@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from ...adapters.opponents import Others, checked_others
-from ...errors import PlayError
+from ...errors import PlayError, install
 from ...rollout.loading import load_policies
 from ...scenarios.naming import resolve
 from ...scenarios.scenario import Number, Scenario
@@ -58,7 +58,7 @@ def play(
         from .server import play as serve
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
-        raise PlayError(f"outlast play needs {package}: pip install 'outlast[play]'") from error
+        raise PlayError(f"outlast play needs {package}: {install('play')}") from error
     _check(fps)
     entries = checked_others(others)
     world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, OPTIONS), seed)
