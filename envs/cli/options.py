@@ -8,6 +8,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from decimal import Decimal, InvalidOperation
+from pathlib import Path
 from typing import Any, TextIO
 
 from tqdm import tqdm
@@ -18,8 +19,8 @@ from ..rollout.loading import load_policies, maker
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED
-from ..scenarios.naming import resolve
-from ..scenarios.renamed import NUMBERS
+from ..scenarios.imports import module_of
+from ..scenarios.naming import mechanic, resolve
 from ..scenarios.scenario import Scenario
 from .grammar import Parser
 
@@ -30,17 +31,46 @@ GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # t
 
 
 def add_scenario(command: Parser, several: bool = False) -> None:
-    """VARIANT, or several, and --set; `scenario` reads them."""
+    """VARIANT, or several, and what changes it; `scenario` reads them."""
     command = command.group(GAME)
     command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    text = "leave a mechanic out: safe_zone (may be given several times)"
+    command.add_argument("--without", action="append", default=[], metavar="MECHANIC", help=text)
+    text = "add a mechanic: 'DropLast(offset=2.0)', FILE.py:NAME (may be given several times)"
+    command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
+    text = "import a file or module first, for mechanics that FILE.json or --with names (may be given several times)"
+    command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
+    command.add_argument(
+        "--save-scenario", metavar="FILE.json", help="write the game with these changes, to name later"
+    )
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
-    """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
-    asked = resolve(name or options.variant)
-    return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
+    """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
+    for place in getattr(options, "import"):
+        module_of(place)
+    asked = resolve(name or options.variant).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    asked = asked.replace(**dict(_assignment(text, asked) for text in options.set))
+    if options.save_scenario is not None:
+        _save(asked, options)
+    return asked
+
+
+def _save(asked: Scenario, options: argparse.Namespace) -> None:
+    """Write the scenario, unless it would replace another one. Raises ScenarioError."""
+    path = Path(options.save_scenario)
+    if path.suffix != ".json":
+        raise ScenarioError(f"--save-scenario {path}: the name of the file ends in .json, by which it is recognised")
+    if isinstance(options.variant, list) and len(options.variant) > 1:
+        raise ScenarioError(f"--save-scenario writes one scenario, and {len(options.variant)} are named")
+    try:
+        if path.exists() and path.read_bytes() != asked.to_json().encode():
+            raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
+        asked.save(path)
+    except OSError as error:
+        raise ScenarioError(f"--save-scenario: {path} cannot be written: {error.strerror}") from error
 
 
 def add_policy(command: Parser, default: str) -> None:
@@ -196,20 +226,24 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
-def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
-    """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
-    name, equals, value = text.partition("=")
+def _assignment(text: str, asked: Scenario) -> tuple[str, Any]:
+    """The name and the value of NUMBER=VALUE, of the type that the number has. Raises ScenarioError, NumberError."""
+    name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
         raise ScenarioError(f"--set {text}: NUMBER=VALUE is needed, as in --set n_agents=10")
-    if isinstance(numbers.get(NUMBERS.get(name, name)), tuple):
-        return name, tuple(_value(part) for part in value.strip("()[]").split(","))
-    return name, _value(value)
+    return name, _value(value, asked.numbers()["_".join(asked.find_number(name))])
 
 
-def _value(text: str) -> object:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return {"true": True, "false": False}.get(text.lower(), text)
+def _value(text: str, now: Any) -> Any:
+    """The value of a text, of the type of another value; the text if it is none, which is then refused by its name."""
+    if isinstance(now, tuple):  # 8,4 or (8, 4)
+        return tuple(_value(part, 1.0) for part in text.strip("()[]").rstrip(",").split(","))
+    if isinstance(now, bool):
+        return {"true": True, "false": False}.get(text.lower(), text)
+    if isinstance(now, str):
+        return text.strip("'\"")
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return int(value) if isinstance(now, int) and value.is_integer() else value  # 1e3 is an integer, too

@@ -37,6 +37,8 @@ def add(commands: Any) -> None:
     text = "replay a recording: verify it, film it, make a page or data of it"
     command = commands.add_parser("replay", help=text, description=description, examples=examples)
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
+    text = "import this scenario, FILE.py:NAME, for the mechanics of the recording that are not outlast's own"
+    command.add_argument("--scenario", metavar="NAME", help=text)
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
     output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
@@ -84,7 +86,7 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick."""
     try:
-        recording = Recording.open(options.file)
+        recording = Recording.open(options.file, options.scenario)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise

@@ -228,8 +228,8 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "unknown variant": (lambda: make_vec("teams_5", 1), ScenarioError, "'teams_5'", "did you mean teams_", "ffa_1"),
     "variant in capitals": (lambda: variant("FFA_1"), ScenarioError, "'FFA_1'", "known: ffa_1 (1v1_heals_low)"),
     "variant misspelt": (lambda: variant("2v2_all_mit"), ScenarioError, "did you mean 2v2_all_mid"),
-    "variant a number": (lambda: make_vec(3, 1), ScenarioError, "3", "name of a variant or a Scenario"),
-    "variant missing": (lambda: make_vec(None, 1), ScenarioError, "None", "name of a variant or a Scenario"),
+    "variant a number": (lambda: make_vec(3, 1), ScenarioError, "3", "a Scenario or the name of one"),
+    "variant missing": (lambda: make_vec(None, 1), ScenarioError, "None", "a Scenario or the name of one"),
     "without an unknown module": (lambda: variant("ffa_1").without("lasers"), ScenarioError, "'lasers'", "melee"),
     "without an absent module": (lambda: variant("ffa_1").without(Boxes), ScenarioError, "'Boxes'", "heals"),
     "with a class": (lambda: variant("ffa_1").with_(Melee), ScenarioError, "Melee", "pass an instance"),
@@ -283,7 +283,14 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     # numbers that do not fit together
     "no zone radii": (teams(safe_zone_radii=()), NumberError, "safe_zone.radii", "empty", "leave SafeZone out"),
     "zone wider than the room": (teams(safe_zone_radii=(13.0,)), NumberError, "safe_zone.radii", "13", "side 25"),
-    "room too small for the zone": (teams(room_size=10.0), NumberError, "safe_zone.radii", "12.5", "side 10"),
+    "room too small for the zone": (
+        teams(room_size=10.0, safe_zone_radii=(12.5, 5.0)), NumberError, "safe_zone.radii", "12.5", "side 10", "=5,2",
+    ),
+    "room too small for agents": (
+        teams(agents_radius=20), NumberError, "agents.radius = 20 does not fit into a room of side 25: at most 12.5",
+    ),
+    "room too small for heals": (teams(heals_radius=13), NumberError, "heals.radius = 13", "at most 12.5"),
+    "room too small for boxes": (teams(boxes_height=26), NumberError, "boxes.height = 26", "at most 25"),
     "more bodies than cells": (teams(n_heals=53), NumberError, "65 bodies (", "4 agent", "53 heal", "8 x 8 = 64"),
     "fewer cells than bodies": (teams(spawn_grid_cells=5), NumberError, "27 bodies", "5 x 5 = 25"),
     "more teams than agents": (teams(teams_count=5), NumberError, "teams.count = 5", "4 agents"),

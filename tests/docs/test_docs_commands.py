@@ -33,6 +33,8 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     Path("docs").mkdir()
     Path("docs/results").symlink_to(ROOT / "docs/results")  # trained policies
+    for game in (ROOT / "docs/examples").glob("*.py"):
+        Path(game.name).symlink_to(game)
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue
