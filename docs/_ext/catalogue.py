@@ -16,6 +16,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
 from outlast.envs.scenarios.number_table import in_words, number_rows
+from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
 from outlast.training.presets import PRESETS
 
@@ -108,6 +109,11 @@ def owners(base: type[Component]) -> dict[type[Component], type[Module]]:
     """The mechanic that adds each component of a kind."""
     kinds = [getattr(systems, name) for name in systems.__all__]
     return {type(s): kind for kind in kinds for s in kind().singletons() if isinstance(s, base)}
+
+
+def columns() -> str:
+    """What the columns of `outlast evaluate` are."""
+    return grid(["column", "unit", "is"], [[code(name), *column] for name, column in COLUMNS.items()])
 
 
 def actions() -> str:

@@ -30,6 +30,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.ablations,
         catalogue.numbers,
         catalogue.ppo,
+        catalogue.columns,
         catalogue.actions,
         catalogue.observations,
         catalogue.fields,
@@ -46,6 +47,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.compared,
         evidence.deviations,
         evidence.trained,
+        evidence.compared_runs,
     )
 }
 

@@ -15,8 +15,10 @@ from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.evaluation.evaluation import Evaluation, contenders, labels, ratio  # noqa: E402
+from outlast.training.evaluation.contenders import contenders, labels  # noqa: E402
+from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
+from outlast.training.evaluation.pairing import ratio  # noqa: E402
 from outlast.training.evaluation.ratings import elo  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
