@@ -14,13 +14,14 @@ from tqdm import tqdm
 from outlast.ecs import SKIP
 
 from ..errors import RecordingError, ReplayError
+from ..films import REPLAYED, Progress, write_film_of
 from ..recording import Recording, Replay
 from ..rollout.event_file import event_file
 from . import video_options
 from .options import OUTPUT, add_common, add_number, nonnegative, path, printable
 
 LOGGER = logging.getLogger(__name__)
-FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
+PAGES = 1  # worlds that are shown in a page if none are named
 
 
 def add(commands: Any) -> None:
@@ -117,8 +118,13 @@ def _verify(options: argparse.Namespace, replay: Replay) -> int:
 
 
 def _film(options: argparse.Namespace, replay: Replay) -> int:
-    shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else FRAMES)
-    return video_options.write_frames(options, replay.worlds, ticks, options.last - options.first, shown)
+    shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else REPLAYED)
+    looks, name = video_options.looks(options), replay.recording.scenario.name
+
+    def made(progress: Progress) -> None:
+        write_film_of(options.out, replay.worlds, ticks, shown, looks, name, progress)
+
+    return video_options.report(options, options.last - options.first, made)
 
 
 def _page(options: argparse.Namespace, replay: Replay) -> int:

@@ -35,6 +35,7 @@ from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Clock, Component, Layout, Worlds
 
 from ..rendering.layers.cameras import cone_corners, seen_rows
+from ..rendering.layers.others import of_kind
 from ..rendering.scene import Scene
 from ..rendering.style import css, ink_on, of_box, of_side
 
@@ -92,6 +93,7 @@ def describe(worlds: Worlds, w: int) -> Json:
     objects: [{kind, role, radius, width, height, of, amount, health}]: role is box, box_item, heal, item, wall or
     other; radius 0: a rectangle; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
     health: hit points at the start, 0: cannot be damaged.
+    color: of items and others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -139,6 +141,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
 
 def _object(scene: Scene, e: int, kind: str) -> Json:
     role = next((role for component, role in ROLES if e in scene.rows(component)), "other")
+    role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # what can be pushed is no wall
     bodies, shape = bodies_of(scene.worlds.layout), scene.shape
     return {
         "kind": kind,
@@ -149,6 +152,7 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,
         "health": scene.prefab(Health).points[e] if _has_health(scene, e) else 0,
+        "color": css(of_kind(scene, e)) if role in ("item", "other") else "",
     }
 
 
