@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
     from .envs.rollouts import rollout
     from .envs.web.play.call import play
+    from .envs.web.replay import replay_page
     from .training.evaluation.evaluate import evaluate
     from .training.player import load_policy
     from .training.plots.plot import plot
@@ -69,6 +70,7 @@ __all__ = [
     "plot",
     "random_policy",
     "record",
+    "replay_page",
     "rollout",
     "scaled",
     "scripted_policy",
@@ -95,6 +97,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "play": "envs.web.play.call",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
+    "replay_page": "envs.web.replay",
     "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
     "train": "training.train",

@@ -155,20 +155,22 @@ def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, 
     assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
 
 
-def pictures() -> dict[str, Any]:
-    """The functions that draw them, by name, from docs/pictures.py."""
+def pictures(which: str = "PICTURES") -> dict[str, Any]:
+    """The functions that draw them, by name, from docs/pictures.py; or those of SCREENSHOTS, which need a browser."""
     spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return dict(module.PICTURES)
+    return dict(getattr(module, which))
 
 
 def test_pictures_are_small_and_shown() -> None:
     files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
-    assert files.keys() == {f"{name}.png" for name in pictures()} | films().keys()
-    assert max(size for name, size in files.items() if name not in films()) < LARGEST_PICTURE
+    drawn, taken = ({f"{name}.png" for name in pictures(which)} for which in ("PICTURES", "SCREENSHOTS"))
+    assert files.keys() == drawn | taken | films().keys()
+    assert max(files[name] for name in drawn) < LARGEST_PICTURE
+    assert max(files[name] for name in taken) < 2 * LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
     shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}
     assert shown == files.keys()
