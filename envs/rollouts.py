@@ -111,7 +111,7 @@ def rollout(
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
-        files = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
+        files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
         play = stack.enter_context(prepared(*made, **files, watch=watch))
         try:
             return play(steps, episodes or 1, progress)
@@ -188,7 +188,7 @@ def prepared(
     watchers = [each for each in (watch, against and against.watch) if each]
     with contextlib.ExitStack() as stack:
         if record is not None:
-            thought = {"policy": thinks, "plays": plays} if record_policy else {}
+            thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
             stack.enter_context(record_env(env, record, **thought))
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
