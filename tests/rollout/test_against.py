@@ -113,7 +113,7 @@ def test_the_command_reports_wins_against_each(capsys: Any) -> None:
     arguments = (*SMALL, "--policy", "scripted", "--others", "noop:0.5,scripted:0.5", "--episodes", "2")
     status, out, _ = run(capsys, *arguments)
     assert status == 0
-    assert ": scripted policy against noop, scripted, seed 0, 20 worlds x 2 episodes\n" in out
+    assert "ffa_2-safe_zone_damage=100: scripted policy against noop, scripted, seed 0, 20 worlds x 2 episodes\n" in out
     assert "40 whole episodes, the first 2 of every world" in out
     assert "return 1" in out
     head, *rows = out.split("\n\n")[-1].splitlines()
