@@ -177,16 +177,19 @@ def prepared(
     csv: File | None,
     watch: Watch | None = None,
 ) -> Iterator[Play]:
-    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile."""
+    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile.
+
+    Raises:
+        UsageError: `record_policy` without a recording, or a file that cannot be written.
+    """
+    if record_policy and record is None:
+        raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
+    thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     with contextlib.ExitStack() as stack:
         if record is not None:
-            thinks = (against.policy if against else policy) if record_policy else None
-            stack.enter_context(record_env(env, record, policy=thinks, plays=against.plays if against else None))
-        elif record_policy:
-            raise UsageError(
-                "--record-policy (record_policy=True) is about recordings: give --record FILE (record=), too"
-            )
+            thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
+            stack.enter_context(record_env(env, record, **thought))
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
             watchers.append(lambda where: table.add(env.events(), where))
