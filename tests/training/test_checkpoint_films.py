@@ -2,6 +2,7 @@
 
 import logging
 import random
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from outlast.components import Body
 from outlast.envs.rendering import video
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.serialize import classes
 from tests.helpers.kept_policies import RESULTS, kept_policy
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -69,6 +71,19 @@ def test_an_episode_that_goes_on_is_left(policy: Path) -> None:
 def test_the_scenario_of_a_run_is_in_its_header(scenario: Scenario) -> None:
     made, differs = recorded_scenario({"scenario": fingerprint(scenario)})
     assert difference(fingerprint(scenario), fingerprint(made)) == differs == ""
+
+
+def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(RESULTS.parent / "examples"))
+    from tag import TAG
+
+    header = {"scenario": fingerprint(TAG.replace(stamina_most=7)), "modules": classes(TAG)}
+    made, differs = recorded_scenario(header)
+    assert (made.name, made.numbers()["stamina_most"], differs) == ("tag-stamina_most=7", 7, "")
+    monkeypatch.delitem(sys.modules, "tag")
+    with pytest.raises(TrainingError, match=r"tag\.\w+ is not one of outlast's own.*--scenario FILE\.py:NAME"):
+        recorded_scenario(header)
+    assert "tag" not in sys.modules
 
 
 def test_what_differs_from_an_earlier_version_is_reported() -> None:
