@@ -112,9 +112,16 @@ def cache_folder() -> Path:
     """$OUTLAST_CACHE_DIR, else the user's cache folder, else (if that is not writable) a temporary folder.
 
     Raises:
-        PermissionError: Another user owns the temporary folder, or may write to it.
+        OSError: $OUTLAST_CACHE_DIR cannot be made; or, as PermissionError, another user owns the temporary folder, or
+            may write to it.
     """
     if given := os.environ.get("OUTLAST_CACHE_DIR"):
+        try:
+            Path(given).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise type(error)(
+                f"OUTLAST_CACHE_DIR={given} cannot be a folder: {error.strerror}; name another"
+            ) from error
         return Path(given)
     folder = Path(platformdirs.user_cache_dir("outlast"))
     try:

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
-from .errors import DeclarationError
+from .errors import DeclarationError, NumberError
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .random import stream_number
 from .simd import SIMD_WIDTH
 
 ALIGN = 64  # bytes: a cache line
+MOST = 2**16  # entities of a kind, and sizes of dimensions: more would take gigabytes, or minutes to lay out
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Archetype:
     order: int | None = None
 
     def __post_init__(self) -> None:
+        if self.count > MOST:
+            raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
         parts: Any = self.parts
         if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
             raise DeclarationError(
@@ -94,6 +97,8 @@ class Layout:
         for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
             names = size.split("+") if isinstance(size, str) else []
             more = sum(self.dims.get(name.strip(), 0) for name in names) if names else size
+            if more > MOST:
+                raise NumberError(f"the dimension '{dim}' would be {more}: at most {MOST} is possible")
             self.dims[dim] = self.dims.get(dim, 0) + more
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())

@@ -16,6 +16,9 @@ def number(
     high: float = math.inf,
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
+    scales_with: str = "",
+    unit: str = "",
+    about: str = "",
 ) -> Any:
     """Declare a number of a module, with its default and its range.
 
@@ -25,8 +28,19 @@ def number(
         high: Inclusive upper bound.
         above: Exclusive lower bound.
         choices: The values of a number that is a str; kernels get the index.
+        scales_with: The full name of another number ("room_size"): where a scenario changes that one, this one changes
+            in proportion, unless it was set by hand.
+        unit: In words, in the plural: "metres".
+        about: What it is, or what is so if it is True: "of an agent". `outlast numbers` prints it behind the unit.
+
+    Raises:
+        DeclarationError: `scales_with`, `unit` or `about` is no text.
     """
-    return dataclasses.field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
+    for key, text in (("scales_with", scales_with), ("unit", unit), ("about", about)):
+        if not isinstance(text, str):
+            raise DeclarationError(f"number({default!r:.40}, ...) has {key}={text!r:.40}: a text is needed")
+    rule = {"low": low, "high": high, "above": above, "choices": choices, "scales_with": scales_with}
+    return dataclasses.field(default=default, metadata=rule | {"unit": unit, "about": about})
 
 
 KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, "tuple": tuple}

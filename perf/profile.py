@@ -15,19 +15,19 @@ from perf.table import Table, options
 def main() -> None:
     """Print microseconds a world-step and share of each system."""
     parser = options(__doc__)
-    parser.add_argument("scenario", help="a variant, or a row of perf.step such as '5 agents, 10 heals, 10 boxes'")
+    parser.add_argument("scenario", help="a variant, FILE.py:NAME, or a row of perf.step such as '1v1_all_mid'")
     parser.add_argument("--worlds", type=int, default=1024)
     parser.add_argument("--steps", type=int, default=500)
     given = parser.parse_args()
     chosen = scenario(given.scenario)
-    worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True)
+    worlds = Worlds(chosen.replace(ending_limit=LIMIT).modules, given.worlds, split=True, ordered=chosen.order)
     call = ticker(worlds)
     before = worlds.times.copy()
     for k in range(given.steps):
         call(k)
     times = {label: (s - before[label]) / given.steps / given.worlds * 1e6 for label, s in worlds.times.items()}
     total = sum(times.values())
-    table = Table(f"profile-{given.scenario}", "system", "us", "share")
+    table = Table(f"profile-{chosen.file_name}", "system", "us", "share")
     for label, time in times.items():
         table.add(label, time, f"{time / total:.1%}")
     table.add("sum of the parts", total, "")

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from outlast import ALIASES, Scenario, variant
+from outlast.envs.scenarios.naming import resolve
 from outlast.systems import Boxes, Cameras, Heals
 
 
@@ -62,8 +63,8 @@ ROWS = (
 
 
 def scenario(name: str) -> Scenario:
-    """The scenario of a row, or the variant of that name."""
+    """The scenario of a row, or what is named as commands take it: a variant, FILE.py:NAME."""
     for row in ROWS:
         if row.name == name:
             return row.scenario
-    return variant(name)
+    return resolve(name)

@@ -23,6 +23,7 @@ from outlast.components import (
     Spawned,
 )
 from outlast.components.health import MOST, Died
+from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
 from outlast.components.sight import MASKED, OMNISCIENT
 from outlast.ecs import (
     Archetype,
@@ -43,7 +44,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
-from .geometry.bounds import farthest_body
+from .geometry.bounds import check_fits, farthest_body
 from .observation_rows import write_rows
 
 
@@ -51,10 +52,12 @@ from .observation_rows import write_rows
 class Agents(Module):
     """The agents: their number, size and health (paper, section 3.1)."""
 
-    count: int = number(2, low=1)
-    radius: float = number(0.5, low=0.002)  # metres
-    density: float = number(1.0, above=0)  # kilograms per square metre
-    health: int = number(100, low=1, high=MOST)  # hit points at the start
+    count: int = number(2, low=1, high=MANY, about="how many there are")
+    radius: float = number(0.5, low=0.002, high=FAR, unit="metres", about="of an agent")
+    density: float = number(
+        1.0, low=LIGHT, high=HEAVY, unit="kilograms per square metre", about="of an agent, which gives its mass"
+    )
+    health: int = number(100, low=1, high=MOST, unit="hit points", about="at the start")
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)
@@ -69,6 +72,7 @@ class Agents(Module):
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Side, "agents")
+        check_fits(layout, "agents.radius", self.radius, 2 * self.radius)
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
         """Health has no lower bound: damage may exceed what is left, and is observed before the check for deaths."""

@@ -28,6 +28,7 @@ from outlast.components import (
 )
 from outlast.components.health import MOST, fatal_agent
 from outlast.components.inventory import last, place
+from outlast.components.limits import FAR, HEAVY, LIGHT, MANY
 from outlast.ecs import (
     Add,
     Archetype,
@@ -50,7 +51,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import NORMAL, normal
 
-from .geometry.bounds import ROUNDING, farthest_body, farthest_item
+from .geometry.bounds import ROUNDING, check_fits, farthest_body, farthest_item
 from .observation_rows import write_rows
 
 HALF = np.float32(0.5)
@@ -70,20 +71,30 @@ class Boxes(Module):
     later for items, and for boxes that were set up from one.
     """
 
-    count: int = number(8, low=1)
-    width: float = number(1.0, above=0)  # metres, mean
-    width_deviation: float = number(1.0, low=0)
-    height: float = number(1.5, above=0)
-    height_deviation: float = number(1.5, low=0)
-    least: float = number(0.1, low=0.003)  # metres, shortest side
-    toughness: int = number(5, low=1, high=MOST)  # hit points
-    owned: bool = number(True)
-    dynamic: bool = number(False)  # can be pushed
-    density: float = number(1.0, above=0)  # kilograms per square metre
-    offset: float = number(0.0, low=0)  # metres from the user's centre
-    item_radius: float = number(0.25, low=0.002)  # metres
-    settles: bool = number(False)  # cannot be damaged in the tick in which it is set up
-    corners: str = number("lower left", choices=("lower left", "rolled"))
+    count: int = number(8, low=1, high=MANY, about="how many there are")
+    width: float = number(1.0, above=0, high=FAR, unit="metres", about="mean width")
+    width_deviation: float = number(
+        1.0, low=0, high=FAR, unit="metres", about="standard deviation of widths; 0: all alike"
+    )
+    height: float = number(1.5, above=0, high=FAR, unit="metres", about="mean height")
+    height_deviation: float = number(
+        1.5, low=0, high=FAR, unit="metres", about="standard deviation of heights; 0: all alike"
+    )
+    least: float = number(0.1, low=0.003, high=FAR, unit="metres", about="the shortest side that a box can have")
+    toughness: int = number(5, low=1, high=MOST, unit="hit points", about="that break a box")
+    owned: bool = number(True, about="who breaks a box first owns it, and only that side can break it from then on")
+    dynamic: bool = number(False, about="boxes can be pushed")
+    density: float = number(
+        1.0, low=LIGHT, high=HEAVY, unit="kilograms per square metre", about="of a box that can be pushed"
+    )
+    offset: float = number(0.0, low=0, high=FAR, unit="metres", about="from the user's centre to where a box is set up")
+    item_radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a broken box on the ground")
+    settles: bool = number(False, about="a box cannot be damaged in the tick in which it is set up")
+    corners: str = number(
+        "lower left",
+        choices=("lower left", "rolled"),
+        about="where observed vertices begin: lower left, or one corner later for items and what was one",
+    )
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=self.dynamic, density=self.density)
@@ -103,6 +114,9 @@ class Boxes(Module):
     def check(self, layout: Layout) -> None:
         layout.check_count(Box, "boxes")
         layout.check_count(BoxItem, "boxes")
+        check_fits(layout, "boxes.item_radius", self.item_radius, 2 * self.item_radius)
+        for name in ("width", "height", "least"):
+            check_fits(layout, f"boxes.{name}", getattr(self, name), getattr(self, name))
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
         """A box may be set up in a wall, and leaves its item there."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
+from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
@@ -30,11 +31,19 @@ class Cameras(Module):
     whether intangible items block sight. mode: what observations hold; see components.sight.
     """
 
-    fov: float = number(0.4 * math.pi, above=0, high=math.pi)  # radians, whole opening angle
-    depth: float = number(10.0, above=0)  # metres
-    cone: str = number("sector", choices=("sector", "kite"))
-    items_occlude: bool = number(True)
-    mode: str = number("masked", choices=MODES)
+    fov: float = number(0.4 * math.pi, above=0, high=math.pi, unit="radians", about="whole opening angle")
+    depth: float = number(10.0, above=0, high=FAR, unit="metres", about="how far an agent sees")
+    cone: str = number(
+        "sector",
+        choices=("sector", "kite"),
+        about="depth is measured along an arc (sector) or along chords, as in the paper's runs (kite)",
+    )
+    items_occlude: bool = number(True, about="items hide what is behind them")
+    mode: str = number(
+        "masked",
+        choices=MODES,
+        about="what observations hold of hidden entities: zeros (masked), all (revealed); omniscient: none is hidden",
+    )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)

@@ -8,6 +8,7 @@ import numpy as np
 
 from outlast.components import Bag, Body, Died, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
+from outlast.components.limits import FAR
 from outlast.ecs import Entity, Module, Random, Read, Rows, Singleton, Write, emit, number
 from outlast.ecs.random import uniform2
 
@@ -24,8 +25,10 @@ class DeathDrop(Module):
 
     stream = "drop"
 
-    radius: float = number(0.5, low=0)  # metres
-    scatter: str = number("disc", choices=("disc", "rim"))
+    radius: float = number(0.5, low=0, high=FAR, unit="metres", about="from where the agent died")
+    scatter: str = number(
+        "disc", choices=("disc", "rim"), about="items fall anywhere in that circle (disc), or exactly on it (rim)"
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [ItemDropped()]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from outlast.components import Bag, Body, Drop, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
+from outlast.components.limits import FAR
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, emit, number
 
 
@@ -15,7 +16,7 @@ class DropLast(Module):
     The item lands ahead of the agent; with `offset` below the reach of pickup it is back in the bag at once.
     """
 
-    offset: float = number(1.0, low=0)  # metres from the agent's centre
+    offset: float = number(1.0, low=0, high=FAR, unit="metres", about="from the agent's centre, ahead")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drop(), ItemDropped()]

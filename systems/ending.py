@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast.components import Death, End, Phase, Score, Side
+from outlast.components.limits import TICKS
 from outlast.ecs import Clock, Entity, Module, Read, RowIndex, Rows, Singleton, Write, number
 
 LAST_ALIVE = 1  # index into the choices of Ending.rule
@@ -17,8 +18,12 @@ class Ending(Module):
     (truncated) if it has not ended by its rule; 0: never, as in the paper.
     """
 
-    rule: str = number("all dead", choices=("all dead", "last alive"))
-    limit: int = number(0, low=0)
+    rule: str = number(
+        "all dead",
+        choices=("all dead", "last alive"),
+        about="an episode ends when no side is alive (all dead), or one or none (last alive)",
+    )
+    limit: int = number(0, low=0, high=TICKS, unit="ticks", about="until an episode is cut off; 0: never")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Score(), End(), Death()]

@@ -8,6 +8,7 @@ import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
 from outlast.components.inventory import pop, push
+from outlast.components.limits import FAR
 from outlast.ecs import (
     Archetype,
     Array,
@@ -41,9 +42,13 @@ class GiveLast(Module):
     of lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
 
-    reach: float = number(2.0, above=0)  # metres, centre to centre
-    nearest: str = number("suitable", choices=("suitable", "any"))
-    passes_on: bool = number(False)
+    reach: float = number(2.0, above=0, high=FAR, unit="metres", about="centre to centre")
+    nearest: str = number(
+        "suitable",
+        choices=("suitable", "any"),
+        about="who gets it: the nearest suitable agent, or the nearest body if it is one (any)",
+    )
+    passes_on: bool = number(False, about="an agent with an empty bag gives away what it is given in the same tick")
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Gift(),))]

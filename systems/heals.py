@@ -21,6 +21,7 @@ from outlast.components import (
 )
 from outlast.components.health import LARGEST, MOST
 from outlast.components.inventory import last
+from outlast.components.limits import FAR, MANY
 from outlast.ecs import (
     Add,
     Archetype,
@@ -40,7 +41,7 @@ from outlast.ecs import (
     number,
 )
 
-from .geometry.bounds import farthest_item
+from .geometry.bounds import check_fits, farthest_item
 from .observation_rows import write_rows
 
 
@@ -48,9 +49,9 @@ from .observation_rows import write_rows
 class Heals(Module):
     """Heals lie around from the start and do not come back (paper, section 3.2)."""
 
-    count: int = number(15, low=1)
-    radius: float = number(0.25, low=0.002)  # metres
-    amount: int = number(75, low=0, high=MOST)  # hit points
+    count: int = number(15, low=1, high=MANY, about="how many there are")
+    radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a heal")
+    amount: int = number(75, low=0, high=MOST, unit="hit points", about="that using one gives")
 
     def archetypes(self) -> Iterable[Archetype]:
         parts = (Body(), Shape(radius=self.radius), Spawned(), Item(), Heal(amount=self.amount))
@@ -64,6 +65,7 @@ class Heals(Module):
 
     def check(self, layout: Layout) -> None:
         layout.check_count(Heal, "heals")
+        check_fits(layout, "heals.radius", self.radius, 2 * self.radius)
         prefab = layout.prefab_values(Health, "points").get("agent", 0)
         if self.count * self.amount + prefab > LARGEST:
             raise NumberError(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from outlast.components import Bag, Item, ItemUsed, Phase, Use
 from outlast.components.inventory import pop
+from outlast.components.limits import MANY
 from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, emit, number
 
 
@@ -12,7 +13,7 @@ from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write,
 class Inventory(Module):
     """Bags of agents (paper, section 3.1): a stack, whose last item can be used."""
 
-    slots: int = number(4, low=1)
+    slots: int = number(4, low=1, high=MANY, about="items that a bag holds")
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Bag(),))]

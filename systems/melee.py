@@ -8,6 +8,7 @@ import numpy as np
 
 from outlast.components import Attack, Body, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
 from outlast.components.health import MOST, hurt, immune
+from outlast.components.limits import FAR, TICKS
 from outlast.ecs import (
     Archetype,
     Bitset,
@@ -39,10 +40,12 @@ class Melee(Module):
 
     damage_type: ClassVar[str] = "melee"
 
-    reach: float = number(2.0, above=0)  # metres from the agent's centre
-    damage: int = number(5, low=0, high=MOST)  # hit points
-    cooldown: int = number(0, low=0)  # ticks without attack after one that hit something; 0: every tick
-    blocked: bool = number(False)
+    reach: float = number(2.0, above=0, high=FAR, unit="metres", about="from the agent's centre, ahead")
+    damage: int = number(5, low=0, high=MOST, unit="hit points", about="that a strike takes")
+    cooldown: int = number(
+        0, low=0, high=TICKS, unit="ticks", about="without attack after a strike that hit something; 0: every tick"
+    )
+    blocked: bool = number(False, about="a strike ends at the first body of any kind")
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Weapon(),))]

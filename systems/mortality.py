@@ -18,7 +18,7 @@ class Mortality(Module):
     names that as its first flaw (section 5): using a heal as soon as it is found costs nothing.
     """
 
-    limit: int = number(0, low=0, high=MOST)  # hit points
+    limit: int = number(0, low=0, high=MOST, unit="hit points", about="the most that an agent keeps; 0: no maximum")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Death(), Hit()]

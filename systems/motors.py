@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from outlast.components import Body, Drive, Phase, Push, Side, Solid
 from outlast.components.body import inverse
+from outlast.components.limits import STRONG
 from outlast.components.motor import Control
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
 
@@ -17,10 +18,14 @@ class Motors(Module):
     the paper's runs did (reference rules, section 6, point 1).
     """
 
-    ahead: float = number(0.25, low=0)  # newton-seconds a tick
-    left: float = number(0.25, low=0)
-    turn: float = number(0.0125, low=0)  # newton-metre-seconds a tick
-    give: str = number("evenly", choices=("evenly", "at once"))
+    ahead: float = number(0.25, low=0, high=STRONG, unit="newton-seconds a tick", about="of full thrust ahead or back")
+    left: float = number(0.25, low=0, high=STRONG, unit="newton-seconds a tick", about="of full thrust to a side")
+    turn: float = number(0.0125, low=0, high=STRONG, unit="newton-metre-seconds a tick", about="of full thrust around")
+    give: str = number(
+        "evenly",
+        choices=("evenly", "at once"),
+        about="thrust is a force during the tick (evenly), or an impulse ahead of it (at once)",
+    )
 
     @classmethod
     def slot(cls) -> type:

@@ -14,6 +14,7 @@ import numpy as np
 
 from outlast.components import Body, Fault, Phase, Push, Shape, Solid
 from outlast.components.body import inverse
+from outlast.components.limits import STRONG
 from outlast.ecs import (
     Array,
     Bitset,
@@ -55,16 +56,23 @@ class Physics(Module):
     slower, the same results; "auto": native where the installed Box2D allows it.
     """
 
-    rate: float = number(60.0, above=0)  # substeps a second
-    substeps: int = number(2, low=1)  # a tick
-    velocity_iterations: int = number(10, low=1)
-    position_iterations: int = number(10, low=1)
-    friction: float = number(0.2, low=0)
-    restitution: float = number(0.0, low=0, high=1)
-    linear_damping: float = number(0.8, low=0)  # per second
-    angular_damping: float = number(0.8, low=0)  # per second
-    continuous: bool = number(True)  # fast bodies do not tunnel through standing ones
-    backend: str = number("auto", choices=("auto", "native", "portable"))
+    # More substeps and iterations than these would go on for very long, and could not be stopped.
+    rate: float = number(
+        60.0, low=1, high=1e6, unit="substeps a second", about="how often bodies are moved, and collide"
+    )
+    substeps: int = number(2, low=1, high=1000, unit="substeps a tick", about="a tick lasts so many of them")
+    velocity_iterations: int = number(10, low=1, high=10_000, about="of Box2D's solver")
+    position_iterations: int = number(10, low=1, high=10_000, about="of Box2D's solver")
+    friction: float = number(0.2, low=0, high=STRONG, about="between bodies")
+    restitution: float = number(0.0, low=0, high=1, about="0: bodies stop at each other, 1: they bounce")
+    linear_damping: float = number(0.8, low=0, high=STRONG, unit="per second", about="of speed")
+    angular_damping: float = number(0.8, low=0, high=STRONG, unit="per second", about="of spin")
+    continuous: bool = number(True, about="fast bodies do not tunnel through standing ones")
+    backend: str = number(
+        "auto",
+        choices=("auto", "native", "portable"),
+        about="how Box2D is called: from machine code (native), from Python (portable)",
+    )
 
     def systems(self) -> Iterable[System]:
         return [s for s in super().systems() if s.name != "collide" or s.compiled == self.native()]
@@ -181,6 +189,7 @@ def collider(solve: Any) -> Any:
         batch: Scratch,
         rate: float,
         substeps: int,
+        # More iterations than these would go on for very long, and could not be stopped.
         velocity_iterations: int,
         position_iterations: int,
         friction: float,

@@ -8,6 +8,7 @@ import numpy as np
 
 from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
+from outlast.components.limits import FAR
 from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, number
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
@@ -22,8 +23,8 @@ class Pickup(Module):
     must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
-    reach: float = number(0.5, above=0)  # metres from the agent's centre
-    touch: bool = number(True)
+    reach: float = number(0.5, above=0, high=FAR, unit="metres", about="from the agent's centre")
+    touch: bool = number(True, about="the item's disc must touch that circle; else its centre must lie inside")
 
     def singletons(self) -> Iterable[Singleton]:
         return [ItemPicked()]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Phase, Reward, Score, Side
+from outlast.components.limits import MUCH
 from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number
 
 MEMBERS = 1  # index into the choices of Rewards.basis
@@ -24,13 +25,19 @@ class Rewards(Module):
     so that a dead one costs. outlive: paid to a living side for each other one that dies out, whatever the cause.
     """
 
-    alive: float = number(1.0)
-    dead: float = number(0.0)
-    kill: float = number(0.0)
-    death: float = number(0.0)
-    posthumous: bool = number(True)
-    basis: str = number("side", choices=("side", "members"))
-    outlive: float = number(0.0)
+    alive: float = number(1.0, low=-MUCH, high=MUCH, unit="reward a tick", about="of a side that is alive")
+    dead: float = number(0.0, low=-MUCH, high=MUCH, unit="reward a tick", about="of a side that is dead")
+    kill: float = number(0.0, low=-MUCH, high=MUCH, unit="reward", about="for each kill of the side")
+    death: float = number(0.0, low=-MUCH, high=MUCH, unit="reward", about="for each death of a member of the side")
+    posthumous: bool = number(True, about="a side that is dead after the tick is paid for its kills in it")
+    basis: str = number(
+        "side",
+        choices=("side", "members"),
+        about="a side is alive while one member is (side), or by the share of its members (members)",
+    )
+    outlive: float = number(
+        0.0, low=-MUCH, high=MUCH, unit="reward", about="to a living side for each other one that dies out"
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [Reward()]

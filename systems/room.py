@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Solid
+from outlast.components.limits import FAR
 from outlast.ecs import Archetype, Bitset, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
@@ -20,9 +21,9 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 class Room(Module):
     """Square region centred on the origin; walls stand astride its edges (reference rules, section 1)."""
 
-    size: float = number(25.0, low=1)  # metres, side
-    walls: bool = number(True)
-    thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the side
+    size: float = number(25.0, low=1, high=FAR, unit="metres", about="side of the square")
+    walls: bool = number(True, about="there are walls around it")
+    thickness: float = number(0.01, low=0.003, high=0.5, unit="of the side", about="of a wall")
 
     def systems(self) -> Iterable[System]:
         return [system for system in super().systems() if self.walls or system.name != "keep_inside"]

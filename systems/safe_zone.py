@@ -1,6 +1,5 @@
 """The safe zone: a circle that stands, then shrinks and moves; agents outside of it are damaged."""
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,6 +8,7 @@ import numpy as np
 
 from outlast.components import Body, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
 from outlast.components.health import MOST, hurt
+from outlast.components.limits import TICKS
 from outlast.ecs import (
     Array,
     Clock,
@@ -28,7 +28,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import uniform2
 
-from .geometry.bounds import ROUNDING
+from .geometry.bounds import ROUNDING, room_size
 
 HALF = np.float32(0.5)
 
@@ -44,11 +44,21 @@ class SafeZone(Module):
     stream = "zone"
     damage_type: ClassVar[str] = "zone"
 
-    radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
-    stand: int = number(100, low=0)  # ticks
-    shrink: int = number(100, low=1)  # ticks
-    damage: int = number(1, low=0, high=MOST)  # hit points a tick outside
-    centres: str = number("random", choices=("random", "middle"))
+    radii: tuple[float, ...] = number(
+        (12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0),
+        above=0,
+        scales_with="room_size",
+        unit="metres",
+        about="of the phases; after the last one there is no zone",
+    )
+    stand: int = number(100, low=0, high=TICKS, unit="ticks", about="that the zone rests in a phase")
+    shrink: int = number(100, low=1, high=TICKS, unit="ticks", about="that it takes to become the next one")
+    damage: int = number(1, low=0, high=MOST, unit="hit points a tick", about="outside of the zone")
+    centres: str = number(
+        "random",
+        choices=("random", "middle"),
+        about="anywhere where the zone fits into the room (random), or the origin (middle)",
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [Zone(), ZoneView(), Hit()]
@@ -59,23 +69,23 @@ class SafeZone(Module):
     def check(self, layout: Layout) -> None:
         if not self.radii:
             raise NumberError("safe_zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
-        size = _size(layout)
+        size = room_size(layout)
         if max(self.radii) > size / 2:
             raise NumberError(
-                f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
+                f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half); set "
+                f"radii that do, as in safe_zone_radii={_shown(self.radii, size)}"
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        far = _size(layout) / 2 * ROUNDING
+        far = room_size(layout) / 2 * ROUNDING
         place, radius = (-far, far), (0, max(self.radii) * ROUNDING)
         circle = {"x": place, "y": place, "radius": radius}
         return {"zone": circle | {f"next_{name}": ends for name, ends in circle.items()}}
 
 
-def _size(layout: Layout) -> float:
-    """Metres, side of the floor; infinite if there is none."""
-    size: float = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
-    return size
+def _shown(radii: tuple[float, ...], size: float) -> str:
+    """Such radii, scaled to a room of that side, as they are typed."""
+    return ",".join(f"{radius * size / 2 / max(radii):.3g}" for radius in radii)
 
 
 @SafeZone.system(Phase.DRAW)

@@ -7,6 +7,8 @@ from outlast.components import Body, Floor, Phase, Spawned
 from outlast.ecs import Array, Entity, Layout, Module, NumberError, Random, Read, Rows, Singleton, Write, column, number
 from outlast.ecs.random import integer
 
+SIDE = 256  # cells: their square is MANY
+
 
 class Cells(Singleton):
     """The cells in the order in which they are taken; drawn at reset."""
@@ -20,7 +22,7 @@ class SpawnGrid(Module):
 
     stream = "spawn"
 
-    cells: int = number(8, low=1)
+    cells: int = number(8, low=1, high=SIDE, about="on a side; at most one body starts in a cell")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Cells()]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import Body, Phase, Push, Side, Steer
+from outlast.components.limits import FAST
 from outlast.components.motor import Control
 from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
 
@@ -21,8 +22,10 @@ class Steering(Module):
     1/e. The numbers are what the highest level gives, ahead of the damping of physics and of contacts.
     """
 
-    speed: float = number(5.0, low=0)  # metres a second, ahead or to the left
-    spin: float = number(math.pi, low=0)  # radians a second
+    speed: float = number(
+        5.0, low=0, high=FAST, unit="metres a second", about="of the highest level, ahead or to the left"
+    )
+    spin: float = number(math.pi, low=0, high=FAST, unit="radians a second", about="of the highest level")
 
     @classmethod
     def slot(cls) -> type:

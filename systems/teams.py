@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Guard, Phase, SelfView, Side, Sides
+from outlast.components.limits import MANY
 from outlast.ecs import Field, Layout, Module, NumberError, Offset, Read, Rows, Singleton, Write, number
 
 
@@ -17,7 +18,7 @@ class Teams(Module):
     Members cannot hurt each other, give only to each other, and share their rewards.
     """
 
-    count: int = number(2, low=1)
+    count: int = number(2, low=1, high=MANY, about="how many there are")
 
     @classmethod
     def slot(cls) -> type:

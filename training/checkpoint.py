@@ -112,6 +112,14 @@ def checkpoints(folder: Path) -> list[Path]:
     return sorted(folder.glob(NAME.format(0).replace("0" * 10, "*")))
 
 
+def runs_in(place: Path) -> list[Path]:
+    """The folder of a run itself, or the folders of runs in it; each with a checkpoint. Raises TrainingError."""
+    found = [place] if checkpoints(place) else sorted(path for path in place.iterdir() if checkpoints(path))
+    if not found:
+        raise TrainingError(f"there is no checkpoint in {place} yet, nor in folders in it")
+    return found
+
+
 def newest(folder: Path) -> Path:
     """The checkpoint with the most steps in the folder of a run."""
     found = checkpoints(folder)

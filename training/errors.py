@@ -13,3 +13,7 @@ class TrainingError(UsageError):
     def __init__(self, text: str = "", *, lost: bool = False) -> None:
         super().__init__(text)
         self.lost = lost
+
+
+class EmptyRunError(TrainingError):
+    """A run without a curve, as no episode has ended in it yet."""

@@ -33,7 +33,9 @@ class LiveView:
     >>> view.close()
     """
 
-    def __init__(self, done: int, total: int, *, quiet: bool = False, file: TextIO | None = None) -> None:
+    def __init__(
+        self, done: int, total: int, *, quiet: bool = False, file: TextIO | None = None, about: str = ""
+    ) -> None:
         """Show that it begins.
 
         Args:
@@ -41,8 +43,11 @@ class LiveView:
             total: Agent-steps at the end.
             quiet: Whether nothing at all is shown.
             file: Where to; None: standard error.
+            about: A line to begin with: what is going to be done.
         """
         self.file: TextIO = sys.stderr if file is None else file
+        if about and not quiet:
+            print(about, file=self.file, flush=True)
         self.done, self.total, self.tags = done, total, dict[str, float]()
         self.plain = not quiet and not self.file.isatty()
         self.block = None if quiet or self.plain else _Block(self.file, done, total)

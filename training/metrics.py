@@ -10,6 +10,8 @@ from outlast.ecs import Entity, columns_of
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import living_sides
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.systems import Agents, Melee
 
 from .observation_layout import OWN
 
@@ -60,7 +62,7 @@ class BehaviourMetrics:
     """What agents do: means over the living agents of a rollout. Gifts are counted tick by tick."""
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
-        self.base_env, self.numbers = base_env, base_env.scenario.numbers()
+        self.base_env, self.reach = base_env, _reach(base_env.scenario)
         has_heals = "heals" in base_env.scenario and Item in base_env.worlds
         self.heals = base_env.worlds.span("heal") if has_heals else None
         self.agents = base_env.worlds.span("agent")
@@ -110,7 +112,7 @@ class BehaviourMetrics:
         if "zone" in views:
             middle = views["zone"][..., columns_of(fields["zone"], "x", "y")]
             found["zone_distance"] = _length(place - middle), living
-        if "attack" in self.action_names:
+        if "attack" in self.action_names and self.reach is not None:
             attack, near = actions[..., self.action_names.index("attack")], self._near(place, living)
             found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}
             found["near"] = near, living
@@ -118,11 +120,10 @@ class BehaviourMetrics:
 
     def _near(self, place: Array, living: Array) -> Array:
         """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius."""
-        reach = self.numbers["melee_reach"] + self.numbers["agents_radius"]
         sides = side(self.base_env.worlds, 0)
         enemies = sides[:, None] != sides
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
-        near: Array = ((apart <= reach) & enemies & living[..., None, :]).any(-1)
+        near: Array = ((apart <= self.reach) & enemies & living[..., None, :]).any(-1)
         return near
 
 
@@ -180,6 +181,16 @@ def means(tallies: Iterable[Tallies]) -> dict[str, float]:
     if "rollout/episodes" in sums:  # a count, of all tallies together
         means["rollout/episodes"] = float(sums["rollout/episodes"][0])
     return means
+
+
+def _reach(scenario: Scenario) -> float | None:
+    """How far away an enemy's centre can be that is struck, in metres; None where there is no melee."""
+    if Melee not in scenario or Agents not in scenario:
+        return None
+    melee, agents = scenario[Melee], scenario[Agents]
+    assert isinstance(melee, Melee)
+    assert isinstance(agents, Agents)
+    return melee.reach + agents.radius
 
 
 def _length(vectors: Array) -> Array:

@@ -197,9 +197,26 @@ class Player:
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
         if given != self.shapes:
-            differ = sorted(key for key in given.keys() | self.shapes.keys() if given.get(key) != self.shapes.get(key))
-            found = ", ".join(f"{key} {given.get(key)}, not {self.shapes.get(key)}" for key in differ)
-            raise TrainingError(f"the policy was trained on {self.header['scenario']['name']}; here are {found}")
+            raise TrainingError(
+                f"the policy was trained on {self.header['scenario']['name']} and does not fit here: "
+                f"{_differences(self.shapes, given)}; give it a scenario with the same mechanics and counts"
+            )
+
+
+def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:
+    """What differs between the shapes of an agent's observations, in words. Masks go with what they are of."""
+    own = [{key: shape for key, shape in shapes.items() if not key.endswith("_mask")} for shapes in (trained, here)]
+    if own[0] == own[1]:  # as in made-up observations: the masks alone differ
+        own = [trained, here]
+    known, found = own
+    more, gone = sorted(found.keys() - known.keys()), sorted(known.keys() - found.keys())
+    parts = [f"it knows no {', '.join(more)}"] if more else []
+    parts += [f"it needs {', '.join(gone)}"] if gone else []
+    for key in sorted(known.keys() & found.keys()):
+        if known[key] != found[key]:
+            sizes = (" x ".join(map(str, shape)) or "one number" for shape in (known[key], found[key]))
+            parts.append("{} is {} in training and {} here".format(key, *sizes))
+    return "; ".join(parts)
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:

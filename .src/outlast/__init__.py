@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from . import components, ecs, errors, systems
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
+from .envs.core.scaling import scaled
 from .envs.core.vector_env import SurvivalVectorEnv
 from .envs.scenarios.ablations import ABLATIONS
 from .envs.scenarios.scenario import Scenario
@@ -29,9 +30,12 @@ if TYPE_CHECKING:
     from .envs.adapters.sb3 import make_sb3
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
-    from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.rollouts import rollout
+    from .training.evaluation.evaluate import evaluate
     from .training.player import load_policy
+    from .training.plots.plot import plot
+    from .training.train import train
 
 __version__ = "0.1.0"
 __all__ = [
@@ -50,6 +54,7 @@ __all__ = [
     "draw",
     "ecs",
     "errors",
+    "evaluate",
     "load_policy",
     "make_agents",
     "make_puffer",
@@ -57,11 +62,14 @@ __all__ = [
     "make_vec",
     "noop_policy",
     "parallel_env",
+    "plot",
     "random_policy",
     "record",
     "rollout",
+    "scaled",
     "scripted_policy",
     "systems",
+    "train",
     "variant",
 ]
 
@@ -71,16 +79,19 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
     "draw": "envs.rendering.rgb",
+    "evaluate": "training.evaluation.evaluate",
     "load_policy": "training.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",
     "make_sb3": "envs.adapters.sb3",
     "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
+    "plot": "training.plots.plot",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
-    "rollout": "envs.rollout.local",
+    "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
+    "train": "training.train",
 }
 
 

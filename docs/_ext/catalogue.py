@@ -15,6 +15,8 @@ from outlast.ecs import Action, Component, Event, Module, Observation, Statistic
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
+from outlast.envs.scenarios.number_table import in_words, number_rows
+from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
 from outlast.training.presets import PRESETS
 
@@ -58,13 +60,13 @@ def numbers(*names: str) -> str:
 
 
 def _numbers(kind: type[Module]) -> str:
-    notes, played = comments(kind), [s.numbers() for s in outlast.VARIANTS.values() if kind in s]
+    played = [s.numbers() for s in outlast.VARIANTS.values() if kind in s]
     rows = []
-    for item in dataclasses.fields(kind):
-        key = f"{kind.name}_{item.name}"
-        runs = "; ".join(dict.fromkeys(shown(own[key]) for own in played)) or "–"
-        rows.append([code(key), shown(item.default), runs, limits(item.metadata), notes.get(item.name, "")])
-    table = grid(["number", "default", "in the variants", "allowed", "note"], rows) if rows else ""
+    for row in number_rows(kind()):
+        runs = "; ".join(dict.fromkeys(in_words(own[row.name]) for own in played)) or "–"
+        values = (text.replace(",", ", ") for text in (row.default, runs))
+        rows.append([code(row.name), *values, row.allowed, row.unit, row.about])
+    table = grid(["number", "default", "in the variants", "allowed", "unit", "meaning"], rows) if rows else ""
     return f"### {kind.__name__}\n\n{summary(kind)}\n\n{table}"
 
 
@@ -103,20 +105,15 @@ def shown(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def limits(rule: Any) -> str:
-    """Which values a number may have."""
-    if rule["choices"]:
-        return ", ".join(map(code, rule["choices"]))
-    parts = [f"≥ {rule['low']:g}" if rule["low"] > -math.inf else ""]
-    parts += [f"\\> {rule['above']:g}" if rule["above"] > -math.inf else ""]
-    parts += [f"≤ {rule['high']:.4g}" if rule["high"] < math.inf else ""]
-    return ", ".join(part for part in parts if part)
-
-
 def owners(base: type[Component]) -> dict[type[Component], type[Module]]:
     """The mechanic that adds each component of a kind."""
     kinds = [getattr(systems, name) for name in systems.__all__]
     return {type(s): kind for kind in kinds for s in kind().singletons() if isinstance(s, base)}
+
+
+def columns() -> str:
+    """What the columns of `outlast evaluate` are."""
+    return grid(["column", "unit", "is"], [[code(name), *column] for name, column in COLUMNS.items()])
 
 
 def actions() -> str:

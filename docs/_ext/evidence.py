@@ -16,10 +16,12 @@ from outlast import systems
 from outlast.training.paper.claims import sentences
 from outlast.training.paper.end_values import markdown
 from outlast.training.paper.results import group_runs, load_runs
+from outlast.training.plots.plot import compare
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
+COMPARED = [DOCS / "results" / name for name in ("teams_2-original-0.csv", "teams_2-original-1.csv", "worlds-4")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
 
@@ -103,3 +105,8 @@ def trained(folder: str = ".") -> str:
         parts += [markdown(group), sentences(group)]
         parts += [f"![An episode of {group.variant} after training]({film})"] * filmed
     return "\n\n".join(parts)
+
+
+def compared_runs() -> str:
+    """The table of `outlast plot` for the runs that are shown as an example of it."""
+    return str(compare(COMPARED))

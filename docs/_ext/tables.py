@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 import catalogue
+import commands
 import evidence
 from docutils import nodes
 from docutils.parsers.rst.states import Inliner
@@ -29,6 +30,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.ablations,
         catalogue.numbers,
         catalogue.ppo,
+        catalogue.columns,
         catalogue.actions,
         catalogue.observations,
         catalogue.fields,
@@ -39,11 +41,13 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.phases,
         catalogue.schedule,
         catalogue.views,
+        commands.commands,
         evidence.rules,
         evidence.checks,
         evidence.compared,
         evidence.deviations,
         evidence.trained,
+        evidence.compared_runs,
     )
 }
 

@@ -59,8 +59,8 @@ class Breath(Component):
 class Stamina(Module):
     """An agent that moves loses a tick of breath, one that stands gains some; without any, it has to stand."""
 
-    most: int = number(90, low=1)  # ticks
-    rest: int = number(2, low=1)  # ticks of breath that a tick of rest gives
+    most: int = number(90, low=1, unit="ticks", about="of breath")
+    rest: int = number(2, low=1, unit="ticks", about="of breath that a tick of rest gives")
 
     def archetypes(self) -> Iterable[Archetype]:
         """One more component for every agent."""
@@ -130,9 +130,9 @@ class Tag(systems.Melee):
     reach = 1.0
     cooldown = 15  # ticks without a strike after one that hit somebody, and for who has become it
     damage = 0
-    base: float = number(1.5, low=0)  # metres, radius of the safe circle in the middle of the room
-    it_reward: float = number(-1.0)  # a tick, for being it
-    free_reward: float = number(0.1)  # a tick, for being neither it nor in the base
+    base: float = number(1.5, low=0, unit="metres", about="radius of the safe circle in the middle of the room")
+    it_reward: float = number(-1.0, unit="reward a tick", about="for being it")
+    free_reward: float = number(0.1, unit="reward a tick", about="for being neither it nor in the base")
 
     def archetypes(self) -> Iterable[Archetype]:
         """What a melee adds, and the players."""
@@ -243,9 +243,9 @@ class ShieldView(Observation):
 class Shields(Module):
     """Shields lie around. An agent that uses one cannot be tagged for a while."""
 
-    count: int = number(4, low=1)
-    radius: float = number(0.3, low=0.002)  # metres
-    ticks: int = number(60, low=1)
+    count: int = number(4, low=1, about="how many there are")
+    radius: float = number(0.3, low=0.002, unit="metres", about="of a shield on the ground")
+    ticks: int = number(60, low=1, unit="ticks", about="that one protects for")
 
     def archetypes(self) -> Iterable[Archetype]:
         """A new kind of item."""

@@ -66,7 +66,7 @@ def make_agents(
     >>> env = outlast.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
 
     Args:
-        scenario: Name of a variant, or a Scenario.
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
         seed: Of the first episodes, as in reset. None: a seed that cannot be foreseen.
         threads: How many threads step the worlds.

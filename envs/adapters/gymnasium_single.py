@@ -48,7 +48,7 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     ("length", "return", "kills" of the agent's side, "deaths_zone", ...).
 
     ## Arguments
-    * scenario: Name of a variant, or a Scenario.
+    * scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
     * learner: Index of the agent that learns.
     * others: "noop", "random", "scripted", FILE.zip that `outlast train` saved, a function (observations) -> actions,
       or weights of these, of which one is drawn for each episode: {"scripted": 2, play: 1}, "scripted:2,random:1"; see

@@ -55,7 +55,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
     under SAME_STEP, where its own mode is DISABLED: the last observations and infos are taken here before the reset.
 
     Args:
-        scenario: The scenario of all worlds, or the name of a variant.
+        scenario: The scenario of all worlds, or its name.
         num_worlds: How many there are.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
         copy: Whether observations are copies, and not views of the engine's memory.

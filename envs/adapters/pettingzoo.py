@@ -253,7 +253,7 @@ def parallel_env(
     >>> env = outlast.parallel_env("teams_3", dead="keep", max_episode_steps=1000, melee_damage=20)
 
     Args:
-        scenario: Name of a variant, or a Scenario.
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         render_mode: None, "rgb_array", "ansi" or "human".
         seed: Of the first episode. None: a seed that cannot be foreseen.
         dead: "end": who dies leaves. "keep": the dead stay until the world ends. See SurvivalParallelEnv.

@@ -43,7 +43,7 @@ def make_puffer(
     >>> vecenv = pufferlib.vector.make(outlast.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
 
     Args:
-        scenario: Name of a variant, or a Scenario.
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
         seed: World w is keyed by (seed, w), so that environments with seeds 1 apart, as PufferLib makes them, have no
             world in common. None: a seed that cannot be foreseen.

@@ -39,7 +39,7 @@ def make_sb3(
     >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.make_sb3("ffa_1", 64, seed=0)))
 
     Args:
-        scenario: Name of a variant, or a Scenario.
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         num_worlds: How many worlds to step together.
         seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: a seed that cannot be foreseen.
         threads: How many threads step the worlds.

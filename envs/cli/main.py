@@ -1,6 +1,7 @@
 """The command line. Its commands are the files beside this one, and what other packages add: see PLUGINS."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
@@ -19,10 +20,12 @@ from ..errors import (
     StateError,
     UsageError,
 )
-from . import frames, listing, play, replay, rollout, schedule
-from .options import messages_shown
+from . import completion, frames, listing, numbers, play, replay, rollout, schedule
+from .grammar import Parser
+from .options import messages_shown, printable
+from .overview import overview
 
-COMMANDS = (rollout, replay, play, frames, listing, schedule)
+COMMANDS = (listing, numbers, schedule, rollout, frames, play, replay, completion)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
@@ -33,32 +36,48 @@ PLUGINS = "outlast.commands"  # entry points of this group are modules like thos
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
-    options = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
+    options = parser().parse_args(words if words and words != ["--"] else ["--help"])
     try:
         with messages_shown():
             return int(options.run(options))
     except MISTAKES as error:
-        print(f"outlast: {error}", file=sys.stderr)
-        return 2
+        return _refused(str(error))
     except MemoryError as error:
-        print(f"outlast: there is not enough memory, take fewer --worlds: {error}", file=sys.stderr)
-        return 2
+        return _refused(f"there is not enough memory, take fewer --worlds: {error}")
+    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
+        return 0
+    except OSError as error:
+        where = f"{printable(os.fsdecode(error.filename))}: " if isinstance(error.filename, (str, bytes)) else ""
+        return _refused(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # as in `outlast schedule ffa_1 | head`
-        return 0
 
 
-def parser() -> argparse.ArgumentParser:
+def _refused(text: str) -> int:
+    print(f"outlast: {text}", file=sys.stderr)
+    return 2
+
+
+def parser() -> Parser:
     """The command line's grammar."""
     import outlast  # here, as the package imports the environments
 
-    top = argparse.ArgumentParser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
-    top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}")
-    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    top = Parser(prog="outlast", description="Multi-agent survival worlds, thousands at a time.")
+    top.add_argument("--version", action="version", version=f"outlast {outlast.__version__}", help="print the version")
+    commands = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
     for command in (*COMMANDS, *(plugin.load() for plugin in entry_points(group=PLUGINS))):
         command.add(commands)
+    text = "show this, or how a command is used"
+    examples = [("help", "all commands"), ("help rollout", "the options of one")]
+    asked = commands.add_parser("help", help=text, description="Show how a command is used.", examples=examples)
+    known = list(commands.choices)
+    text = "its name (default: all commands in short)"
+    asked.add_argument("command", nargs="?", choices=known, metavar="COMMAND", help=text)
+    top.epilog = overview(commands)
     return top
 
 

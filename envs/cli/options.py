@@ -6,68 +6,103 @@ import logging
 import os
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
 from typing import Any, TextIO
 
-import numpy as np
 from tqdm import tqdm
 
-from ..core.make import make_vec
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
+from ..rollout.loading import load_policies, maker
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
-from ..rollout.saved import SAVED, common_scenario, load_saved
-from ..scenarios.naming import resolve
-from ..scenarios.renamed import NUMBERS
+from ..rollout.saved import SAVED
+from ..scenarios.imports import module_of
+from ..scenarios.naming import mechanic, resolve
 from ..scenarios.scenario import Scenario
+from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
+MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
+GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
-def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
-    """VARIANT, or several, and --set; `scenario` reads them."""
-    command.add_argument("variant", nargs="+" if several else None, help=VARIANT)
+def add_scenario(command: Parser, several: bool = False) -> None:
+    """VARIANT, or several, and what changes it; `scenario` reads them."""
+    command = command.group(GAME)
+    command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    text = "leave a mechanic out: safe_zone (may be given several times)"
+    command.add_argument("--without", action="append", default=[], metavar="MECHANIC", help=text)
+    text = "add a mechanic: 'DropLast(offset=2.0)', FILE.py:NAME (may be given several times)"
+    command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
+    text = "import a file or module first, for mechanics that FILE.json or --with names (may be given several times)"
+    command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
+    command.add_argument(
+        "--save-scenario", metavar="FILE.json", help="write the game with these changes, to name later"
+    )
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
-    """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
-    asked = resolve(name or options.variant)
-    return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
+    """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
+    for place in getattr(options, "import"):
+        module_of(place)
+    asked = resolve(name or options.variant).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    asked = asked.replace(**dict(_assignment(text, asked) for text in options.set))
+    if options.save_scenario is not None:
+        _save(asked, options)
+    return asked
 
 
-def add_policy(command: argparse.ArgumentParser, default: str) -> None:
+def _save(asked: Scenario, options: argparse.Namespace) -> None:
+    """Write the scenario, unless it would replace another one. Raises ScenarioError."""
+    path = Path(options.save_scenario)
+    if path.suffix != ".json":
+        raise ScenarioError(f"--save-scenario {path}: the name of the file ends in .json, by which it is recognised")
+    if isinstance(options.variant, list) and len(options.variant) > 1:
+        raise ScenarioError(f"--save-scenario writes one scenario, and {len(options.variant)} are named")
+    try:
+        if path.exists() and path.read_bytes() != asked.to_json().encode():
+            raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
+        asked.save(path)
+    except OSError as error:
+        raise ScenarioError(f"--save-scenario: {path} cannot be written: {error.strerror}") from error
+
+
+def add_policy(command: Parser, default: str) -> None:
     """--policy; `scenario_and_policy` reads it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
-    command.add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
+    command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
-def add_others(command: argparse.ArgumentParser, default: str | None, text: str) -> None:
+def add_others(command: Parser, default: str | None, text: str) -> None:
     """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
     text += ": policies with weights, as scripted:0.5,FILE.zip:0.5; one of them is drawn for each world and episode"
     given = None if default is None else {default: 1.0}
-    command.add_argument(
+    command.group(PLAY).add_argument(
         "--others", type=mixture, default=given, metavar="NAMES", help=f"{text} (default: {default or 'none'})"
     )
 
 
-def add_seed(command: argparse.ArgumentParser) -> None:
+def add_seed(command: Parser) -> None:
     """--seed."""
     text = "the same seed gives the same episodes (default: 0)"
-    command.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
+    command.group(PLAY).add_argument("--seed", type=seed, default=0, metavar="N", help=text)
 
 
 def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
-    """An option for an integer. default: the number, or words for what it is without the option."""
+    """An option for an integer, of a command or a group. default: the number, or words for what it is without it."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
 
 
-def add_page(command: argparse.ArgumentParser) -> None:
+def add_page(command: Parser) -> None:
     """--port and --no-browser, of commands that serve a page; `announce` reads the latter."""
+    command = command.group("page")
     text = "port of 127.0.0.1 (default: 0, one that is free)"
     command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
     command.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
@@ -80,16 +115,16 @@ def announce(options: argparse.Namespace, text: str, address: str) -> None:
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
 
 
-def add_common(command: argparse.ArgumentParser, *options: str) -> None:
+def add_common(command: Parser, *options: str) -> None:
     """Those of --threads, --record and --quiet that are named."""
     if "--threads" in options:
-        add_number(command, "--threads", 1, "threads that share the worlds")
+        add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds")
     if "--record" in options:
-        command.add_argument(
-            "--record", metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
+        command.group(OUTPUT).add_argument(
+            "--record", type=path, metavar="FILE", help="record everything in a new file, for `outlast replay FILE`"
         )
     if "--quiet" in options:
-        command.add_argument("--quiet", action="store_true", help="show no progress bar")
+        command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
 def policy(text: str) -> str:
@@ -116,36 +151,6 @@ def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable
     """
     fitting, (chosen,) = load_policies([options.policy], scenario(options), options.seed)
     return fitting, maker(chosen)
-
-
-def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """What makes the policy of that name, or is done with that policy: see POLICIES."""
-    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen
-
-
-def load_policies(names: Sequence[str], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
-    """Load what is saved, and find the scenario with observations that all can play with.
-
-    Args:
-        names: Of policies, and paths of saved ones.
-        asked: The scenario.
-        seed: Of all policies; each draws numbers of its own.
-
-    Returns:
-        The scenario, and for each name itself, or the policy in that file.
-
-    Raises:
-        UsageError: One cannot play there, or there is no PyTorch.
-    """
-    seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
-    chosen = [name if name in POLICIES else load_saved(name, own) for name, own in zip(names, seeds, strict=True)]
-    players = [policy for policy in chosen if not isinstance(policy, str)]
-    fitting = common_scenario(asked, players)
-    if players:
-        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
-            for player in players:
-                player.check(env)
-    return fitting, chosen
 
 
 @contextlib.contextmanager
@@ -178,9 +183,21 @@ def printable(path: str) -> str:
     return os.fsencode(path).decode(errors="backslashreplace")
 
 
+def path(text: str) -> str:
+    """The path of a file or folder; an empty one would be the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
+    return text
+
+
 def positive(text: str) -> int:
     """An integer of at least 1."""
-    return _integer(text, 1)
+    return count(text, 1)
+
+
+def nonnegative(text: str) -> int:
+    """An integer of at least 0."""
+    return count(text, 0)
 
 
 def port(text: str) -> int:
@@ -190,43 +207,43 @@ def port(text: str) -> int:
     return int(text)
 
 
-def nonnegative(text: str) -> int:
-    """An integer of at least 0."""
-    return _integer(text, 0)
-
-
 def seed(text: str) -> int:
     """An integer from 0 to 2**64 - 1."""
-    value = _integer(text, 0)
-    if value > MAX_SEED:
-        raise argparse.ArgumentTypeError(f"{text}: an integer of at most 2**64 - 1 is needed")
-    return value
+    return count(text, 0, MAX_SEED)
 
 
-def _integer(text: str, least: int) -> int:
+def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
+    """An integer as people write them: 1000, 1_000, 1e3, 2.5e6. Raises argparse.ArgumentTypeError."""
     try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if value < least:
-        raise argparse.ArgumentTypeError(f"{text}: an integer of at least {least} is needed")
-    return value
+        value = Decimal(text)
+    except InvalidOperation:
+        value = Decimal("nan")
+    if not value.is_finite() or value < least or (value <= most and value != value.to_integral_value()):
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at least {least} is needed, such as 1000 or 1e6")
+    if value > most:
+        named = "2**64 - 1" if most == MAX_SEED else f"{most:,}"
+        raise argparse.ArgumentTypeError(f"{text}: an integer of at most {named} is needed")
+    return int(value)
 
 
-def _assignment(text: str, numbers: dict[str, Any]) -> tuple[str, Any]:
-    """The name and the value of NUMBER=VALUE; where `numbers` has several for it, they stand between commas."""
-    name, equals, value = text.partition("=")
+def _assignment(text: str, asked: Scenario) -> tuple[str, Any]:
+    """The name and the value of NUMBER=VALUE, of the type that the number has. Raises ScenarioError, NumberError."""
+    name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
         raise ScenarioError(f"--set {text}: NUMBER=VALUE is needed, as in --set n_agents=10")
-    if isinstance(numbers.get(NUMBERS.get(name, name)), tuple):
-        return name, tuple(_value(part) for part in value.strip("()[]").split(","))
-    return name, _value(value)
+    return name, _value(value, asked.numbers()["_".join(asked.find_number(name))])
 
 
-def _value(text: str) -> object:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return {"true": True, "false": False}.get(text.lower(), text)
+def _value(text: str, now: Any) -> Any:
+    """The value of a text, of the type of another value; the text if it is none, which is then refused by its name."""
+    if isinstance(now, tuple):  # 8,4 or (8, 4)
+        return tuple(_value(part, 1.0) for part in text.strip("()[]").rstrip(",").split(","))
+    if isinstance(now, bool):
+        return {"true": True, "false": False}.get(text.lower(), text)
+    if isinstance(now, str):
+        return text.strip("'\"")
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return int(value) if isinstance(now, int) and value.is_integer() else value  # 1e3 is an integer, too

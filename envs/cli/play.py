@@ -7,7 +7,9 @@ import sys
 from typing import Any
 
 from ..errors import PlayError, install
+from ..rollout.loading import load_policies
 from .options import (
+    PLAY,
     add_common,
     add_number,
     add_others,
@@ -15,7 +17,6 @@ from .options import (
     add_scenario,
     add_seed,
     announce,
-    load_policies,
     scenario,
 )
 
@@ -24,12 +25,20 @@ FASTEST = 1000  # ticks a second
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("play", help="steer an agent with the keyboard, in the browser, against policies")
+    examples = [
+        ("play ffa_2", "a duel against the scripted policy"),
+        ("play teams_3 --agent 2 --others random --fps 10", "agent 2 of four, at a third of the speed"),
+    ]
+    description = "Steer an agent with the keyboard, on a page in the browser that only this machine can open."
+    text = "steer an agent with the keyboard, in the browser, against policies"
+    command = commands.add_parser("play", help=text, description=description, examples=examples)
     add_scenario(command)
-    add_number(command, "--agent", 0, "number of the agent that you steer", least=0)
+    add_number(command.group(PLAY), "--agent", 0, "number of the agent that you steer", least=0)
     add_others(command, "scripted", "whom you play against")
     add_seed(command)
-    command.add_argument("--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)")
+    command.group(PLAY).add_argument(
+        "--fps", type=_rate, metavar="RATE", help="ticks a second (default: in real time, 30)"
+    )
     add_page(command)
     add_common(command, "--record")
     command.set_defaults(run=run)

@@ -17,7 +17,7 @@ from ..errors import RecordingError, ReplayError
 from ..recording import Recording, Replay
 from ..rollout.event_file import event_file
 from . import video_options
-from .options import add_common, add_number, nonnegative, printable
+from .options import OUTPUT, add_common, add_number, nonnegative, path, printable
 
 LOGGER = logging.getLogger(__name__)
 FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
@@ -25,19 +25,32 @@ FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("replay", help="replay a recording: verify it, film it, make a page or data of it")
+    examples = [
+        ("replay fights.rec", "run it again, compare every tick, and print its statistics"),
+        ("replay fights.rec --html fights.html", "a page that plays it"),
+        ("replay fights.rec --worlds 3 --from 100 --to 400 --out fight.webm", "a film of a part"),
+    ]
+    description = (
+        "Run a recording again to the bit, and say whether it is what was recorded. With --out, --html, --data or "
+        "--events, make a film, a page, samples for learners or a table of it meanwhile."
+    )
+    text = "replay a recording: verify it, film it, make a page or data of it"
+    command = commands.add_parser("replay", help=text, description=description, examples=examples)
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
+    text = "import this scenario, FILE.py:NAME, for the mechanics of the recording that are not outlast's own"
+    command.add_argument("--scenario", metavar="NAME", help=text)
     video_options.add(command, required=False)
-    command.add_argument("--html", metavar="PATH", help="write a web page that plays the recording")
+    output, part = command.group(OUTPUT), command.group("which part")
+    output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
     text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
-    command.add_argument("--data", metavar="PATH", help=text)
+    output.add_argument("--data", type=path, metavar="PATH", help=text)
     text = "write what happened into a new table, NAME.csv or NAME.parquet"
-    command.add_argument("--events", metavar="FILE", help=text)
+    output.add_argument("--events", type=path, metavar="FILE", help=text)
     text = "numbers of the worlds to write (default: the first 16 for --out, the first for --html, else all)"
-    command.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
-    add_number(command, "--from", 0, "first tick to write", least=0, dest="first")
-    add_number(command, "--to", "the last there is", "last tick to write", least=0, dest="last")
-    command.add_argument("--no-verify", action="store_false", dest="verify", help="do not compare with the digests")
+    part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
+    add_number(part, "--from", 0, "first tick to write", least=0, dest="first")
+    add_number(part, "--to", "the last there is", "last tick to write", least=0, dest="last")
+    part.add_argument("--no-verify", action="store_false", dest="verify", help="do not compare with the digests")
     add_common(command, "--threads", "--quiet")
     command.set_defaults(run=run)
 
@@ -73,7 +86,7 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick."""
     try:
-        recording = Recording.open(options.file)
+        recording = Recording.open(options.file, options.scenario)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise

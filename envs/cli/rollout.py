@@ -2,106 +2,107 @@
 
 import argparse
 import contextlib
+import json
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from outlast.ecs.errors import OutlastError
+
 from ..core.make import make_vec
-from ..errors import ClusterError
-from ..recording import record
-from ..rollout.against import Against
-from ..rollout.event_file import event_file
-from ..rollout.local import Task, rollout
-from ..rollout.mixture import Mixture
-from ..rollout.policies import POLICIES, Policy
+from ..errors import ClusterError, UsageError
+from ..rollout.local import Task
+from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
+from ..rollout.table_file import checked_target
+from ..rollouts import WORLDS, prepared, worlds_of
 from ..scenarios.scenario import Scenario
+from ..storage.atomic_write import atomic_write
 from .options import (
+    MACHINE,
+    OUTPUT,
+    PLAY,
     add_common,
     add_number,
     add_others,
     add_policy,
     add_scenario,
     add_seed,
-    load_policies,
-    maker,
     messages_shown,
+    path,
+    printable,
     scenario,
 )
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
-Chosen = list[str | Policy]  # names or loaded policies: --policy, then those of --others
+STDOUT = "-"  # as the name of a file
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("rollout", help="run a policy in many worlds and print the episodes' statistics")
+    examples = [
+        ("rollout ffa_2 --policy scripted", "one episode in each of 1024 worlds"),
+        ("rollout teams_3 --worlds 64 --record fights.rec --csv fights.csv", "to be replayed, and a row an episode"),
+        ("rollout ffa_2 --policy scripted --others random,FILE.zip --json -", "who wins against whom, as JSON"),
+    ]
+    description = (
+        "Play whole episodes in many worlds, of every world as many, and print means and standard errors of their "
+        "statistics. With --steps, means lean towards short episodes, as long ones are cut off at the end."
+    )
+    text = "run a policy in many worlds and print the episodes' statistics"
+    command = commands.add_parser("rollout", help=text, description=description, examples=examples)
     add_scenario(command)
-    add_number(command, "--worlds", 1024, "number of worlds")
-    length = command.add_mutually_exclusive_group()
+    played, output, machine = (command.group(title) for title in (PLAY, OUTPUT, MACHINE))
+    add_number(played, "--worlds", WORLDS, "number of worlds")
+    length = played.add_mutually_exclusive_group()
     add_number(length, "--episodes", 1, "whole episodes of each world")
     add_number(length, "--steps", "none", "steps of each world instead; means then lean towards short episodes")
     add_policy(command, "random")
     add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
     add_seed(command)
+    text = "write a row for each episode, with all statistics, into a new file, NAME.csv"
+    output.add_argument("--csv", type=path, metavar="FILE", help=text)
+    text = "write the table and what was asked for into a new file, NAME.json; -: print that instead of the table"
+    output.add_argument("--json", type=path, metavar="FILE", help=text)
     text = "write what happened, who hit, killed, used, gave or broke what, into a new file, NAME.csv or NAME.parquet"
-    command.add_argument("--events", metavar="FILE", help=text)
-    text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
-    command.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
-    command.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
+    output.add_argument("--events", type=path, metavar="FILE", help=text)
+    output.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
+    text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
+    machine.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
-    command.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
+    machine.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
     command.set_defaults(run=run, steps=0)
 
 
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
+    if options.json not in (None, STDOUT):
+        checked_target(options.json, "summaries", (".json",))  # before anything is played
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
-    place = _here if options.ray is None else _on_ray
-    chosen = load_policies([options.policy, *(options.others or ())], scenario(options), options.seed)
-    with deaths, place(options, *chosen) as (agents, work, results):
-        return _run_with_bar(options, chosen[0].name, agents, work, results)
+    asked, place = scenario(options), _here if options.ray is None else _on_ray
+    with deaths, place(options, asked) as (agents, work):
+        return _run_with_bar(options, asked, agents, work)
 
 
 @contextlib.contextmanager
-def _here(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Iterator[tuple[int, Work, Against | None]]:
-    """The number of agents in a world, what rolls out on this machine, and what counts wins, with --others."""
-    env = make_vec(
-        asked,
-        options.worlds,
-        seed=options.seed,
-        threads=options.threads,
-        copy=False,
-        check_actions=False,
-        interpret=options.interpret,
-    )
-    with contextlib.closing(env):
-        policy, against = maker(chosen[0])(env, options.seed), None
-        if options.others:
-            entries = list(zip(chosen[1:], options.others.values(), strict=True))
-            against = policy = Against(env, policy, Mixture(entries, env, range(env.num_agents), list(options.others)))
-        if options.record is not None:
-            record(env, options.record)
-        with event_file(options.events, env.worlds.layout) if options.events else contextlib.nullcontext() as file:
-
-            def watch(where: Any) -> None:
-                if file:
-                    file.add(env.events(), where)
-                if against:
-                    against.watch(where)
-
-            settings = {"episodes": options.episodes, "watch": watch if file or against else None}
-            yield env.num_agents, lambda progress: rollout(env, policy, options.steps, progress, **settings), against
+def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
+    """The number of agents in a world, and what rolls out on this machine."""
+    settings = {name: getattr(options, name) for name in ("seed", "threads", "interpret")}
+    files = {name: getattr(options, name) for name in ("record", "events", "csv")}
+    made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
+    with contextlib.closing(made[0]), prepared(*made, **files) as play:
+        yield made[0].num_agents, lambda progress: play(options.steps, options.episodes, progress)
 
 
 @contextlib.contextmanager
-def _on_ray(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Iterator[tuple[int, Work, None]]:
+def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.interpret)):
-        given = "--threads, --log-deaths, --record, --events and --interpret"
+    if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.csv, options.interpret)):
+        given = "--threads, --log-deaths, --record, --events, --csv and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.others:
         raise ClusterError("--others plays on one machine: leave it out with --ray")
@@ -115,40 +116,78 @@ def _on_ray(options: argparse.Namespace, asked: Scenario, chosen: Chosen) -> Ite
         agents = env.num_agents
     task = Task(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
     with cluster.connected(options.ray):
-        yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress), None
+        yield agents, lambda progress: cluster.rollout_on_cluster(task, options.worlds, progress)
 
 
-def _run_with_bar(options: argparse.Namespace, name: str, agents: int, work: Work, results: Against | None) -> int:
-    """Do the work behind a progress bar and report; the exit status."""
+def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, work: Work) -> int:
+    """Do the work behind a progress bar and report, also what was done when it is stopped; the exit status."""
     start = time.perf_counter()
     unit, each = ("world-step", options.steps) if options.steps else ("episode", options.episodes)
     total, scale = options.worlds * each, bool(options.steps)
     bar = tqdm(total=total, unit=unit, unit_scale=scale, miniters=0, disable=options.quiet)  # 0: also between ends
+    latest = Summary()
 
     def progress(summary: Summary) -> None:
+        nonlocal latest
+        latest = summary
         done = summary.world_steps if options.steps else summary.episodes
         if bar.update(done - bar.n):  # it redrew itself
             rate = summary.world_steps * agents / (time.perf_counter() - start)
             bar.set_postfix_str(f"{rate:,.0f} agent-steps/s", refresh=False)
 
-    status = 0
+    status, failure = 0, None
     try:
-        summary = work(progress)
+        latest = work(progress)
     except KeyboardInterrupt as stop:
-        summary, status = stop.args[0] if stop.args else Summary(), 130
-    seconds = time.perf_counter() - start
-    bar.close()
-    _report(options, name, summary, seconds, agents)
-    if results:
-        print(f"\n{results}")
+        latest, status = stop.args[0] if stop.args else Summary(), 130
+    except (OutlastError, OSError) as error:  # as where the disk is full
+        failure = error
+    finally:
+        bar.close()
+    if failure is None or latest.world_steps:
+        _report(options, asked, latest, time.perf_counter() - start, agents)
+    if failure:
+        raise failure
     return status
 
 
-def _report(options: argparse.Namespace, name: str, summary: Summary, seconds: float, agents: int) -> None:
+def _report(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> None:
+    """Print the table or the JSON, and write the latter where that is asked for. Raises UsageError."""
+    if options.json != STDOUT:
+        print(_heading(options, asked, summary, seconds, agents), summary, sep="\n")
+    if options.json is not None:
+        text = json.dumps(_as_dict(options, asked, summary, seconds, agents), indent=2) + "\n"
+        print(text, end="") if options.json == STDOUT else _write(options.json, text)
+
+
+def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int) -> str:
     each, done = options.steps or options.episodes, summary.world_steps
-    against = " against " + ", ".join(options.others) if options.others else ""
-    print(f"{name}: {options.policy} policy{against}, seed {options.seed}, {options.worlds} worlds x ", end="")
-    print(f"{each} {'step' if options.steps else 'episode'}{'s' if each > 1 else ''}")
-    print(f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, ", end="")
-    print(f"{done * agents / seconds:,.0f} agent-steps/s (policy included)")
-    print(summary)
+    against = " against " + ", ".join(map(printable, options.others)) if options.others else ""
+    unit = f"{'step' if options.steps else 'episode'}{'s' if each > 1 else ''}"
+    return (
+        f"{asked.name}: {printable(options.policy)} policy{against}, seed {options.seed}, "
+        f"{options.worlds} worlds x {each} {unit}\n"
+        f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, "
+        f"{done * agents / seconds:,.0f} agent-steps/s (policy included)"
+    )
+
+
+def _as_dict(
+    options: argparse.Namespace, asked: Scenario, summary: Summary, seconds: float, agents: int
+) -> dict[str, Any]:
+    """What was asked for, by the options' names, then the summary's numbers."""
+    import outlast  # here, as the package imports the environments
+
+    names = ("policy", "others", "seed", "worlds", "episodes", "steps")
+    given = {name: getattr(options, name) for name in names}
+    given["episodes" if options.steps else "steps"] = None
+    about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": asked.numbers(), "agents": agents}
+    return {**about, "asked": given, "seconds": seconds, **summary.as_dict()}
+
+
+def _write(path: str, text: str) -> None:
+    try:
+        with atomic_write(Path(path)) as place:
+            place.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; there is no summary") from error

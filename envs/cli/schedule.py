@@ -29,7 +29,14 @@ class Use(NamedTuple):
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    table = commands.add_parser("schedule", help="print the tick of a variant as a table")
+    examples = [
+        ("schedule ffa_1", "the systems in the order in which they run, phase by phase"),
+        ("schedule teams_4 --components", "which systems write and read each component"),
+        ("schedule ffa_1 --source", "the generated code"),
+    ]
+    description = "Print what happens in a tick: every system with its phase, in order. Nothing is compiled or run."
+    text = "print the tick of a variant as a table"
+    table = commands.add_parser("schedule", help=text, description=description, examples=examples)
     add_scenario(table)
     kind = table.add_mutually_exclusive_group()
     kind.add_argument("--components", action="store_true", help="print which systems write and read each component")

@@ -10,20 +10,22 @@ from tqdm import tqdm
 
 from outlast.ecs import Worlds
 
-from .options import add_number, printable
+from .grammar import Parser
+from .options import add_number, path, printable
 
 LOGGER = logging.getLogger(__name__)
 DEFAULTS: dict[str, Any] = {"size": 512, "mosaic": None, "views": "", "every": 1, "fps": 30}
 
 
-def add(command: argparse.ArgumentParser, required: bool) -> None:
+def add(command: Parser, required: bool) -> None:
     """--out and, for it, --size, --mosaic, --views, --every and --fps; `write_frames` reads them, and --quiet."""
+    command = command.group("pictures")
     text = "where to write: a folder for pictures, or a film, .mp4, .webm, .gif or .apng"
-    command.add_argument("--out", required=required, metavar="PATH", help=text)
+    command.add_argument("--out", type=path, required=required, metavar="PATH", help=text)
     add_number(command, "--size", DEFAULTS["size"], "pixels along a side of one world's picture")
     text = "rows and columns of worlds in a frame (default: nearly a square)"
     command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)
-    text = "what else to draw, and what not: +vision,-ids; with a minus first: --views=-ids (default: no change)"
+    text = "what else to draw, and what not: +vision,-ids (default: no change)"
     command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
     add_number(command, "--every", DEFAULTS["every"], "draw every Nth step only")
     add_number(command, "--fps", DEFAULTS["fps"], "frames a second of a film")

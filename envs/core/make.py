@@ -1,4 +1,4 @@
-"""Making environments from a variant's name or a scenario."""
+"""Making environments from a scenario or its name."""
 
 from collections.abc import Collection
 
@@ -29,7 +29,7 @@ def make_vec(
     >>> env = outlast.make_vec("teams_3", 4096, seed=0, threads=2, copy=False, melee_damage=20)
 
     Args:
-        scenario: Name of a variant ("ffa_3", "teams_2+health_cap"), or a Scenario.
+        scenario: A Scenario, or the name of one: "ffa_3", "teams_2+health_cap", "mygame.py:arena", "arena.json".
         num_worlds: How many worlds.
         seed: Keys the random numbers of world i by (seed, first_world + i); None: by a seed from the system.
         threads: Threads that share the worlds in a step.

@@ -11,11 +11,15 @@ from ..errors import ActionError
 
 Array = np.ndarray[Any, Any]
 
+MAX_WORLDS = 10**12  # their numbers fit into 64 bits, and no memory holds more
 
-def check_count(name: str, value: Any, least: int) -> None:
-    """ValueError unless `value` is an integer of at least `least`."""
+
+def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
+    """ValueError unless `value` is an integer of at least `least`, and at most `most` if that is given."""
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
         raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
+    if most is not None and int(value) > most:
+        raise ValueError(f"{name} = {value!r}: an integer <= {most:,} is needed")
 
 
 def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = "") -> None:

@@ -24,8 +24,8 @@ from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
+from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
-from .validation import check_choice, check_count, checked_actions, keys, reset_mask
 from .wrappers import refuse_dicts, refuse_reward_sums
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -91,9 +91,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         render_mode: str | None = None,
         interpret: Collection[str] = (),
     ) -> None:
-        check_count("num_worlds", num_worlds, 1)
+        check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
         check_count("threads", threads, 1)
-        check_count("first_world", first_world, 0)
+        check_count("first_world", first_world, 0, MAX_WORLDS)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)

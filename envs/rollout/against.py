@@ -13,14 +13,13 @@ from .memory import tell
 from .mixture import Mixture, key_of
 from .policies import Policy
 from .sides import living_sides, own_side, own_wins
+from .summary import RESULTS
 
 Array = np.ndarray[Any, Any]
 
-RESULTS = ("won", "drawn", "lost")
-
 
 class Against:
-    """A policy on one side of each world and a mixture on all others, as one policy with a memory; `str` is a table.
+    """A policy on one side of each world and a mixture on all others, as one policy with a memory.
 
     Sides: see sides.own_side. Who wins: see sides.own_wins.
 
@@ -65,19 +64,7 @@ class Against:
         won = own_wins(self._life[rows], self._own[rows])
         np.add.at(self.counts, (self._others.drawn[rows], (2 - 2 * won).astype(int)), 1)
 
-    def __str__(self) -> str:
-        """Shares of the episodes against each of the mixture, with standard errors."""
-        width = max(20, *map(len, self._others.names))
-        lines = [f"{'against':<{width}} {'episodes':>12}" + "".join(f" {name:>17}" for name in RESULTS)]
-        for name, counts in zip(self._others.names, self.counts.tolist(), strict=True):
-            cells = [_share(count, sum(counts)) for count in counts]
-            lines.append(f"{name:<{width}} {sum(counts):>12,}" + "".join(f" {cell:>17}" for cell in cells))
-        return "\n".join(lines)
-
-
-def _share(count: int, episodes: int) -> str:
-    """A share and its standard error."""
-    if not episodes:
-        return "-"
-    share = count / episodes
-    return f"{share:.4f} ± {(share * (1 - share) / max(episodes - 1, 1)) ** 0.5:.4f}"
+    @property
+    def outcomes(self) -> dict[str, Array]:
+        """The rows of `counts` by the names of the mixture: views, which go on counting."""
+        return dict(zip(self._others.names, self.counts, strict=True))

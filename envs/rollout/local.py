@@ -1,7 +1,7 @@
 """Rollouts on this machine: run a policy in many worlds and sum up their episodes."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ def rollout(
     *,
     episodes: int = 1,
     watch: Callable[[Array], None] | None = None,
+    ended: Callable[[Mapping[str, Any], Array], None] | None = None,
 ) -> Summary:
     """Reset everything, play whole episodes, of every world as many, and sum them up.
 
@@ -39,10 +40,11 @@ def rollout(
             worlds in which an episode begins, bool (worlds,), before it acts there: first all, then those that
             restarted.
         steps: Take so many steps of every world instead, and count all episodes that end in them.
-        progress: Called after every step with the summary so far.
+        progress: Called after every step with the summary so far, the one that is returned.
         episodes: How many of each world; without effect if `steps` are given.
         watch: Called after the reset and after every step with the worlds that count, bool (worlds,): look at the
             environment there, as at env.events().
+        ended: Called where episodes end, with info["statistics"] and the worlds in which one counts, bool (worlds,).
 
     Returns:
         Means and standard errors of the statistics of the episodes.
@@ -70,6 +72,8 @@ def rollout(
             if "statistics" in info:
                 counted = info["_statistics"] & (remaining > 0)
                 summary.add(info["statistics"], counted)
+                if ended:
+                    ended(info["statistics"], counted)
                 remaining -= counted
                 began[info["_statistics"]] = step
             progress(summary)
@@ -80,9 +84,11 @@ def rollout(
                     f"world {env.first_world + late.argmax()} has been in one episode for {MAX_STEPS:,} steps, which "
                     "may never end: set ending_limit, or roll out a fixed number of steps"
                 )
-    except KeyboardInterrupt:
+    except BaseException as error:
         summary.episodes_per_world = 0
-        raise KeyboardInterrupt(summary) from None
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(summary) from None
+        raise
     return summary
 
 

@@ -1,13 +1,15 @@
 """The summary of many episodes: means and standard errors of their statistics."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+
+RESULTS = ("won", "drawn", "lost")
 
 
 @dataclass
@@ -25,6 +27,8 @@ class Summary:
         world_steps: How many were taken, of all worlds.
         sums: Of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
         squares: The sums of squares, likewise.
+        outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
+            empty without others.
     """
 
     episodes: int = 0
@@ -32,6 +36,7 @@ class Summary:
     world_steps: int = 0
     sums: dict[str, Array] = field(default_factory=dict)
     squares: dict[str, Array] = field(default_factory=dict)
+    outcomes: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
@@ -39,12 +44,14 @@ class Summary:
         parts = list(parts)
         per_world = min((part.episodes_per_world for part in parts), default=0)
         world_steps = sum(part.world_steps for part in parts)
+        names = dict.fromkeys(name for part in parts for name in part.outcomes)
+        outcomes = {name: np.sum([p.outcomes[name] for p in parts if name in p.outcomes], 0) for name in names}
         parts = [part for part in parts if part.episodes]
         sums, squares = (
             {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
             for tables in ([part.sums for part in parts], [part.squares for part in parts])
         )
-        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares)
+        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, outcomes)
 
     def add(self, statistics: dict[str, Any], where: Array) -> None:
         """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,)."""
@@ -56,14 +63,33 @@ class Summary:
             self.sums[key] += values
             self.squares[key] += values**2
 
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers for JSON; `unbiased` says whether the means lean towards short episodes, see episodes_per_world.
+
+        Names of statistics are those of `column_names`.
+        """
+        names = [name for key, values in self.sums.items() for name in column_names(key, values)]
+        found = dict(zip(names, self._numbers(list(self.sums)), strict=True))
+        outcomes = {name: dict(zip(RESULTS, counts.tolist(), strict=True)) for name, counts in self.outcomes.items()}
+        return {
+            "episodes": self.episodes,
+            "episodes_per_world": self.episodes_per_world,
+            "unbiased": self.episodes_per_world > 0,
+            "world_steps": self.world_steps,
+            "statistics": {name: {"mean": mean, "std_error": error} for name, (mean, error) in sorted(found.items())},
+            "against": outcomes,
+        }
+
     def rows(self) -> list[tuple[str, float, float]]:
         """(name, mean, standard error); statistics with an entry an agent or side get a row for each."""
-        rows = []
-        for key in sorted(self.sums):
-            columns, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
-            names = [key] if self.sums[key].ndim == 1 else [f"{key} {k}" for k in range(len(columns))]
-            rows += [(name, *self._row(*pair)) for name, *pair in zip(names, columns, squares, strict=True)]
-        return rows
+        keys = sorted(self.sums)
+        names = [name for key in keys for name in column_names(key, self.sums[key], " ")]
+        return [(name, *pair) for name, pair in zip(names, self._numbers(keys), strict=True)]
+
+    def _numbers(self, keys: Sequence[str]) -> list[tuple[float, float]]:
+        """Mean and standard error of every entry of these statistics."""
+        tables = [[table[key].reshape(len(table[key]), -1).T for key in keys] for table in (self.sums, self.squares)]
+        return [self._row(*pair) for both in zip(*tables, strict=True) for pair in zip(*both, strict=True)]
 
     def _row(self, sums: Array, squares: Array) -> tuple[float, float]:
         mean = math.fsum(sums) / self.episodes
@@ -71,11 +97,11 @@ class Summary:
         return mean, math.sqrt(spread / max(self.episodes - 1, 1))
 
     def __str__(self) -> str:
-        if not self.episodes:
-            return "no episode ended; take more steps"
-        lines = [self._heading(), "", f"{'per episode':<20} {'mean':>12} {'std. error':>12}"]
-        lines += [f"{name:<20} {mean:>12.4f} {error:>12.4f}" for name, mean, error in self.rows()]
-        return "\n".join(lines)
+        lines = ["no episode ended; take more steps"]
+        if self.episodes:
+            lines = [self._heading(), "", f"{'per episode':<20} {'mean':>12} {'std. error':>12}"]
+            lines += [f"{name:<20} {mean:>12.4f} {error:>12.4f}" for name, mean, error in self.rows()]
+        return "\n".join([*lines, *(["", against_table(self.outcomes)] if self.outcomes else [])])
 
     def _heading(self) -> str:
         if not self.episodes_per_world:
@@ -85,3 +111,29 @@ class Summary:
             )
         count = f"{self.episodes_per_world:,} " if self.episodes_per_world > 1 else ""
         return f"{self.episodes:,} whole episodes, the first {count}of every world"
+
+
+def column_names(key: str, values: Any, between: str = "_") -> list[str]:
+    """Names of the columns of a statistic: itself, or key_0, key_1 ... for an entry an agent or side.
+
+    values: (worlds,) or (worlds, n).
+    """
+    return [key] if np.ndim(values) == 1 else [f"{key}{between}{k}" for k in range(math.prod(np.shape(values)[1:]))]
+
+
+def against_table(outcomes: Mapping[str, Array]) -> str:
+    """Shares of the episodes won, drawn and lost against each, with standard errors. outcomes: see Summary."""
+    width = max(20, *map(len, outcomes))
+    lines = [f"{'against':<{width}} {'episodes':>12}" + "".join(f" {name:>17}" for name in RESULTS)]
+    for name, counts in ((name, counts.tolist()) for name, counts in outcomes.items()):
+        cells = [_share(count, sum(counts)) for count in counts]
+        lines.append(f"{name:<{width}} {sum(counts):>12,}" + "".join(f" {cell:>17}" for cell in cells))
+    return "\n".join(lines)
+
+
+def _share(count: int, episodes: int) -> str:
+    """A share and its standard error."""
+    if not episodes:
+        return "-"
+    share = count / episodes
+    return f"{share:.4f} ± {(share * (1 - share) / max(episodes - 1, 1)) ** 0.5:.4f}"

@@ -1,15 +1,16 @@
-"""Scenarios in Python files and modules that the user names: "mygame.py:arena", "package.module:arena"."""
+"""Scenarios and mechanics in files and modules that the user names: "mygame.py:arena", "package.module:Swamp"."""
 
 import difflib
 import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from outlast.ecs import Module
 from outlast.ecs.identity import LIBRARIES
 
 from ..errors import ScenarioError
@@ -19,92 +20,113 @@ Result = TypeVar("Result")
 NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages whose lines are not where a user's mistake is
 
 
-def scenario_in_file(text: str, name: str) -> Scenario:
-    """A scenario in a Python file, which is imported as a module: its folder joins `sys.path`, as a script's does.
+def module_of(place: str) -> ModuleType:
+    """Import what a user names: a file, as a module, or a module.
 
-    So the file can import its neighbours, other processes can load pickles of its mechanics, and a file that is named
-    twice is imported once. One within a package is imported as a module of that package.
+    A file's folder joins `sys.path`, as a script's does. So it can import its neighbours, other processes can load
+    pickles of its mechanics, and a file that is named twice is imported once. A file within a package is imported as a
+    module of that package.
 
     Args:
-        text: Path of the file.
-        name: Of a Scenario in it, or of a function without arguments that returns one. "": the only Scenario there.
+        place: "FILE.py", or "package.module".
 
     Raises:
-        ScenarioError: There is no such file or scenario, the file raises an exception, or its name is that of another
-            module.
+        ScenarioError: There is no such file or module, it raises an exception, or its name is that of another module.
     """
-    path = Path(text)
-    if not path.is_file():
-        near = difflib.get_close_matches(path.name, [file.name for file in path.parent.glob("*.py")], 1)
-        hint = f"; did you mean {path.with_name(near[0])}?" if near else ""
-        raise ScenarioError(f"there is no file {text}{hint}")
-    return _member(_import_file(path.resolve(), text), name, text)
+    return _import_file(place) if place.endswith(".py") else _import_module(place)
 
 
-def scenario_in_module(module: str, name: str) -> Scenario:
-    """A scenario in a module that can be imported: see `scenario_in_file`. Raises ScenarioError."""
-    try:
-        found = importlib.util.find_spec(module) if all(module.split(".")) else None
-    except ModuleNotFoundError:
-        found = None
-    except Exception as error:  # of a package around it, which is imported
-        raise _failed(module, error) from error
-    if found is None:
-        file = Path(f"{module.replace('.', '/')}.py")
-        hint = f"; for the file, write {file}:{name}" if file.is_file() else ""
-        raise ScenarioError(f"there is no module {module}{hint}")
-    return _member(_guarded(module, lambda: importlib.import_module(module)), name, module)
+def scenario_in(place: str, name: str) -> Scenario:
+    """A scenario in a file or module, which is imported.
 
+    Args:
+        place: As in `module_of`.
+        name: Of a Scenario there, or of a function without arguments that returns one. "": the only Scenario there.
 
-def _import_file(path: Path, shown: str) -> ModuleType:
-    """The module of a file. Raises ScenarioError."""
-    parts, folder = [path.stem], path.parent
-    while (folder / "__init__.py").is_file():
-        parts, folder = [folder.name, *parts], folder.parent
-    name = ".".join(parts)
-    if not all(part.isidentifier() for part in parts):
-        raise ScenarioError(f"{shown} cannot be imported: '{name}' is no name of a module; rename the file")
-    added = str(folder) not in sys.path
-    if added:
-        sys.path.insert(0, str(folder))
-    try:
-        module = _guarded(shown, lambda: importlib.import_module(name))
-        origin = getattr(module, "__file__", None)
-        if origin is None or not path.samefile(origin):
-            raise ScenarioError(f"{shown} cannot be imported: '{name}' is {origin or 'built into Python'}; rename it")
-    except BaseException:
-        if added:
-            sys.path.remove(str(folder))
-        raise
-    return module
-
-
-def _member(module: ModuleType, name: str, shown: str) -> Scenario:
-    """The scenario of that name in a module, or the only one. Raises ScenarioError."""
+    Raises:
+        ScenarioError: There is none, and as in `module_of`.
+    """
+    module = module_of(place)
     own = {key: value for key, value in vars(module).items() if isinstance(value, Scenario)}
     if not name:
         if len(set(map(id, own.values()))) != 1:
-            cure = f"name one, as in {shown}:{next(iter(own))}" if own else f"name what makes one, {shown}:FUNCTION"
-            raise ScenarioError(f"{shown} holds {', '.join(own) if own else 'no Scenario'}: {cure}")
+            cure = f"name one, as in {place}:{next(iter(own))}" if own else f"name what makes one, {place}:FUNCTION"
+            raise ScenarioError(f"{place} holds {', '.join(own) if own else 'no Scenario'}: {cure}")
         name = next(iter(own))
-    if not hasattr(module, name):
-        makers = [key for key, value in vars(module).items() if _is_function_of(value, module)]
-        near = difflib.get_close_matches(name, [*own, *makers], 2)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise ScenarioError(f"{shown} has no '{name}'; {hint}Scenarios in it: {', '.join(own) or 'none'}")
-    found: Any = getattr(module, name)
+    found = _member(module, name, place, own)
     if callable(found):
-        found = _guarded(f"{shown}:{name}", found)
+        found = _guarded(f"{place}:{name}", found)
     if not isinstance(found, Scenario):
         raise ScenarioError(
-            f"{shown}:{name} is {type(found).__name__} {found!r:.60}: a Scenario is needed, or a function without "
+            f"{place}:{name} is {type(found).__name__} {found!r:.60}: a Scenario is needed, or a function without "
             "arguments that returns one"
         )
     return found
 
 
-def _is_function_of(value: Any, module: ModuleType) -> bool:
-    return callable(value) and getattr(value, "__module__", None) == module.__name__
+def mechanic_in(place: str, name: str) -> type[Module]:
+    """The class of a mechanic in a file or module, which is imported. Raises ScenarioError as in `scenario_in`."""
+    module = module_of(place)
+    own = {key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Module)}
+    found = _member(module, name, place, own)
+    if name not in own:
+        raise ScenarioError(f"{place}:{name} is {type(found).__name__} {found!r:.60}: a class of mechanics is needed")
+    return own[name]
+
+
+def _member(module: ModuleType, name: str, place: str, wanted: Collection[str]) -> Any:
+    """What has that name in a module. Raises ScenarioError, with the names that are `wanted` there."""
+    if not hasattr(module, name):
+        own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
+        near = difflib.get_close_matches(name, [*wanted, *own], 2)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise ScenarioError(f"{place} has no '{name}'; {hint}It has: {', '.join(wanted) or 'none'}")
+    return getattr(module, name)
+
+
+def _import_module(name: str) -> ModuleType:
+    """A module that can be imported. Raises ScenarioError."""
+    try:
+        found = importlib.util.find_spec(name) if all(name.split(".")) else None
+    except ModuleNotFoundError:
+        found = None
+    except Exception as error:  # of a package around it, which is imported
+        raise _failed(name, error) from error
+    if found is None:
+        file = Path(f"{name.replace('.', '/')}.py")
+        hint = f"; the file is named {file}" if file.is_file() else ""
+        raise ScenarioError(f"there is no module {name}{hint}")
+    return _guarded(name, lambda: importlib.import_module(name))
+
+
+def _import_file(text: str) -> ModuleType:
+    """A file as a module. Raises ScenarioError."""
+    path = Path(text)
+    if not path.is_file():
+        near = difflib.get_close_matches(path.name, [file.name for file in path.parent.glob("*.py")], 1)
+        hint = f"; did you mean {path.with_name(near[0])}?" if near else ""
+        raise ScenarioError(f"there is no file {text}{hint}")
+    path = path.resolve()
+    parts, folder = [path.stem], path.parent
+    while (folder / "__init__.py").is_file():
+        parts, folder = [folder.name, *parts], folder.parent
+    name = ".".join(parts)
+    if not all(part.isidentifier() for part in parts):
+        raise ScenarioError(f"{text} cannot be imported: '{name}' is no name of a module; rename the file")
+    added = str(folder) not in sys.path
+    if added:
+        sys.path.insert(0, str(folder))
+    try:
+        importlib.invalidate_caches()  # it may have been written just now
+        module = _guarded(text, lambda: importlib.import_module(name))
+        origin = getattr(module, "__file__", None)
+        if origin is None or not path.samefile(origin):
+            raise ScenarioError(f"{text} cannot be imported: '{name}' is {origin or 'built into Python'}; rename it")
+    except BaseException:
+        if added:
+            sys.path.remove(str(folder))
+        raise
+    return module
 
 
 def _guarded(shown: str, call: Callable[[], Result]) -> Result:

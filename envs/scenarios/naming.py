@@ -1,27 +1,35 @@
 """What a user names where a scenario is asked for. What files say is never named here, as naming may import."""
 
+import ast
+import dataclasses
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+from outlast.ecs import Module
 
 from ..errors import ScenarioError
 from .ablations import ablated
-from .imports import scenario_in_file, scenario_in_module
+from .imports import mechanic_in, scenario_in
+from .mechanics import imported
 from .plugins import installed, scenario_of_package
 from .scenario import Number, Scenario
 from .variants import ALIASES, VARIANTS, variant
 
-NAME = re.compile(r"(?P<place>.+\.py|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
-OWN = "one of your own is FILE.py:NAME or package.module:NAME"
+NAME = re.compile(r"(?P<place>.+\.(py|json)|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
+MECHANIC = re.compile(r"((?P<place>.+\.py|[\w.]+):)?(?P<name>\w+)(?P<numbers>\(.*\))?", re.DOTALL)
+OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
 
 
 def named(text: str) -> Scenario:
     """The scenario of a name, as users give it.
 
     Args:
-        text: "teams_2", a variant; "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without arguments
-            that returns one, in a file or module, which is imported; "FILE.py", the only Scenario in it; or the name of
-            an installed package's scenario. Each may be followed by ablations, as in "teams_2+health_cap".
+        text: "teams_2", a variant. "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without
+            arguments that returns one, in a file or module, which is imported. "FILE.py", the only Scenario in it.
+            "FILE.json", what `Scenario.save` wrote. "NAME", an installed package's scenario. Each may be followed by
+            ablations, as in "teams_2+health_cap".
 
     Raises:
         ScenarioError: There is no such scenario, an ablation does not fit it, or what is imported raises an exception.
@@ -31,10 +39,10 @@ def named(text: str) -> Scenario:
         raise ScenarioError(f"{text!r} is no name of a scenario; {OWN}")
     place, name = match["place"], match["name"]
     ablations = match["ablations"].split("+")[1:]
-    if place.endswith(".py"):
-        found = scenario_in_file(place, name or "")
-    elif name is not None:
-        found = scenario_in_module(place, name)
+    if place.endswith(".json") and name is None:
+        found = Scenario.load(place)
+    elif place.endswith(".py") or name is not None:
+        found = scenario_in(place, name or "")
     elif place in installed():
         found = scenario_of_package(installed()[place])
     elif place in VARIANTS or place in ALIASES:
@@ -70,3 +78,48 @@ def resolve(
     for name in numbers:
         scenario.find_number(name, options)
     return scenario.replace(**numbers)
+
+
+def mechanic(text: str) -> Module:
+    """A mechanic as users type it.
+
+    Args:
+        text: "DropLast" or "DropLast(offset=2.0)", of outlast's own mechanics or those that are imported;
+            "FILE.py:Swamp(drag=0.3)" or "package.module:Swamp", of a file or module, which is imported. Numbers are
+            literals: nothing is evaluated.
+
+    Raises:
+        ScenarioError: There is no such mechanic, or it has no such number.
+        NumberError: A number is out of its range.
+    """
+    match = MECHANIC.fullmatch(text.strip())
+    if match is None:
+        raise ScenarioError(f"{text}: a mechanic is needed, as in 'DropLast(offset=2.0)' or FILE.py:NAME")
+    kind = mechanic_in(match["place"], match["name"]) if match["place"] else _known(match["name"])
+    return kind(**_literals(text, match["numbers"] or "()", [item.name for item in dataclasses.fields(kind)]))
+
+
+def _known(name: str) -> type[Module]:
+    """The mechanic of that class's name that this process has. Raises ScenarioError."""
+    known = {kind.__name__: kind for kind in imported().values()}  # outlast's own come last, and so first
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 2)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        raise ScenarioError(
+            f"there is no mechanic {name}; {hint}Known: {', '.join(sorted(known))}; one of your own is FILE.py:NAME"
+        )
+    return known[name]
+
+
+def _literals(text: str, call: str, known: Collection[str]) -> dict[str, Any]:
+    """The keywords of a call, such as "(offset=2.0)". Raises ScenarioError unless all are literals, and known."""
+    try:
+        tree = ast.parse(f"f{call}", mode="eval").body
+        if not isinstance(tree, ast.Call) or tree.args:
+            raise ValueError(call)
+        found = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in tree.keywords}
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        raise ScenarioError(f"{text}: numbers are given as in '(offset=2.0, mode=\"name\")'") from None
+    if unknown := found.keys() - set(known):
+        raise ScenarioError(f"{text}: there is no number {min(unknown)}; it has: {', '.join(known) or 'none'}")
+    return found

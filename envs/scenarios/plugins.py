@@ -6,7 +6,7 @@ import re
 from importlib.metadata import EntryPoint, entry_points
 
 from ..errors import ScenarioError
-from .imports import scenario_in_module
+from .imports import scenario_in
 from .scenario import Scenario
 from .variants import ALIASES, VARIANTS
 
@@ -43,6 +43,6 @@ def package(entry: EntryPoint) -> str:
 def scenario_of_package(entry: EntryPoint) -> Scenario:
     """Import the scenario of an entry point. Raises ScenarioError, which names the package."""
     try:
-        return scenario_in_module(entry.module, entry.attr)
+        return scenario_in(entry.module, entry.attr)
     except ScenarioError as error:
         raise ScenarioError(f"the scenario '{entry.name}' of the package {package(entry)}: {error}") from error

@@ -2,16 +2,26 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator, Sequence
+import json
+import logging
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Module, NumberError
+from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
+from ..storage.atomic_write import atomic_write
 from . import renamed
+from .changes import as_file_name, changes, derived_about, derived_name, following, numbers
+from .mechanics import rebuilt_mechanics
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
+VERSION = 1  # of the form of to_json
+LOGGER = logging.getLogger("outlast")
 
 
 @dataclass(frozen=True, repr=False)
@@ -20,11 +30,14 @@ class Scenario:
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
 
+    What is derived says so: the name above is "ffa_3-without_boxes-n_agents=10-melee_damage=20", and `about` likewise.
+
     Attributes:
         name: What errors and files call it.
         modules: The mechanics, in any order.
         about: One line for people.
         order: What `ordered` added: chains of systems, each of which runs before the next one.
+        origin: The scenario that it was derived from by `replace`, `with_`, `without` and `ordered`; None: by none.
 
     Raises:
         ScenarioError: Two mechanics of one kind, or of one name.
@@ -34,6 +47,7 @@ class Scenario:
     modules: tuple[Module, ...]
     about: str = ""
     order: tuple[tuple[str, ...], ...] = ()
+    origin: "Scenario | None" = dataclasses.field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         _check_mechanics(self.name, self.modules)
@@ -68,7 +82,7 @@ class Scenario:
     def without(self, *kinds: type[Module] | str) -> "Scenario":
         """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
         gone = [self._find(kind) for kind in kinds]
-        return dataclasses.replace(self, modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
+        return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
         """The same with more mechanics; one of a kind that is there already is replaced.
@@ -78,7 +92,7 @@ class Scenario:
         """
         _check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
-        return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+        return self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
 
     def ordered(self, *systems: str) -> "Scenario":
         """The same with an order between systems that say none themselves, as those of two authors.
@@ -90,10 +104,13 @@ class Scenario:
         Raises:
             ScenarioError: Fewer than two are given.
         """
-        return dataclasses.replace(self, order=(*self.order, systems))
+        return self._derived(order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
         """The same with other numbers.
+
+        Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, which is
+        logged at level INFO; those that were set by hand, here or before, stay.
 
         Args:
             **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
@@ -101,18 +118,96 @@ class Scenario:
         Raises:
             NumberError: An unknown number, with a hint, or a value out of its range.
         """
-        changed: dict[str, dict[str, Any]] = {}
+        given: dict[tuple[str, str], Any] = {}
         for key, value in numbers.items():
-            module, name = self.find_number(key)
-            if f"{module}_{name}" != _full(key):
-                renamed.warn(key, f"{module}_{name}")
-            changed.setdefault(module, {})[name] = value
-        modules = tuple(_replaced(module, changed.get(module.name, {})) for module in self.modules)
-        return dataclasses.replace(self, modules=modules)
+            found = self.find_number(key)
+            if "_".join(found) != _full(key):
+                renamed.warn(key, "_".join(found))
+            given[found] = value
+        modules = _all_replaced(self.modules, given)  # checks the numbers
+        checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
+        for key, (leader, value) in following(self.modules, (self.origin or self).numbers(), checked).items():
+            given[self.find_number(key)] = value
+            about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
+            LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
+        return self._derived(modules=_all_replaced(self.modules, given))
+
+    def titled_as(self, other: "Scenario") -> "Scenario":
+        """The same by the name of another one that it was derived from: for changes that make no other game."""
+        made = dataclasses.replace(self, name=other.name, about=other.about)
+        object.__setattr__(made, "origin", other.origin or other)
+        return made
+
+    @property
+    def file_name(self) -> str:
+        """Its name as a part of the names of files."""
+        return as_file_name(self.name).lstrip(".") or "scenario"
+
+    def _derived(self, **fields: Any) -> "Scenario":
+        """The same with other fields, and a name and sentence that say what is not as in the origin."""
+        origin, made = self.origin or self, dataclasses.replace(self, **fields)
+        changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
+        name, about = derived_name(origin.name, changed), derived_about(origin.about, changed)
+        made = dataclasses.replace(made, name=name, about=about)
+        object.__setattr__(made, "origin", origin)
+        return made
 
     def numbers(self) -> dict[str, Any]:
         """Every number of every mechanic, by the name that `replace` takes."""
-        return {f"{m.name}_{f.name}": getattr(m, f.name) for m in sorted_(self) for f in dataclasses.fields(m)}
+        return numbers(self.modules)
+
+    def to_json(self) -> str:
+        """Its name, sentence, mechanics (full names of their classes), numbers and order, as JSON."""
+        classes = [full_name(type(module)) for module in self.modules]
+        form = {"version": VERSION, "name": self.name, "about": self.about, "modules": classes}
+        return json.dumps(form | {"numbers": self.numbers(), "order": self.order}, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> "Scenario":
+        """The scenario of what `to_json` returned. Nothing is imported: mechanics of your own must be before.
+
+        Raises:
+            ScenarioError: The text is something else, or names a mechanic that is not imported.
+            NumberError: A number is out of its range.
+        """
+        try:
+            form = json.loads(text)
+            if form["version"] != VERSION:
+                raise ScenarioError(f"version {form['version']!r:.20} of the format: {VERSION} is needed")
+            name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
+            texts = [name, about, *names, *(label for chain in order for label in chain)]
+            if not all(isinstance(each, str) and each.isprintable() for each in texts):
+                raise ScenarioError("its names cannot be")
+            return cls(name, rebuilt_mechanics(names, form["numbers"]), about, tuple(map(tuple, order)))
+        except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
+            raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `to_json` to a file, whole or not at all; what was there before is replaced.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        with atomic_write(Path(path)) as place:
+            place.write_text(self.to_json(), encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Scenario":
+        """Read what `save` wrote.
+
+        Raises:
+            ScenarioError: The file cannot be read, or as for `from_json`.
+            NumberError: A number is out of its range.
+        """
+        name = os.fspath(path)
+        try:
+            return cls.from_json(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            raise ScenarioError(f"{name} is no text, and so no scenario") from error
+        except (ScenarioError, NumberError) as error:
+            raise type(error)(f"{name}: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """The mechanic of this class or name."""
@@ -169,6 +264,14 @@ def _full(asked: str) -> str:
     return f"{asked[2:]}_count" if asked.startswith("n_") else asked
 
 
+def _all_replaced(modules: Iterable[Module], numbers: Mapping[tuple[str, str], Any]) -> tuple[Module, ...]:
+    """Copies with other numbers, by names of mechanic and number."""
+    return tuple(
+        _replaced(module, {name: value for (own, name), value in numbers.items() if own == module.name})
+        for module in modules
+    )
+
+
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
     """Its copy with other numbers; a count of 0 is refused with the way to get none."""
     try:
@@ -176,7 +279,8 @@ def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
     except NumberError as error:
         count = numbers.get("count")
         if isinstance(count, int) and count == 0 and module.name != "agents":
-            raise NumberError(f"{error}; for none, leave it out: Scenario.without({module.name!r})") from None
+            cure = f"--without {module.name}, in Python scenario.without({module.name!r})"
+            raise NumberError(f"{error}; for none, leave it out: {cure}") from None
         raise
 
 

@@ -20,7 +20,8 @@ from outlast import variant
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training import checkpoint
 from outlast.training.config import TrainingConfig
-from outlast.training.evaluation.evaluation import Evaluation, contenders
+from outlast.training.evaluation.contenders import contenders
+from outlast.training.evaluation.evaluation import Evaluation
 from outlast.training.hyperparameters import parse_hyperparameters
 from outlast.training.presets import PRESETS
 from outlast.training.resume import capture

@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from outlast import variant
+from outlast.envs.scenarios.naming import resolve
 from outlast.training import learner
 from outlast.training.config import TrainingConfig
 from outlast.training.presets import PRESETS
@@ -73,7 +73,7 @@ def main() -> None:
     table, clock = Table("training", "variant", "part", "a second", *PARTS, "rest"), watched_functions()
     for name in given.variants:
         config = TrainingConfig(
-            variant(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
+            resolve(name), given.preset, worlds=given.worlds, rollout=given.rollout, device=given.device,
             settings={"n_epochs": EPOCHS, "target_kl": 0.0},
         )  # fmt: skip
         trainer = Trainer(config, given.threads)

@@ -14,7 +14,7 @@ import time
 
 import torch
 
-from outlast import variant
+from outlast.envs.scenarios.naming import resolve
 from outlast.training.config import TrainingConfig
 from outlast.training.crew import Crew, recruit
 from outlast.training.presets import PRESETS
@@ -38,7 +38,7 @@ def main() -> None:
         with contextlib.ExitStack() as opened:
             runs = {}
             for count in given.processes:
-                config = TrainingConfig(variant(name), given.preset, processes=count, halves=given.halves)
+                config = TrainingConfig(resolve(name), given.preset, processes=count, halves=given.halves)
                 crew = opened.enter_context(contextlib.closing(recruit(count, follow, config, given.rounds)))
                 runs[count] = Timed(crew, config)
             rows = [[timed.round() for timed in runs.values()] for _ in range(given.rounds)]

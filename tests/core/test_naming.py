@@ -72,6 +72,9 @@ def test_a_file_is_imported_once_and_its_mechanics_are_one_class(folder: Path) -
     assert named(str(file)) is named("bog:arena") is resolve(f"{folder}/../{folder.name}/bog.py:again") is arena
     assert named(f"{file}:quick").numbers()["ending_limit"] == 50
     assert type(pickle.loads(pickle.dumps(arena))["swamp"]) is type(arena["swamp"])
+    (folder / "c++ or d:e").mkdir()
+    (folder / "c++ or d:e" / "fen.py").write_text("from bog import arena as a")
+    assert named(f"{folder}/c++ or d:e/fen.py:a") is named(f"{folder}/c++ or d:e/fen.py") is arena
     assert named(f"{file}:arena+steering").name == "the arena+steering"
 
 
@@ -192,5 +195,5 @@ def test_registered_by_name(entries: list[EntryPoint], monkeypatch: pytest.Monke
     monkeypatch.setattr(gymnasium, "registry", registered)
     registry.register()
     env = gymnasium.make("outlast/hunt-v1")
-    assert env.unwrapped.metadata["name"] == "the arena"
+    assert env.unwrapped.metadata["name"] == "the arena-ending_limit=50"
     env.close()

@@ -34,6 +34,8 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     Path("docs").mkdir()
     for name in ("results", "examples"):  # trained policies, and games of one's own
         Path("docs", name).symlink_to(ROOT / "docs" / name)
+    for game in (ROOT / "docs/examples").glob("*.py"):
+        Path(game.name).symlink_to(game)
     for name, *options in shown(page):
         if name in ELSEWHERE:
             continue

@@ -26,6 +26,7 @@ from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.training.paper.results import group_runs, load_runs
+from outlast.training.plots.plot import compare
 from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -247,7 +248,10 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch:
 
 
 def test_figures_of_training_show_the_kept_results() -> None:
-    """To update them: outlast plot docs/results --out docs/training"""
+    """To update them: outlast plot docs/results --paper --out docs/training
+
+    And compare.png: that of evaluating.md.
+    """
     image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
     figures = pytest.importorskip("outlast.training.paper.figures", reason="needs matplotlib: outlast[plot]")
     groups = group_runs(load_runs([DOCS / "results"]))
@@ -255,3 +259,8 @@ def test_figures_of_training_show_the_kept_results() -> None:
     for group in groups:
         with image.open(DOCS / "training" / f"{group.name}.png") as figure:
             assert figure.text["Source"] == figures.digest(group)
+    with image.open(DOCS / "training/compare.png") as figure:
+        compared = [
+            DOCS / "results" / name for name in ("teams_2-original-0.csv", "teams_2-original-1.csv", "worlds-4")
+        ]
+        assert figure.text["Source"] == compare(compared).digest()

@@ -10,59 +10,61 @@ from outlast import systems
 from outlast.ecs import Module, NumberError
 
 POINTS, SOME_POINTS = "[0,1e+06]", "[1,1e+06]"  # hit points: the sum of a tick's fits into 32 bits
-COUNT, POSITIVE, NOT_NEGATIVE, ANY = "[1,inf)", "(0,inf)", "[0,inf)", "(-inf,inf)"
+MANY, POSITIVE, FAR, STRONG = "[1,65536]", "(0,inf)", "(0,1e5]", "[0,1e5]"  # see components/limits.py
+DENSITY, RADIUS, TICKS, REWARD = "[0.001,1e6]", "[0.002,1e5]", "[0,1e9]", "[-1e9,1e9]"
 SWITCH = ""
 NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Agents": {
-        "count": (2, COUNT), "radius": (0.5, "[0.002,inf)"), "density": (1.0, POSITIVE), "health": (100, SOME_POINTS),
+        "count": (2, MANY), "radius": (0.5, RADIUS), "density": (1.0, DENSITY), "health": (100, SOME_POINTS),
     },
-    "Pickup": {"reach": (0.5, POSITIVE), "touch": (True, SWITCH)},
+    "Pickup": {"reach": (0.5, FAR), "touch": (True, SWITCH)},
     "Boxes": {
-        "count": (8, COUNT), "width": (1.0, POSITIVE), "width_deviation": (1.0, NOT_NEGATIVE),
-        "height": (1.5, POSITIVE), "height_deviation": (1.5, NOT_NEGATIVE), "least": (0.1, "[0.003,inf)"),
+        "count": (8, MANY), "width": (1.0, FAR), "width_deviation": (1.0, STRONG),
+        "height": (1.5, FAR), "height_deviation": (1.5, STRONG), "least": (0.1, "[0.003,1e5]"),
         "toughness": (5, SOME_POINTS), "owned": (True, SWITCH), "dynamic": (False, SWITCH),
-        "density": (1.0, POSITIVE), "offset": (0.0, NOT_NEGATIVE), "item_radius": (0.25, "[0.002,inf)"),
+        "density": (1.0, DENSITY), "offset": (0.0, STRONG), "item_radius": (0.25, RADIUS),
         "settles": (False, SWITCH), "corners": ("lower left", ("lower left", "rolled")),
     },
     "Cameras": {
-        "fov": (0.4 * math.pi, f"(0,{math.pi}]"), "depth": (10.0, POSITIVE), "cone": ("sector", ("sector", "kite")),
+        "fov": (0.4 * math.pi, f"(0,{math.pi}]"), "depth": (10.0, FAR), "cone": ("sector", ("sector", "kite")),
         "items_occlude": (True, SWITCH), "mode": ("masked", ("masked", "revealed", "omniscient")),
     },
     "Physics": {
-        "rate": (60.0, POSITIVE), "substeps": (2, COUNT), "velocity_iterations": (10, COUNT),
-        "position_iterations": (10, COUNT), "friction": (0.2, NOT_NEGATIVE),
-        "restitution": (0.0, "[0,1]"), "linear_damping": (0.8, NOT_NEGATIVE), "angular_damping": (0.8, NOT_NEGATIVE),
+        "rate": (60.0, "[1,1e6]"), "substeps": (2, "[1,1000]"), "velocity_iterations": (10, "[1,10000]"),
+        "position_iterations": (10, "[1,10000]"), "friction": (0.2, STRONG),
+        "restitution": (0.0, "[0,1]"), "linear_damping": (0.8, STRONG), "angular_damping": (0.8, STRONG),
         "continuous": (True, SWITCH), "backend": ("auto", ("auto", "native", "portable")),
     },
-    "DeathDrop": {"radius": (0.5, NOT_NEGATIVE), "scatter": ("disc", ("disc", "rim"))},
-    "DropLast": {"offset": (1.0, NOT_NEGATIVE)},
-    "Ending": {"rule": ("all dead", ("all dead", "last alive")), "limit": (0, NOT_NEGATIVE)},
+    "DeathDrop": {"radius": (0.5, STRONG), "scatter": ("disc", ("disc", "rim"))},
+    "DropLast": {"offset": (1.0, STRONG)},
+    "Ending": {"rule": ("all dead", ("all dead", "last alive")), "limit": (0, TICKS)},
     "FreeForAll": {},
-    "GiveLast": {"reach": (2.0, POSITIVE), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
-    "Heals": {"count": (15, COUNT), "radius": (0.25, "[0.002,inf)"), "amount": (75, POINTS)},
-    "Inventory": {"slots": (4, COUNT)},
+    "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
+    "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
+    "Inventory": {"slots": (4, MANY)},
     "Melee": {
-        "reach": (2.0, POSITIVE), "damage": (5, POINTS), "cooldown": (0, NOT_NEGATIVE),
+        "reach": (2.0, FAR), "damage": (5, POINTS), "cooldown": (0, TICKS),
         "blocked": (False, SWITCH),
     },
     "Mortality": {"limit": (0, POINTS)},
     "Motors": {
-        "ahead": (0.25, NOT_NEGATIVE), "left": (0.25, NOT_NEGATIVE), "turn": (0.0125, NOT_NEGATIVE),
+        "ahead": (0.25, STRONG), "left": (0.25, STRONG), "turn": (0.0125, STRONG),
         "give": ("evenly", ("evenly", "at once")),
     },
     "Record": {},
     "Rewards": {
-        "alive": (1.0, ANY), "dead": (0.0, ANY), "kill": (0.0, ANY), "death": (0.0, ANY), "posthumous": (True, SWITCH),
-        "basis": ("side", ("side", "members")), "outlive": (0.0, ANY),
+        "alive": (1.0, REWARD), "dead": (0.0, REWARD), "kill": (0.0, REWARD), "death": (0.0, REWARD),
+        "posthumous": (True, SWITCH),
+        "basis": ("side", ("side", "members")), "outlive": (0.0, REWARD),
     },
-    "Room": {"size": (25.0, COUNT), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]")},
+    "Room": {"size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]")},
     "SafeZone": {
-        "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, NOT_NEGATIVE),
-        "shrink": (100, COUNT), "damage": (1, POINTS), "centres": ("random", ("random", "middle")),
+        "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, TICKS),
+        "shrink": (100, "[1,1e9]"), "damage": (1, POINTS), "centres": ("random", ("random", "middle")),
     },
-    "SpawnGrid": {"cells": (8, COUNT)},
-    "Steering": {"speed": (5.0, NOT_NEGATIVE), "spin": (math.pi, NOT_NEGATIVE)},
-    "Teams": {"count": (2, COUNT)},
+    "SpawnGrid": {"cells": (8, "[1,256]")},
+    "Steering": {"speed": (5.0, STRONG), "spin": (math.pi, STRONG)},
+    "Teams": {"count": (2, MANY)},
 }  # fmt: skip
 TINY, HUGE = 1e-6, 10**6
 

@@ -18,15 +18,15 @@ def recordings() -> Recordings:
 
 
 ABSURD = {
-    "slots": ({"inventory_slots": 2**31 - 1}, "it would have 2147483647 slots: at most 65536 is possible"),
-    "cells": ({"spawn_grid_cells": 2**30}, "it would have .* cells"),
-    "agents": ({"agents_count": 2**31 - 1}, "it would have 2147483647 agents"),
-    "heals": ({"heals_count": 900_000, "spawn_grid_cells": 250}, "it would have 900000 heals"),
+    "slots": ({"inventory_slots": 2**31 - 1}, r"inventory.slots = 2147483647: must be >= 1 and <= 65536"),
+    "cells": ({"spawn_grid_cells": 2**30}, "spawn_grid.cells = 1073741824: must be"),
+    "agents": ({"agents_count": 2**31 - 1}, "agents.count = 2147483647: must be"),
+    "heals": ({"heals_count": 900_000, "spawn_grid_cells": 250}, "heals.count = 900000: must be"),
     "bags": ({"inventory_slots": 60_000}, "a world would have 5.* bytes of state: at most 4194304 is possible"),
     "bodies": ({"agents_count": 600, "spawn_grid_cells": 100}, "604 bodies that take part in contacts"),
     "others": ({"agents_count": 3}, "agents are 2 there and 3 here"),
-    "substeps": ({"physics_substeps": 2**31 - 1}, "physics_substeps is 2147483647: of a file, at most 1000 is"),
-    "iterations": ({"physics_velocity_iterations": 10**9}, "of a file, at most 10000 is accepted"),
+    "substeps": ({"physics_substeps": 2**31 - 1}, "physics.substeps = 2147483647: must be >= 1 and <= 1000"),
+    "iterations": ({"physics_velocity_iterations": 10**9}, "physics.velocity_iterations = .* <= 10000"),
 }
 
 

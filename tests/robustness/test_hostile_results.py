@@ -10,6 +10,7 @@ from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training.errors import TrainingError
 from outlast.training.paper import results
+from outlast.training.plots.plot import plot
 from outlast.training.presets import preset
 
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
@@ -60,3 +61,18 @@ def test_kept_results_are_of_the_papers_quantities(tmp_path: Path) -> None:
         path.write_text(found.text().replace(old, new, 1).replace(", }", "}"))
         with pytest.raises(TrainingError, match=r"kept.csv does not hold the curves of a run"):
             results.load_runs([path])
+
+
+@pytest.mark.parametrize("name", ["$\\frac", "a|b", "<b>", "x" * 200])
+def test_names_of_scenarios_and_tags_are_drawn_as_they_are(tmp_path: Path, name: str) -> None:
+    """They come from files: no formula is parsed, no file is named after them."""
+    pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
+    for folder, seed in (("a", 0), ("b", 0)):
+        (tmp_path / folder).mkdir()
+        run(tmp_path / folder, "ffa_2", LINES + f"rollout/{name},20,1\n", seed=seed)
+    header = json.loads((tmp_path / "a/run.json").read_text())
+    header["scenario"]["name"] = name
+    (tmp_path / "a/run.json").write_text(json.dumps(header))
+    found = plot(tmp_path, tmp_path / "out", curves=("length", f"rollout/{name}"))
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["curves.png", "ends.csv", "ends.md"]
+    assert name.replace("|", r"\|") in str(found)

@@ -141,7 +141,7 @@ def test_others_are_written_and_recorded_as_all_agents(capsys: Any, tmp_path: An
 
 @pytest.mark.parametrize(
     ("others", "words"),
-    [("scriptd:0.5", "argument --others: scriptd: did you mean scripted"), ("noop:0", "the weight of noop is '0'")],
+    [("scriptd:0.5", "--others: scriptd: did you mean scripted"), ("noop:0", "the weight of noop is '0'")],
 )
 def test_mixtures_that_the_command_refuses(capsys: Any, others: str, words: str) -> None:
     with pytest.raises(SystemExit):

@@ -16,7 +16,7 @@ from outlast.components import Bag, Phase, Side
 from outlast.ecs import Array, Clock, Event, Module, Read, Rows, Singleton, Write, column, emit
 from outlast.envs.inspect.event_table import COLUMNS, event_table
 from outlast.envs.inspect.events import events
-from outlast.envs.rollout import event_file, random_policy
+from outlast.envs.rollout import random_policy, table_file
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.storage.interrupts import interrupts_held
 from tests.conftest import interrupted_after, run
@@ -90,7 +90,7 @@ def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: A
     )
     run(capsys, *rollout, whole)
     monkeypatch.setitem(POLICIES, "noop", interrupted_after(30))
-    monkeypatch.setattr(event_file, "ROWS", 1)
+    monkeypatch.setattr(table_file, "ROWS", 1)
     assert run(capsys, *rollout, part)[0] == 130
     rows = read(part)
     assert rows
@@ -130,13 +130,13 @@ def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any
     for given, words in (
         (tmp_path / "a.csv", "exists; events overwrite nothing"),
         (tmp_path / "a.txt", "events are written as NAME.csv or NAME.parquet"),
-        (tmp_path / "none" / "a.csv", "cannot be written: No such file"),
+        (tmp_path / "none" / "a.csv", "cannot be written: there is no folder"),
     ):
         status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", given)
         assert status == 2 or status == 1
         assert words in err
     status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.csv", "--ray")
-    assert "--events and --interpret are for one machine: leave them out with --ray" in err
+    assert "--events, --csv and --interpret are for one machine: leave them out with --ray" in err
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.parquet")
     assert "pip install 'outlast[data]'" in err

@@ -84,7 +84,7 @@ def test_what_differs_from_an_earlier_version_is_reported() -> None:
         ({"code": {"lava": ["mine.Lava", "3.11", "0" * 8]}}, "lava are not outlast's own"),
         ({"numbers": {"melee_damage": "much"}}, "melee.damage = 'much'"),
         ({"numbers": {"agents_count": 10**9}}, "cannot be made from a checkpoint"),
-        ({"numbers": {"physics_substeps": 10**9}}, "at most 1000 is accepted"),
+        ({"numbers": {"physics_substeps": 10**9}}, "physics.substeps = 1000000000: must be"),
     ],
 )
 def test_a_scenario_that_cannot_be_made_is_refused(change: dict[str, Any], words: str) -> None:

@@ -1,6 +1,5 @@
 """outlast evaluate, and saved policies in rollout, frames and play."""
 
-import argparse
 import csv
 import json
 import re
@@ -12,12 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
+import outlast
 from outlast import load_policy, make_vec, variant
 from outlast.components import Body
 from outlast.envs.cli import main as cli
-from outlast.envs.cli import options
-from outlast.envs.errors import FilmError
+from outlast.envs.cli.grammar import Parser
+from outlast.envs.errors import ActionError, FilmError
 from outlast.envs.rendering import video as film
+from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game
@@ -26,6 +27,7 @@ from tests.conftest import interrupted_after
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
+from outlast.training.columns import COLUMNS, explained  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
 
@@ -38,7 +40,7 @@ QUICK = [
 
 def evaluate(*arguments: object) -> int:
     """`outlast evaluate`, also where its entry point has not been installed."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     evaluate_command.add(parser.add_subparsers())
     parsed = parser.parse_args(["evaluate", *map(str, arguments)])
     return int(parsed.run(parsed))
@@ -140,8 +142,10 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     ("arguments", "words"),
     [
         (("noop", "noop"), "named twice"),
+        (("scriptd",), r"scriptd: did you mean scripted\?"),
+        (("runs/nowhere",), r"runs/nowhere is neither a folder of a run nor a checkpoint, FILE\.zip"),
         (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
-        (("noop", "--film"), "--film needs --out"),
+        (("noop", "--film"), "films need a folder"),
         (("noop", "--out", __file__), "cannot be a folder: File exists"),
     ],
 )
@@ -176,7 +180,7 @@ def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
             outputs.append(capsys.readouterr().out.split("\n", 2)[2])
         assert outputs[0] == outputs[1]
         assert f"\n{tmp_path}/{others.split(',')[0].split(':')[0]} " in outputs[0]
-    scenario, (one, name, other) = options.load_policies(
+    scenario, (one, name, other) = load_policies(
         [str(tmp_path / "b.zip"), "noop", str(tmp_path / "a.zip")], variant("teams_3"), 3
     )
     assert scenario.numbers()["cameras_mode"] == "revealed"
@@ -186,7 +190,7 @@ def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
 
 def test_a_saved_policy_plays_against_a_person(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
-    scenario, (player,) = options.load_policies([str(tmp_path / "a.zip")], variant("teams_3"), 0)
+    scenario, (player,) = load_policies([str(tmp_path / "a.zip")], variant("teams_3"), 0)
     game = Game(scenario, others=player)
     game.hold({"ahead": 1}, {})
     before = game.worlds[Body].x[0, game.worlds.span("agent")].copy()
@@ -200,10 +204,13 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     saved(tmp_path / "a.zip")
     policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
     for arguments, words in (
-        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3; here are"),
+        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3 and does not fit here"),
         (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
         (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "there is no checkpoint"),
-        (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3; here are"),
+        (
+            ("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"),
+            "trained on teams_3 and does not fit here",
+        ),
     ):
         assert cli.main(arguments) == 2
         err = capsys.readouterr().err.strip()
@@ -221,3 +228,76 @@ def test_without_torch_the_message_names_the_cure() -> None:
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
     assert result.stderr == "outlast: a.zip needs torch: pip install 'outlast[train]'\n"
+
+
+def run_folder(place: Path, *steps: int) -> Path:
+    """The folder of a run with checkpoints after so many agent-steps."""
+    place.mkdir(parents=True)
+    for count in steps:
+        saved(place / f"steps_{count:010d}.zip", "paper")
+    return place
+
+
+def test_folders_of_runs_stand_for_their_newest_checkpoints(capsys, tmp_path: Path) -> None:
+    run_folder(tmp_path / "runs/a", 100, 2000)
+    run_folder(tmp_path / "runs/b.5", 300)
+    small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet")
+    assert evaluate("teams_3", tmp_path / "runs", "noop", *small) == 0
+    printed = capsys.readouterr().out
+    assert f"a: {tmp_path}/runs/a/steps_0000002000.zip\nb.5: {tmp_path}/runs/b.5/steps_0000000300.zip" in printed
+    assert evaluate("teams_3", tmp_path / "runs/a", *small) == 0
+    (tmp_path / "runs/empty").mkdir()
+    with pytest.raises(TrainingError, match=r"there is no checkpoint in .*empty yet"):
+        evaluate("teams_3", tmp_path / "runs/empty", *small)
+
+
+def test_nothing_complete_leaves_no_tables(capsys, monkeypatch, tmp_path: Path) -> None:
+    """F21: Ctrl-C before the first pairing was complete left three empty files."""
+    monkeypatch.setitem(POLICIES, "random", interrupted_after(3))
+    assert evaluate("ffa_1", "random", "--episodes", 2, *QUICK, "--quiet", "--out", tmp_path / "out") == 130
+    assert "no pairing is complete" in capsys.readouterr().out
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_evaluations_in_one_call(tmp_path: Path) -> None:
+    """outlast.evaluate: names, folders, functions; the same numbers as the command's."""
+    numbers = {"safe_zone_damage": 50, "safe_zone_stand": 10, "safe_zone_shrink": 5}
+
+    def idle(seen: dict[str, np.ndarray]) -> np.ndarray:
+        return np.broadcast_to(np.array([1, 1, 1, 0, 0, 0]), (*seen["own"].shape[:2], 6))
+
+    small = {"episodes": 8, "worlds": 4, "quiet": True}
+    found = outlast.evaluate("teams_3", {"mine": idle, "theirs": "noop"}, **small, **numbers, out=tmp_path)
+    other = outlast.evaluate(variant("teams_3"), ["noop", idle], **small, **numbers)
+    assert found.estimates("mine", "theirs")["wins"][0] + found.estimates("theirs", "mine")["wins"][0] == 1
+    assert [contender.label for contender in other.chosen] == ["noop", "idle"]
+    np.testing.assert_equal(found.estimates("mine", "theirs")["length"], other.estimates("noop", "idle")["length"])
+    assert re.search(r"\nmine +theirs +\d", str(found))
+    assert (tmp_path / "figures.csv").exists()
+    with pytest.raises(TrainingError, match="nobody against mine is not complete; the policies are mine, theirs"):
+        found.estimates("nobody", "mine")
+
+
+@pytest.mark.parametrize(
+    ("policies", "options", "words"),
+    [
+        (["noop"], {"episode": 3}, "did you mean episodes"),
+        (["noop"], {"film": True}, "films need a folder"),
+        ([lambda seen: np.zeros(3)], {}, r"the actions that lambda returned have shape \(3,\)"),
+        ([3], {}, "3 is no policy"),
+        ({"a": "."}, {}, "there is no checkpoint in . yet"),
+    ],
+)
+def test_mistakes_of_evaluations_in_one_call(policies, options: dict, words: str, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((*cli.MISTAKES, ActionError), match=words):
+        outlast.evaluate("ffa_1", policies, quiet=True, **options)
+
+
+def test_every_column_is_explained() -> None:
+    """F24: in help, and in the documentation from the same table."""
+    small = {"episodes": 2, "worlds": 2, "quiet": True, "safe_zone_damage": 50, "safe_zone_stand": 5}
+    found = outlast.evaluate("teams_4", ["random"], **small)
+    columns = {re.sub("^deaths_.*", "deaths_TYPE", name) for name in found.estimates("random", "random")}
+    assert columns == COLUMNS.keys()
+    assert all(any(line.startswith(f"  {name} ") for line in explained()) for name in COLUMNS)

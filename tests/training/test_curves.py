@@ -11,10 +11,11 @@ import pytest
 from outlast import VARIANTS, variant
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training import log_file
+from outlast.training.averages import average, end_value, smooth
+from outlast.training.curves import Curves, curves_of_log, format_curves, read_curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper import curves, results
-from outlast.training.paper.curves import BOXES, Curves
-from outlast.training.paper.end_values import average, end_value, smooth
+from outlast.training.paper.curves import BOXES, is_known
 from outlast.training.presets import preset
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
@@ -64,7 +65,7 @@ def log(folder: Path, text: str) -> Path:
 
 def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) -> None:
     path = log(tmp_path, LINES + "rollout/heals_used,20,0.25\nrollout/reward0,30,9\ntrain/loss,30,nan\nrollout/steps,3")
-    read = curves.curves_of_log(path)
+    read = curves_of_log(path, is_known)
     assert read.steps.tolist() == [10, 20, 30]
     assert set(read.values) == {"rollout/reward0", "rollout/steps", "rollout/heals_used"}
     np.testing.assert_array_equal(read.values["rollout/reward0"], [1.5, 3, 9])
@@ -75,7 +76,8 @@ def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is not the log of a run: its first line is not tag,step,value"),
+        ("x", "is not the log of a run: its first line is not tag,step,value"),
+        ("", "has no rollout/steps: no episode has ended in it yet"),
         ("step,tag,value\n", "is not the log of a run"),
         ("tag,step,value\n", "has no rollout/steps: no episode has ended in it yet"),
         ("tag,step,value\nrollout/steps,1,2\n", "has no rollout/reward0"),
@@ -91,7 +93,7 @@ def test_a_log_is_read_and_a_row_that_is_being_written_is_not(tmp_path: Path) ->
 def test_what_is_no_log_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = log(tmp_path, text)
     with pytest.raises(TrainingError, match=message) as caught:
-        curves.curves_of_log(path)
+        curves_of_log(path, is_known)
     assert str(path) in str(caught.value)
 
 
@@ -111,8 +113,8 @@ def test_kept_curves_are_the_same(tmp_path: Path) -> None:
     values = (rng.normal(size=50) * 10.0 ** rng.integers(-12, 12, 50)).astype(np.float32)
     values[[0, 7]] = np.nan
     whole = Curves(np.arange(1, 51) * 7, {"rollout/steps": values, "rollout/kills0": np.zeros(50, np.float32)})
-    (tmp_path / "a.csv").write_text(curves.format_curves({"variant": "ffa_1", "n": [1]}, whole))
-    about, again = curves.read_curves(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text(format_curves({"variant": "ffa_1", "n": [1]}, whole))
+    about, again = read_curves(tmp_path / "a.csv")
     assert about == {"variant": "ffa_1", "n": [1]}
     assert again.steps.tolist() == whole.steps.tolist()
     assert {tag: array.tobytes() for tag, array in again.values.items()} == {
@@ -202,14 +204,16 @@ def refused(places: Sequence[Path], message: str) -> None:
 
 def test_runs_that_differ_in_more_than_seeds_are_not_mixed(tmp_path: Path) -> None:
     one = folder(tmp_path / "one")
-    refused([one, folder(tmp_path / "a", seed=1, dead="drop")], "dead is keep in .*one and drop in .*a: plot them one")
+    refused(
+        [one, folder(tmp_path / "a", seed=1, dead="drop")], "dead is keep in .*one and drop in .*a: leave out --paper"
+    )
     refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
     refused(
         [one, folder(tmp_path / "c", {"safe_zone_damage": 2}, seed=1)],
         "safe_zone_damage is as usual in .*one and 2 in .*c",
     )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
-    refused([one, one], "are the same run")
+    assert len(results.load_runs([one, tmp_path / "one"])) == 1  # a place that is named twice
 
 
 def test_folders_without_runs_are_refused(tmp_path: Path) -> None:

@@ -15,8 +15,10 @@ from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.evaluation.evaluation import Evaluation, contenders, labels, ratio  # noqa: E402
+from outlast.training.evaluation.contenders import contenders, labels  # noqa: E402
+from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
+from outlast.training.evaluation.pairing import ratio  # noqa: E402
 from outlast.training.evaluation.ratings import elo  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
@@ -180,7 +182,7 @@ def test_sides_are_even_also_where_worlds_are_odd() -> None:
 def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
     chosen = contenders([str(tmp_path / "a.zip"), "random"])
-    with pytest.raises(TrainingError, match="trained on teams_3; here are"):
+    with pytest.raises(TrainingError, match="trained on teams_3 and does not fit here"):
         Evaluation(variant("ffa_1"), chosen, worlds=2)
     with pytest.raises(UsageError, match="cameras_mode is omniscient"):
         Evaluation(variant("teams_3").replace(cameras_mode="omniscient"), chosen, worlds=2)

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import outlast
 from outlast import load_policy, make_vec, variant
 from outlast.training.errors import TrainingError
 
@@ -164,7 +165,7 @@ def test_policies_of_before_a_key_was_renamed_do_the_same(tmp_path: Path, chosen
     player = Player(tmp_path / "before.zip", seed=None)
     assert player.header["observations"].keys() == views.keys()
     assert np.array_equal(player(views), Player(tmp_path / "a.zip", seed=None)(views))
-    with pytest.raises(TrainingError, match="here are"):
+    with pytest.raises(TrainingError, match="does not fit here"):
         player({"self" if key == "own" else key: view for key, view in views.items()})
 
 
@@ -199,5 +200,24 @@ def test_rows_of_other_fields_are_refused(tmp_path: Path) -> None:
 def test_other_observations_are_refused(tmp_path: Path) -> None:
     saved(tmp_path / "a.zip")
     observations, _ = make_vec("teams_2", 2, seed=0).reset()
-    with pytest.raises(TrainingError, match=r"trained on teams_3; here are box_items None, not \(8, 10\)"):
+    with pytest.raises(
+        TrainingError, match="trained on teams_3 and does not fit here: it needs box_items, box_slot, boxes;"
+    ):
         Player(tmp_path / "a.zip")(observations)
+
+
+@pytest.mark.parametrize(
+    ("here", "words"),
+    [
+        (variant("teams_2"), "it needs box_items, box_slot, boxes; give"),
+        (variant("teams_3").replace(n_heals=5), "heals is 15 x 2 in training and 5 x 2 here; give"),
+        (variant("ffa_1"), "it needs box_items, box_slot, boxes; others is 3 x "),
+    ],
+)
+def test_what_does_not_fit_is_a_sentence(tmp_path: Path, here: outlast.Scenario, words: str) -> None:
+    saved(tmp_path / "a.zip")
+    player = Player(tmp_path / "a.zip")
+    env = make_vec(player.scenario(here), 1)
+    with pytest.raises(TrainingError, match=f"the policy was trained on teams_3 and does not fit here: {words}"):
+        player.check(env)
+    env.close()

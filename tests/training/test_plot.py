@@ -1,6 +1,5 @@
-"""outlast plot: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
+"""outlast plot --paper: figures hold the curves of runs and the paper's, tables their ends, claims can fail."""
 
-import argparse
 import contextlib
 import csv
 import importlib
@@ -16,17 +15,20 @@ import numpy as np
 import pytest
 
 from outlast import load_policy, make_vec, variant
+from outlast.envs.cli.grammar import Parser
+from outlast.training.averages import average, smooth
 from outlast.training.cli import plot
+from outlast.training.curves import Curves, format_curves
 from outlast.training.errors import TrainingError
 from outlast.training.paper.claims import claims
-from outlast.training.paper.curves import Curves, format_curves, published_curves
-from outlast.training.paper.end_values import average, smooth
+from outlast.training.paper.curves import published_curves
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
 from PIL import Image  # noqa: E402
 
+from outlast.training.image import STYLE  # noqa: E402
 from outlast.training.paper import figures  # noqa: E402
 
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
@@ -48,14 +50,14 @@ def group(*paths: Path) -> RunGroup:
 
 
 def drawn(of: RunGroup) -> Any:
-    with matplotlib.rc_context(figures.STYLE):
+    with matplotlib.rc_context(STYLE):
         return figures.draw(of)
 
 
 def outlast_plot(*arguments: object) -> int:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     plot.add(parser.add_subparsers())
-    options = parser.parse_args(["plot", *map(str, arguments)])
+    options = parser.parse_args(["plot", "--paper", *map(str, arguments)])
     return int(options.run(options))
 
 

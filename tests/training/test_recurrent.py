@@ -18,7 +18,8 @@ torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.training import checkpoint  # noqa: E402
-from outlast.training.evaluation.evaluation import Evaluation, contenders  # noqa: E402
+from outlast.training.evaluation.contenders import contenders  # noqa: E402
+from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.hyperparameters import Hyperparameters  # noqa: E402
 from outlast.training.lane import NOBODY  # noqa: E402
 from outlast.training.learner import Learner  # noqa: E402

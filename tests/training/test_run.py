@@ -1,6 +1,5 @@
 """Runs: resumed ones are as if they had never stopped, logs and checkpoints are whole."""
 
-import argparse
 import csv
 import io
 import json
@@ -17,6 +16,7 @@ import pytest
 
 from outlast import variant
 from outlast.ecs import Module, Singleton, column
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import StateError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -193,7 +193,7 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     TrainingRun(config(EACH), tmp_path).train()
     header = json.loads((tmp_path / "run.json").read_text())
     saved = checkpoint.header_of(checkpoint.read_checkpoint(checkpoint.newest(tmp_path)))
-    assert header == {key: saved[key] for key in ("plan", "scenario")}
+    assert header == {key: saved[key] for key in ("plan", "scenario", "modules")}
     (tmp_path / "run.json").write_text("{")
     (tmp_path / checkpoint.NAME.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
@@ -312,7 +312,7 @@ def test_the_command_is_there_without_torch() -> None:
 
 
 def outlast_train(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     command.add(parser.add_subparsers())
     options = parser.parse_args(["train", *arguments])
     return int(options.run(options))
@@ -334,7 +334,7 @@ def test_the_command_trains_resumes_and_counts_both_steps(
 def test_the_command_refuses_steps_that_are_none(steps: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         outlast_train("ffa_2", "--steps", steps)
-    assert f"{steps}: a whole number of at least 1 is needed" in capsys.readouterr().err
+    assert f"{steps}: an integer of at least 1 is needed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 """outlast train with several variants or seeds: a process each, side by side."""
 
+import contextlib
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -52,16 +54,43 @@ def test_the_same_run_twice_is_refused(tmp_path: Path) -> None:
         outlast_train("ffa_1", "1v1_heals_low", "--out", str(tmp_path))
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-def test_stopped_all_of_them_save(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(tmp_path), *TINY]
+def test_one_run_has_no_jobs(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="--jobs has no effect on one run: leave it out, or name several"):
+        outlast_train("ffa_1", "--jobs", "2", "--out", str(tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+@contextlib.contextmanager
+def two_runs(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
+    """A command that trains two runs, which have logged something; and their logs."""
+    words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(folder), *TINY]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        logs = [tmp_path / f"{name}-original-0/log.csv" for name in ("ffa_1", "ffa_2")]
+        logs = [folder / f"{name}-original-0/log.csv" for name in ("ffa_1", "ffa_2")]
         deadline = time.monotonic() + 200
         while not all(log.exists() and log.read_text().count("\n") > 1 for log in logs):
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.2)
+        yield process, logs
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
+    with two_runs(tmp_path) as (process, logs):
+        process.kill()
+    deadline = time.monotonic() + 100
+    while not all(names(log.parent) for log in logs):  # a run that is killed has no checkpoint so early
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    time.sleep(1)
+    sizes = [log.stat().st_size for log in logs]
+    time.sleep(2)
+    assert [log.stat().st_size for log in logs] == sizes  # nobody goes on
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+def test_stopped_all_of_them_save(tmp_path: Path) -> None:
+    with two_runs(tmp_path) as (process, logs):
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=100)
     assert process.returncode == 130

@@ -1,6 +1,5 @@
 """Watching a run: what is played, what is shown, and the command."""
 
-import argparse
 import base64
 import json
 import os
@@ -24,6 +23,7 @@ from tests.web.clients import answer
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast.envs.cli.grammar import Parser  # noqa: E402
 from outlast.envs.errors import PlayError  # noqa: E402
 from outlast.training import watch  # noqa: E402
 from outlast.training.checkpoint import NAME  # noqa: E402
@@ -205,15 +205,16 @@ def test_a_status_is_json_whatever_was_logged(folder: Path) -> None:
 # ---- the command
 
 COMMAND = (  # for a process, also where the entry point has not been installed
-    "import argparse, sys; from outlast.training.cli import watch; parser = argparse.ArgumentParser(); "
-    "watch.add(parser.add_subparsers()); options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
+    "import sys; from outlast.envs.cli.grammar import Parser; from outlast.training.cli import watch; "
+    "parser = Parser(); watch.add(parser.add_subparsers()); "
+    "options = parser.parse_args(['watch', sys.argv[1], '--no-browser']); "
     "sys.exit(options.run(options))"
 )
 
 
 def outlast_watch(*arguments: object) -> int:
     """`outlast watch`, also where its entry point has not been installed."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     command.add(parser.add_subparsers())
     options = parser.parse_args(["watch", *map(str, arguments), "--no-browser"])
     return int(options.run(options))

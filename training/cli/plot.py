@@ -1,4 +1,4 @@
-"""outlast plot: the paper's figures from the logs of runs, and a table of their end values. Needs no PyTorch."""
+"""outlast plot: curves and end values of runs, compared with each other or with the paper's. Needs no PyTorch."""
 
 import argparse
 from collections.abc import Sequence
@@ -12,24 +12,61 @@ from ..files import write_files
 from ..paper.claims import sentences
 from ..paper.end_values import csv_table, markdown
 from ..paper.results import RunGroup, files_to_keep, group_runs, load_runs
-
-FORMS = ("png", "svg")
+from ..plots.comparison import AXES
+from ..plots.plot import FORMS, plot
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("plot", help="figures and a table of runs of `outlast train`, beside the paper's")
+    examples = [
+        ("plot runs", "every run in that folder, into the folder figures"),
+        ("plot runs/weak runs/strong --by melee_damage --curves length,wins/scripted", "two groups, by a number"),
+        ("plot runs --paper --out figures/paper", "beside the paper's"),
+    ]
+    description = "Draw the curves of runs of `outlast train` in one figure, and write a table of their end values."
+    text = "curves of runs in one figure, and a table of their end values"
+    command = commands.add_parser("plot", help=text, description=description, examples=examples)
     command.add_argument(
         "runs", nargs="+", type=Path, metavar="RUN", help="folder of a run, a kept result, or a folder of such: runs"
     )
+    text = "settings that set groups apart, of the game, of PPO or of the run: melee_damage,seed (default: all)"
+    command.add_argument("--by", type=_names, default=(), metavar="NAME,...", help=text)
+    text = "what to draw: return,length,wins/scripted; tags of log.csv, too (default: up to six)"
+    command.add_argument("--curves", type=_names, default=(), metavar="NAME,...", help=text)
+    text = "what to draw over: agent-steps, or hours of training (default steps)"
+    command.add_argument("--x", choices=AXES, default=AXES[0], help=text)
     command.add_argument("--out", type=Path, default=Path("figures"), help="folder to write into (default figures)")
     command.add_argument("--format", choices=FORMS, default="png", help="of the figures (default png)")
-    command.add_argument("--keep", type=Path, metavar="FOLDER", help="also keep there curves and policies, small")
+    text = "compare runs of the paper's variants with the paper's: a figure for each variant and preset, and its claims"
+    command.add_argument("--paper", action="store_true", help=text)
+    text = "with --paper, also keep there curves and policies, small"
+    command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
     command.set_defaults(run=run)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"{text}: names are needed, with a comma between two of them")
+    return names
 
 
 def run(options: argparse.Namespace) -> int:
     """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
+    if options.paper:
+        return _beside_the_paper(options)
+    if options.keep:
+        raise TrainingError("--keep is for results beside the paper's: add --paper")
+    found = plot(options.runs, options.out, by=options.by, curves=options.curves, x=options.x, form=options.format)
+    print(found)
+    print("\n".join(map(str, found.files)))
+    return 0
+
+
+def _beside_the_paper(options: argparse.Namespace) -> int:
+    if options.by or options.curves or options.x != AXES[0]:
+        raise TrainingError("with --paper, the curves and the groups are the paper's: leave out --by, --curves and --x")
     runs = load_runs(options.runs)
     groups = group_runs(runs)
     contents = files_to_keep(runs, options.keep) if options.keep else {}

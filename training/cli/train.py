@@ -26,6 +26,7 @@ from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
 from ..presets import DEAD, PRESETS
+from ..workload import Workload
 
 SINGLE = (
     "preset",
@@ -42,7 +43,17 @@ SINGLE = (
     "every",
     "warm_start",
 )  # options with one value each
-REPEATED = ("set", "ppo", "anneal")
+GROUPS = {
+    "what is learned": (
+        *("--preset", "--steps", "--seed", "--ppo", "--anneal", "--policies", "--memory", "--critic", "--dead"),
+        "--warm-start",
+    ),
+    "opponents": ("--opponents", "--prioritised", "--snapshots"),
+    "a rollout": ("--worlds", "--rollout"),
+    "output": ("--out", "--every", "--resume", "--film", "--quiet"),
+    "machine": ("--device", "--threads", "--processes", "--jobs", "--ray", "--halves"),
+}  # of help
+REPEATED = ("set", "with", "without", "import", "ppo", "anneal")
 FLAGS = ("prioritised", "halves")
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
@@ -52,10 +63,19 @@ logger = logging.getLogger("outlast")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    command = commands.add_parser("train", help="train the agents of a variant with PPO")
+    examples = [
+        ("train ffa_2", "ten million agent-steps into runs/ffa_2-fast-0"),
+        ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
+        ("train ffa_2 --resume --steps 20e6", "go on with a run"),
+    ]
+    text = "train the agents of a variant with PPO"
+    description = (
+        "Train with PPO, by self-play unless --opponents names others; a run's folder has log and checkpoints."
+    )
+    command = commands.add_parser("train", help=text, description=description, examples=examples)
     add_scenario(command, several=True)
     command.add_argument("--preset", choices=PRESETS, default=FAST, help="networks and numbers of PPO (default fast)")
-    command.add_argument("--steps", type=count, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
+    command.add_argument("--steps", type=positive, default=10_000_000, help="agent-steps, such as 10e6 (the default)")
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="same seed, same numbers (default 0)")
     command.add_argument("--jobs", type=positive, help="runs at a time, where there are several (default: cores)")
     command.add_argument("--worlds", type=positive, default=0, help="that share a rollout (the paper: 1)")
@@ -91,10 +111,13 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--out", type=Path, help="folder of the run, or around several (default runs/VARIANT-PRESET-SEED)"
     )
-    command.add_argument("--every", type=count, default=1_000_000, help="agent-steps between checkpoints (default 1e6)")
+    command.add_argument(
+        "--every", type=positive, default=1_000_000, help="agent-steps between checkpoints (default 1e6)"
+    )
     command.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(GROUPS)
     command.set_defaults(run=run)
 
 
@@ -103,61 +126,53 @@ def run(options: argparse.Namespace) -> int:
     chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
     parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
     if len(options.variant) * len(options.seed) > 1:
-        return _train_several(options, list(zip(options.variant, chosen, strict=True)))
+        return _train_several(options, list(zip(options.variant, chosen, strict=True)), settings)
     return _train_one(options, chosen[0], settings)
-
-
-def count(text: str) -> int:
-    """A number of steps of at least 1; 10e6 is one."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0
-    if value < 1 or value != int(value):
-        raise argparse.ArgumentTypeError(f"{text}: a whole number of at least 1 is needed")
-    return int(value)
 
 
 def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str, Any]) -> int:
     """Train in this process, behind a progress bar; the exit status."""
+    if options.jobs is not None:
+        raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
     try:
         from ..run import TrainingRun
+        from ..train import shown, usual_folder
     except ModuleNotFoundError as error:
         raise TrainingError(f"training needs {error.name}: {install('train')}") from error
-    (own,), numbers = options.seed, {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
-    numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
-    numbers["anneal"] = parse_anneal(options.anneal)
-    config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
-    folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
+    config = _config(options, chosen, options.seed[0], settings)
+    folder = options.out or usual_folder(config)
     training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0
-    view = LiveView(begun, config.steps, quiet=options.quiet)
-
-    def progress(run: TrainingRun) -> None:
-        view.update(run.done, config.steps, run.tags)
-        view.now(run.now)
-
     try:
-        training.train(progress)
+        shown(training, quiet=options.quiet)
     except KeyboardInterrupt:
         status = STOPPED
         logger.warning(RESUME)
-    finally:
-        view.close()
     seconds, done = time.perf_counter() - start, training.saved
     print(f"{done:,} agent-steps = {done // training.trainer.env.num_agents:,} environment steps in {folder}")
     print(f"{done - begun:,} agent-steps of them in {seconds:,.0f} s: {(done - begun) / seconds:,.0f} a second")
     return status
 
 
+def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
+    """What the options ask for, of one scenario and one seed. Raises TrainingError."""
+    numbers = {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
+    numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
+    numbers["anneal"] = parse_anneal(options.anneal)
+    return TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
+
+
 class Job:
-    """One of several runs, in a process group of its own, so that Ctrl-C reaches it once: from this process."""
+    """One of several runs, in a process group of its own, so that Ctrl-C reaches it once: from this process.
+
+    It stops and saves, too, when this process ends without a word: see outlast.training.job.
+    """
 
     def __init__(self, options: argparse.Namespace, variant: str, name: str, seed: int) -> None:
         self.name = f"{name}-{options.preset}-{seed}"
         self.folder = (options.out or Path("runs")) / self.name
-        self.words = [sys.executable, "-m", "outlast", "train", variant, "--quiet", "--out", str(self.folder)]
-        self.words += ["--seed", str(seed), "--threads", str(options.threads or 1)]
+        self.words = [sys.executable, "-m", "outlast.training.job", "train", variant, "--quiet"]
+        self.words += ["--out", str(self.folder), "--seed", str(seed), "--threads", str(options.threads or 1)]
         for name in SINGLE:
             if value := getattr(options, name):
                 self.words += [f"--{name.replace('_', '-')}", str(value)]
@@ -176,7 +191,9 @@ class Job:
     def start(self) -> None:
         """Begin, or go on."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
-        self.process = subprocess.Popen(self.words, start_new_session=True, stdout=pipe, stderr=out, text=True)
+        self.process = subprocess.Popen(
+            self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True
+        )
 
     def stop(self) -> None:
         """Let it save and end."""
@@ -189,12 +206,16 @@ class Job:
 
     def report(self) -> int:
         """Print the last line of its output; its exit status."""
-        output = self.process.communicate()[0].strip().splitlines() or ["ended without a word"]
-        tqdm.write(f"{self.name}: {output[-1]}")
-        return int(self.process.returncode)
+        with self.process as process:  # `communicate` would close its input first, which interrupts it
+            output = process.stdout.read().strip().splitlines() if process.stdout else []
+            process.wait()
+        tqdm.write(f"{self.name}: {(output or ['ended without a word'])[-1]}")
+        return int(process.returncode)
 
 
-def _train_several(options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]]) -> int:
+def _train_several(
+    options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]], settings: dict[str, Any]
+) -> int:
     """Train every variant with every seed; the exit status: 0 if all went well, 130 if they were stopped.
 
     A run that fails is reported, and the others go on. Ctrl-C lets all of them save; `--resume` goes on with them, and
@@ -202,13 +223,16 @@ def _train_several(options: argparse.Namespace, chosen: Sequence[tuple[str, Scen
     chosen: names, as the user gave them, and their scenarios.
     """
     pairs = itertools.product(chosen, options.seed)
-    waiting = [Job(options, variant, scenario.name, seed) for (variant, scenario), seed in pairs]
+    waiting = [Job(options, variant, scenario.file_name, seed) for (variant, scenario), seed in pairs]
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
     at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()
-    done, statuses = 0, []
-    total = len(waiting) * options.steps
-    bar = tqdm(total=total, unit="agent-step", unit_scale=True, disable=options.quiet)
+    jobs, statuses = list(waiting), list[int]()
+    works = [Workload.of(_config(options, scenario, seed, settings)) for _, scenario in chosen for seed in options.seed]
+    total = sum(work.total for work in works)
+    about = f"{len(jobs)} runs, {min(at_once, len(jobs))} at a time, {total:,} agent-steps; the first: {works[0]}"
+    begun = sum(job.steps() for job in jobs) if options.resume else 0
+    view = LiveView(begun, total, quiet=options.quiet, about=about)
     try:
         while waiting or running:
             while waiting and len(running) < at_once:
@@ -217,14 +241,14 @@ def _train_several(options: argparse.Namespace, chosen: Sequence[tuple[str, Scen
             time.sleep(POLL)
             for job in [job for job in running if job.process.poll() is not None]:
                 running.remove(job)
-                done += min(job.steps(), options.steps)
                 statuses.append(job.report())
-            bar.update(done + sum(job.steps() for job in running) - bar.n)
+            view.update(sum(job.steps() for job in jobs), total, {})
+            view.now(f"{len(running)} running, {len(waiting)} waiting")
     except KeyboardInterrupt:
         for job in running:
             job.stop()
         statuses += [STOPPED, *(job.report() for job in running)]
         logger.warning(RESUME)
     finally:
-        bar.close()
+        view.close()
     return STOPPED if STOPPED in statuses else max(statuses, default=0)

@@ -1,96 +1,26 @@
 """Cross-play: every policy against every other and itself, with standard errors."""
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
+from outlast.ecs import Statistic
 from outlast.envs.core.make import make_vec
-from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.core.spaces import published
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
 from ..metrics import first_of_sides
-from ..player import Player
-from .matches import Act, Match, MatchResults
+from .contenders import Contender
+from .matches import Match
+from .pairing import Estimates, Pairing
 from .ratings import elo, linked
+from .report import text
 
 Array = np.ndarray[Any, Any]
-Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
-
-
-class Contender:
-    """A policy with a label that can be part of file names. player: that of a checkpoint; None: one of POLICIES."""
-
-    def __init__(self, label: str, text: str) -> None:
-        """text: a name, or the path of a checkpoint. Raises TrainingError."""
-        self.label, self.text = label, text
-        self.player = None if text in POLICIES else Player(text)
-
-    def check(self, env: SurvivalVectorEnv) -> None:
-        """Check that it can play in these worlds. Raises TrainingError."""
-        if self.player is not None:
-            self.player.check(env)
-
-    def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
-        """The function that plays it, with a generator of that seed."""
-        player = self.player
-        if player is None:
-            whole = POLICIES[self.text](env, seed)
-            return lambda seen, indices: np.asarray(whole(seen)[indices])
-        player.generator = torch.Generator().manual_seed(seed)
-        if player.memory:  # it goes on for all agents, whoever of them it plays
-            remembering = told(player, env)
-            return lambda seen, indices: np.asarray(remembering(seen)[indices])
-        return lambda seen, indices: player({key: values[indices] for key, values in seen.items()})
-
-
-def contenders(texts: Sequence[str]) -> list[Contender]:
-    """A contender for each name or path. Raises TrainingError, also where one is named twice."""
-    return [Contender(label, text) for label, text in zip(labels(texts), texts, strict=True)]
-
-
-def labels(texts: Sequence[str]) -> list[str]:
-    """A unique label for each: of paths, as few parts from the end as it takes. Raises TrainingError."""
-    whole = [(text,) if text in POLICIES else Path(text).resolve().with_suffix("").parts for text in texts]
-    if len(set(whole)) < len(whole):
-        raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
-    return [_shortest(parts, [other for other in whole if other != parts]) for parts in whole]
-
-
-def _shortest(parts: tuple[str, ...], others: list[tuple[str, ...]]) -> str:
-    taken = {_joined(other, length) for other in others for length in range(1, len(other) + 1)}
-    found = (_joined(parts, length) for length in range(1, len(parts) + 1))
-    return next((name for name in found if name not in taken), _joined(parts, len(parts)))
-
-
-def _joined(parts: tuple[str, ...], length: int) -> str:
-    return re.sub(r"[^\w.]+", "-", "-".join(parts[-length:])).strip("-")
-
-
-@dataclass(frozen=True)
-class Pairing:
-    """A pairing that was played: the indices of its policies, which may be the same one, and all of its episodes."""
-
-    pair: tuple[int, int]
-    results: MatchResults
-
-    def estimates(self, role: int) -> Estimates:
-        """Estimates of the policy in that role. NaN where there was nothing to measure."""
-        return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
-
-    def won_drawn_lost(self) -> tuple[int, int, int]:
-        """Episodes that the first policy won, that were drawn, and that it lost."""
-        wins = self.results.figures["wins"][:, :, 0, 0]
-        return int((wins == 1).sum()), int((wins == 0.5).sum()), int((wins == 0).sum())
 
 
 class Evaluation:
@@ -98,7 +28,19 @@ class Evaluation:
 
     Each pairing plays `episodes`, or a few more: every world plays as many, and each policy plays each side as often. A
     pairing's numbers are a function of the seed and of the places of its two policies in the list; threads make no
-    difference. Raises ScenarioError, TrainingError.
+    difference. `str(evaluation)` has all tables.
+
+    Attributes:
+        scenario: What is played, with observations that all policies can play with.
+        chosen: The policies.
+        pairings: Those that are complete.
+        each: Episodes that each world plays of a pairing.
+        worlds: How many.
+        seed: Of all of it.
+
+    Raises:
+        ScenarioError: The scenario cannot be played.
+        TrainingError: A policy cannot play there, or there is nobody to play against.
     """
 
     def __init__(
@@ -113,7 +55,7 @@ class Evaluation:
     ) -> None:
         players = [contender.player for contender in chosen if contender.player is not None]
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
-        self.each = -(-episodes // worlds)
+        self.worlds, self.each = worlds, -(-episodes // worlds)
         self.each += self.each * worlds % ROLES  # or one assignment of sides is played more often
         options: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
         self.env = make_vec(self.scenario, worlds, seed=seed, threads=threads, **options)
@@ -132,7 +74,7 @@ class Evaluation:
     @property
     def episodes(self) -> int:
         """Episodes of each pairing."""
-        return self.each * self.env.num_worlds
+        return self.each * self.worlds
 
     def play_pair(self, pair: tuple[int, int], progress: Callable[[int], None] = lambda episodes: None) -> Pairing:
         """Play a pairing; it is kept in `pairings` once it is complete. progress: see Match.play."""
@@ -157,27 +99,36 @@ class Evaluation:
                 draws[j, i] = draws[i, j]
         return elo(wins, draws) if len(self.chosen) > 1 and linked(wins + wins.T + draws) else None
 
+    def estimates(self, policy: str, against: str) -> Estimates:
+        """Mean and standard error of each column, of a policy against another one: see training.columns.
+
+        Args:
+            policy: The label of one.
+            against: The label of the other one, or the same.
+
+        Raises:
+            TrainingError: There is no such pairing, or it is not complete.
+        """
+        names = [contender.label for contender in self.chosen]
+        for pairing in self.pairings:
+            pair = tuple(names[k] for k in pairing.pair)
+            if policy in pair and against in pair and {policy, against} == set(pair):
+                return pairing.estimates(pair.index(policy))
+        raise TrainingError(f"{policy} against {against} is not complete; the policies are {', '.join(names)}")
+
+    def __str__(self) -> str:
+        return text(self)
+
     def close(self) -> None:
         """Close the worlds."""
         self.env.close()
 
     def _check(self) -> None:
         self.env.reset()
+        known = {key for key, *_ in published(self.env.worlds, Statistic)}
+        if missing := [name for name in ("length", "return", "kills") if name not in known]:
+            raise TrainingError(f"{self.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
         if len(first_of_sides(self.env)) < ROLES:
             raise TrainingError(f"{self.scenario.name} has one side: there is no opponent to play against")
         for contender in self.chosen:
             contender.check(self.env)
-
-
-def ratio(pairs: Array) -> tuple[float, float]:
-    """The sum of all sums over the sum of all counts, and its standard error to first order.
-
-    pairs: float64 (episodes, 2), sums and counts; with counts of 1, a mean and its error. NaN where all counts are 0.
-    """
-    total, count = pairs.sum(0)
-    if not count:
-        return float("nan"), float("nan")
-    mean = total / count
-    rest = pairs[:, 0] - mean * pairs[:, 1]
-    spread = (rest * rest).sum() * len(pairs) / max(1, len(pairs) - 1)
-    return float(mean), float(np.sqrt(spread) / count)

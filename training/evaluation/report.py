@@ -5,31 +5,64 @@ import io
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.scenario import Scenario
 
 from ..files import write_files
-from .evaluation import Estimates, Evaluation, Pairing
+from .contenders import Contender
+from .pairing import Array, Estimates, Pairing
 
 RESULTS = ("wins", "length", "life", "return", "kills")  # and deaths by damage type
 FIRST = ("policy", "against")
 
 
-def text(evaluation: Evaluation) -> str:
-    """All tables. Of incomplete evaluations, what is complete."""
+class Played(Protocol):
+    """What is reported: an Evaluation."""
+
+    scenario: Scenario
+    chosen: list[Contender]
+    pairings: list[Pairing]
+    seed: int
+    worlds: int
+    each: int
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """All pairings that there will be."""
+
+    @property
+    def episodes(self) -> int:
+        """Of each pairing."""
+
+    def ratings(self) -> tuple[Array, Array] | None:
+        """Elo ratings and their standard errors."""
+
+
+def text(evaluation: Played) -> str:
+    """All tables under a heading. Of incomplete evaluations, what is complete."""
     if not evaluation.pairings:
         return "no pairing is complete"
-    parts = [_ratings(evaluation), _wins(evaluation)]
+    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation)]
     names = list(evaluation.pairings[0].results.figures)
     results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
     parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
     return "\n\n".join(filter(None, parts))
 
 
-def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
+def _heading(evaluation: Played) -> str:
+    """What was played, and which files the policies are whose labels do not say it."""
+    name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
+    played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
+    lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
+    lines += [f"{chosen.label}: {chosen.text}" for chosen in evaluation.chosen if chosen.text != chosen.label]
+    return "\n".join(lines)
+
+
+def write_tables(evaluation: Played, folder: Path) -> list[Path]:
     """Write evaluation.json with everything, figures.csv and ratings.csv with the numbers. Raises TrainingError."""
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
     contents = {
@@ -41,13 +74,13 @@ def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
     return list(contents)
 
 
-def _ratings(evaluation: Evaluation) -> str:
+def _ratings(evaluation: Played) -> str:
     rows = sorted(_rated(evaluation), key=lambda row: -row[1])
     cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rows]
     return _table(("Elo (mean 1000)", "rating", "std. error"), cells) if cells else ""
 
 
-def _wins(evaluation: Evaluation) -> str:
+def _wins(evaluation: Played) -> str:
     """Shares of episodes that each policy wins against each; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {(i, j): rows["wins"] for (i, j), rows in _estimates(evaluation)}
@@ -57,7 +90,7 @@ def _wins(evaluation: Evaluation) -> str:
     return _table(("wins of, against", *labels), rows)
 
 
-def _figures(evaluation: Evaluation, names: Sequence[str]) -> str:
+def _figures(evaluation: Played, names: Sequence[str]) -> str:
     known = [name for name in names if name in evaluation.pairings[0].results.figures]
     rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
     return _table((*FIRST, *known), rows, left=len(FIRST))
@@ -85,21 +118,21 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) ->
     return "\n".join("  ".join(line).rstrip() for line in lines)
 
 
-def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
+def _rated(evaluation: Played) -> list[tuple[str, float, float]]:
     """Label, rating and its error of each policy; none until all are joined."""
     found = evaluation.ratings()
     labels = [contender.label for contender in evaluation.chosen]
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
 
 
-def _estimates(evaluation: Evaluation) -> Iterable[tuple[tuple[int, int], Estimates]]:
+def _estimates(evaluation: Played) -> Iterable[tuple[tuple[int, int], Estimates]]:
     """The estimates of each policy, by its index and that of its opponent; against itself once."""
     for pairing in evaluation.pairings:
         for role in range(len(set(pairing.pair))):
             yield pairing.pair if role == 0 else pairing.pair[::-1], pairing.estimates(role)
 
 
-def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
+def _rows(evaluation: Played) -> list[tuple[tuple[str, str], Estimates]]:
     chosen = evaluation.chosen
     return [
         ((chosen[i].label, chosen[j].label), figures)
@@ -107,11 +140,11 @@ def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
     ]
 
 
-def _everything(evaluation: Evaluation) -> dict[str, Any]:
+def _everything(evaluation: Played) -> dict[str, Any]:
     return {
         "scenario": fingerprint(evaluation.scenario),
         "seed": evaluation.seed,
-        "worlds": evaluation.env.num_worlds,
+        "worlds": evaluation.worlds,
         "episodes": evaluation.episodes,
         "complete": len(evaluation.pairings) == len(evaluation.pairs),
         "policies": [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen],
@@ -120,7 +153,7 @@ def _everything(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
+def _pairing(evaluation: Played, pairing: Pairing) -> dict[str, Any]:
     names = [evaluation.chosen[k].label for k in pairing.pair]
     figures = [{name: {"mean": m, "error": e} for name, (m, e) in pairing.estimates(role).items()} for role in (0, 1)]
     return {"policies": names, "won, drawn, lost": pairing.won_drawn_lost(), "figures": figures}

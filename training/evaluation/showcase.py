@@ -9,8 +9,9 @@ from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.sides import role_of
 
 from ..metrics import first_of_sides
-from .evaluation import Evaluation, Pairing
+from .evaluation import Evaluation
 from .matches import MatchResults
+from .pairing import Pairing
 
 SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper's variants
 
@@ -30,9 +31,9 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
     first, last = (int(record) for record in results.spans[world, episode])
     made = [target.with_name(target.name + ending) for ending in (".webm", ".html")]
     ticks = functools.partial(Replay.ticks, first=first, last=last, worlds=[world])
-    with contextlib.closing(Replay(Recording.open(recording))) as replay:
+    with contextlib.closing(Replay(Recording.open(recording, evaluation.scenario))) as replay:
         write_film(made[0], footage(replay.worlds, ticks(replay), [world], size=SIZE), FPS)
-    with contextlib.closing(Replay(Recording.open(recording))) as replay:
+    with contextlib.closing(Replay(Recording.open(recording, evaluation.scenario))) as replay:
         write_page(made[1], replay.worlds, ticks(replay), [world], title=title)
     return made
 

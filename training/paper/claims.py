@@ -3,8 +3,10 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from .curves import KILLS, LENGTH, RETURN, Quantity
-from .end_values import TOLERANCE, EndRow, number, rows
+from ..curves import Quantity
+from ..tables import number
+from .curves import KILLS, LENGTH, RETURN
+from .end_values import TOLERANCE, EndRow, rows
 from .results import RunGroup
 
 PEACEFUL = ("ffa_2",)  # "the number of kills almost vanishes in the last stages of training"

@@ -2,84 +2,21 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .curves import LENGTH, QUANTITIES, RETURN, Array, Curves, Quantity
+from ..averages import EndValue, MovingAverage, average, end_value
+from ..curves import Quantity
+from ..tables import decimals, markdown_table, number
+from .curves import LENGTH, QUANTITIES, RETURN
 from .results import RunGroup
 
-END = 0.1  # of the points: the end of a run
-SMOOTH = 20  # a moving average is over one part in so many of the points
 TOLERANCE = 0.15  # difference from the paper's end value that still agrees, of returns and lengths
 WITHIN = f"within {TOLERANCE:.0%}"
 HEADS = ("", "the paper", "outlast", "seeds", "apart", WITHIN, "peak in the paper", "peak in outlast")
-
-
-@dataclass(frozen=True)
-class EndValue:
-    """Mean and standard deviation of the points of the last tenth of a curve."""
-
-    mean: float
-    deviation: float
-
-
-@dataclass(frozen=True)
-class MovingAverage:
-    """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
-
-    Where some runs have ended, those of the others.
-    """
-
-    steps: Array
-    mean: Array
-    low: Array
-    high: Array
-
-    @property
-    def peak(self) -> tuple[int, float]:
-        """Agent-steps and height of the highest point."""
-        top = int(np.nanargmax(self.mean))
-        return int(self.steps[top]), float(self.mean[top])
-
-
-def average(runs: Sequence[Curves], tag: str) -> MovingAverage:
-    """The moving average over the runs that have the tag: at least one."""
-    curves = [one for one in runs if tag in one.values]
-    steps = np.unique(np.concatenate([one.steps for one in curves]))
-    every = np.full((len(curves), len(steps)), np.nan)
-    for row, one in zip(every, curves, strict=True):
-        row[np.searchsorted(steps, one.steps)] = smooth(one.values[tag])
-    there = np.isfinite(every).any(0)
-    every = every[:, there]
-    return MovingAverage(steps[there], np.nanmean(every, 0), np.nanmin(every, 0), np.nanmax(every, 0))
-
-
-def smooth(values: Array) -> Array:
-    """The moving average over the points around each. At both ends there are fewer of them; NaNs are left out."""
-    half = window_size(len(values)) // 2
-    there = np.isfinite(values)
-    sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
-    counts = np.concatenate([[0], np.cumsum(there)])
-    first = np.maximum(np.arange(len(values)) - half, 0)
-    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
-    with np.errstate(invalid="ignore"):
-        averages: Array = (sums[last] - sums[first]) / (counts[last] - counts[first])
-    return averages
-
-
-def window_size(points: int) -> int:
-    """The number of points of a moving average: odd."""
-    return max(1, points // SMOOTH) | 1
-
-
-def end_value(values: Array) -> EndValue:
-    """The end value of a curve with at least one number."""
-    there = values[np.isfinite(values)].astype(np.float64)
-    last = there[-max(1, round(END * len(there))) :]
-    return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else 0.0)
 
 
 @dataclass(frozen=True)
@@ -145,7 +82,7 @@ def side_name(group: RunGroup) -> str:
 
 def markdown(group: RunGroup) -> str:
     """A paragraph and a table."""
-    return f"{title(group)}\n\n{_markdown_table(HEADS, _cells(group))}"
+    return f"{title(group)}\n\n{markdown_table(HEADS, _cells(group))}"
 
 
 def title(group: RunGroup) -> str:
@@ -177,25 +114,7 @@ def _peak(curve: MovingAverage | None) -> str:
 
 def with_deviation(mean: float, deviation: float) -> str:
     """Mean ± deviation, with the same digits."""
-    return f"{number(mean)} ± {deviation:,.{_decimals(mean)}f}"
-
-
-def number(value: float) -> str:
-    """A number with as many digits as mean something."""
-    return f"{value:,.{_decimals(value)}f}"
-
-
-def _decimals(value: float) -> int:
-    """Digits behind the point."""
-    return sum(abs(value) < bound for bound in (100, 10, 1))
-
-
-def _markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
-    """A table in Markdown, numbers to the right, without the columns that have nothing in them."""
-    table = list(lines)
-    kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
-    every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
-    return "\n".join("| " + " | ".join(line[k] for k in kept) + " |" for line in every)
+    return f"{number(mean)} ± {deviation:,.{decimals(mean)}f}"
 
 
 def csv_table(groups: Iterable[RunGroup]) -> str:

@@ -1,76 +1,37 @@
 """The paper's figures: curves of a group of runs over the paper's own. Needs matplotlib."""
 
 import hashlib
-import io
 import json
 import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 from outlast.envs.rendering import style
 
-from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
-from .end_values import average, side_name, window_size
+from ..averages import average, window_size
+from ..curves import Curves, Quantity
+from ..image import GREY, colour, encoded
+from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN
+from .end_values import side_name
 from .results import RunGroup
 
-WIDTH, HEIGHT, DPI = 7.6, 5.7, 150  # inches, pixels an inch
-LINE = 105  # characters of a note
+WIDTH, HEIGHT = 7.6, 5.7  # inches
 COLOURS = 128  # of a PNG
+LINE = 105  # characters of a note
 DASHES: tuple[Any, ...] = ("-", (0, (2.2, 1.4)), ":", "-.")  # of the sides
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.labelcolor": "#5b5f68",
-    "axes.edgecolor": "#9a9da4",
-    "xtick.color": "#5b5f68",
-    "ytick.color": "#5b5f68",
-    "text.color": "#26292f",
-    "svg.hashsalt": "outlast",  # the same picture, the same file
-}
-
-
-def colour(rgb: tuple[int, int, int]) -> str:
-    """A colour as matplotlib takes it."""
-    return "#{:02x}{:02x}{:02x}".format(*rgb)
-
 
 OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
 
 def picture(group: RunGroup, form: str) -> bytes:
     """The figure of a group as a file: "png" or "svg". It holds the digest of what it shows, as Source."""
-    about = {"Title": group.name, "Source": digest(group)}
-    content = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        figure = draw(group)
-        if form == "svg":
-            figure.savefig(content, format=form, metadata={**about, "Date": None})
-        else:
-            _save_png(figure, content, about)
-    return content.getvalue()
-
-
-def _save_png(figure: Figure, content: io.BytesIO, about: dict[str, str]) -> None:
-    """As PNG of few colours: a quarter of the bytes."""
-    pixels = io.BytesIO()
-    figure.savefig(pixels, format="png", dpi=DPI)
-    texts = PngInfo()
-    for key, text in about.items():
-        texts.add_text(key, text)
-    few = Image.open(pixels).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
-    few.save(content, format="png", optimize=True, pnginfo=texts, dpi=(DPI, DPI))
+    return encoded(lambda: draw(group), form, {"Title": group.name, "Source": digest(group)}, COLOURS)
 
 
 def digest(group: RunGroup) -> str:
@@ -139,7 +100,7 @@ def _heading(figure: Figure, group: RunGroup, notes: Sequence[str]) -> None:
     several = "band: from the lowest to the highest seed; faint: the paper's points"
     behind = "faint: all points" if count == 1 else several
     lines = [f"Lines: moving averages over 5 % of the points (of ours {points}); {behind}", *notes]
-    figure.text(0.02, 1 - 0.36 / HEIGHT, "\n".join(lines), fontsize=8, color="#5b5f68", va="top", linespacing=1.35)
+    figure.text(0.02, 1 - 0.36 / HEIGHT, "\n".join(lines), fontsize=8, color=GREY, va="top", linespacing=1.35)
     figure.legend(
         handles=list(_handles(group)),
         loc="upper right",
@@ -157,7 +118,7 @@ def _handles(group: RunGroup) -> Iterator[Line2D]:
     yield Line2D([], [], color=THEIRS, linewidth=2.4, label="the paper")
     for side, _ in enumerate(_tags(_all(group), RETURN)):
         label = f"{side_name(group)} {side}"
-        yield Line2D([], [], color="#5b5f68", linewidth=1.4, linestyle=DASHES[side % len(DASHES)], label=label)
+        yield Line2D([], [], color=GREY, linewidth=1.4, linestyle=DASHES[side % len(DASHES)], label=label)
 
 
 def _all(group: RunGroup) -> list[Curves]:

@@ -1,12 +1,13 @@
 """Results of runs, from their folders or from kept files, in groups that differ by seeds only. Needs no PyTorch."""
 
 import io
+import logging
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
@@ -14,15 +15,19 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
-from ..errors import TrainingError
+from ..curves import NEEDED, Curves, curves_of_log, format_curves, read_curves
+from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
 from ..presets import ROLLOUT, preset
-from .curves import NEEDED, PAPER_STEPS, Curves, curves_of_log, format_curves, is_known, published_curves, read_curves
+from .curves import PAPER_STEPS, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 POLICY = "policy.pt"
 MISSING, USUAL = "not there", "as usual"
+RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is known
+Kind = TypeVar("Kind")
+logger = logging.getLogger("outlast")
 
 
 @dataclass(frozen=True)
@@ -128,19 +133,41 @@ class RunGroup:
 
 
 def load_runs(places: Iterable[Path]) -> list[RunResult]:
-    """The results in these places: folders of runs, kept files, or folders of either. Raises TrainingError."""
-    return [_of_folder(path) if path.is_dir() else _of_kept(path) for place in places for path in _found(place)]
+    """The results of the paper's variants in these places, see `read_runs`."""
+    return read_runs(places, lambda path: _of_folder(path) if path.is_dir() else read_kept(path))
+
+
+def read_runs(places: Iterable[Path], read: Callable[[Path], Kind]) -> list[Kind]:
+    """What `read` makes of each run: those in which no episode has ended yet are left out, and named in a warning.
+
+    Args:
+        places: Folders of runs, kept files, or folders of either.
+        read: Reads one folder or kept file; raises EmptyRunError for a run without a curve.
+
+    Raises:
+        TrainingError: A place holds no runs, or none with a curve.
+    """
+    found, reasons = list[Kind](), list[str]()
+    for path in dict.fromkeys(path for place in places for path in _found(place)):
+        try:
+            found.append(read(path))
+        except EmptyRunError as error:
+            reasons.append(str(error))
+    if reasons and not found:
+        raise TrainingError(f"there is nothing to draw: {reasons[0]}")
+    for reason in reasons:
+        logger.warning("left out: %s", reason)
+    return found
 
 
 def _found(place: Path) -> list[Path]:
     """Folders of runs and kept files in a place, which may be one."""
     if not place.exists():
         raise TrainingError(f"there is no {place}")
-    if place.is_file():
+    if place.is_file() or any((place / name).exists() for name in RUN_FILES):
         return [place]
-    if (place / log_file.NAME).exists():
-        return [place]
-    found = sorted([*place.glob("*.csv"), *(log.parent for log in place.glob(f"*/{log_file.NAME}"))])
+    runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
+    found = sorted([*place.glob("*.csv"), *runs])
     if not found:
         wanted = f"neither {log_file.NAME} nor folders or files with results of outlast"
         raise TrainingError(f"there are no runs in {place}: {wanted}")
@@ -154,9 +181,9 @@ def _of_folder(folder: Path) -> RunResult:
     try:
         name = variant(scenario["name"]).name
         changed = _changed(name, plan.get("preset"), scenario["numbers"])
-        return _checked(RunResult(folder, name, plan, changed, curves_of_log(folder / log_file.NAME)))
+        return _checked(RunResult(folder, name, plan, changed, curves_of_log(folder / log_file.NAME, is_known)))
     except ScenarioError as error:
-        raise TrainingError(f"{folder} is no run of the paper's: {error}") from error
+        raise TrainingError(f"{folder} is no run of the paper's: {error}; leave out --paper") from error
 
 
 def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
@@ -168,7 +195,7 @@ def _changed(name: str, of: str, numbers: dict[str, Any]) -> dict[str, Any]:
     return {key: its for key, (its, usual) in pairs.items() if its != usual}
 
 
-def _of_kept(path: Path) -> RunResult:
+def read_kept(path: Path) -> RunResult:
     """The run of a kept file."""
     about, curves = read_curves(path)
     try:
@@ -206,7 +233,7 @@ def group_runs(results: Iterable[RunResult]) -> list[RunGroup]:
 def _check(one: RunResult, other: RunResult) -> None:
     """Refuse two runs that cannot be averaged."""
     if difference := _difference(one, other):
-        raise TrainingError(f"{difference}: plot them one by one, each with an --out of its own")
+        raise TrainingError(f"{difference}: leave out --paper to compare them, or plot them one by one")
     if one.seed == other.seed:
         raise TrainingError(f"{one.origin} and {other.origin} are the same run, or both of seed {one.seed}: give one")
 
@@ -225,7 +252,7 @@ def files_to_keep(runs: Sequence[RunResult], folder: Path) -> dict[Path, bytes]:
     """Curves and policies to keep, by path. Raises TrainingError where another run would be overwritten."""
     places = {folder / run.name: run for run in runs}
     for path, run in places.items():
-        if path.exists() and (difference := _difference(_of_kept(path), run)):
+        if path.exists() and (difference := _difference(read_kept(path), run)):
             raise TrainingError(f"{path} keeps another run: {difference}: choose another folder with --keep")
     contents = {path: run.text().encode() for path, run in places.items()}
     policies = {path.with_suffix(".zip"): _newest_checkpoint(run.origin) for path, run in places.items()}

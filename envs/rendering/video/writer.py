@@ -59,6 +59,8 @@ def _checked(target: Path, fps: Any) -> tuple[Path, Codec]:
     if suffix not in CODECS:
         known = ", ".join(filter(None, CODECS))
         raise FilmError(f"{target}: a film ends in {known}; without an ending it is a folder of pictures")
+    if not target.absolute().name:
+        raise FilmError(f"{target}: pictures are not written into the root folder; give a folder of their own")
     if target.exists() and not suffix and not target.is_dir():
         raise FilmError(f"{target} is a file: a folder of pictures needs another name")
     if not target.absolute().parent.is_dir():

@@ -1,0 +1,137 @@
+"""The grammar of the command line: help with groups and examples, mistakes in one line with a hint."""
+
+import argparse
+import difflib
+import re
+import shutil
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NoReturn
+
+WIDEST = 110  # columns of help: longer lines are hard to read
+MINUS = re.compile(r"-[^-\d]")  # a value such as -ids, which is no option and no number
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of a command, or of all.
+
+    Args:
+        examples: Pairs of a command line without its first word, "rollout ffa_2 --steps 300", and what it does. They
+            stand ahead of the epilog.
+        **settings: As argparse's own.
+    """
+
+    def __init__(self, *, examples: Sequence[tuple[str, str]] = (), **settings: Any) -> None:
+        super().__init__(**{**settings, "formatter_class": Help})
+        self.examples, self._titles = tuple(examples), dict[str, str]()
+        if examples:
+            self.epilog = "\n".join(
+                ["examples:", *_aligned(self.examples), *(["", self.epilog] if self.epilog else [])]
+            )
+
+    def arrange(self, groups: Mapping[str, Sequence[str]]) -> None:
+        """Show options that were added without a group in groups of these titles; arguments go by their `dest`."""
+        self._titles |= {name: title for title, names in groups.items() for name in names}
+
+    def group(self, title: str) -> Any:
+        """The group of options of that title, made when it is first asked for."""
+        found = [group for group in self._action_groups if group.title == title]
+        return found[0] if found else self.add_argument_group(title)
+
+    def groups(self) -> list[tuple[str, list[argparse.Action]]]:
+        """Titles of the groups, and the arguments and options in each, as they are to be shown; empty ones are not."""
+        found: dict[str, list[argparse.Action]] = {}
+        for group in self._action_groups:
+            for action in group._group_actions:
+                name = action.option_strings[-1] if action.option_strings else action.dest
+                if action.help != argparse.SUPPRESS:
+                    found.setdefault(self._titles.get(name, group.title or ""), []).append(action)
+        made = [group.title or "" for group in self._action_groups if group.title != "options"]
+        return [
+            (title, found[title]) for title in dict.fromkeys([*made, *self._titles.values(), *found]) if title in found
+        ]
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """As argparse's, but nothing is left over: what is unknown is an error of the command that got it."""
+        found, unknown = super().parse_known_args(self._joined(sys.argv[1:] if args is None else args), namespace)
+        if unknown:
+            self.error(self._unknown(unknown[0]))
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Say in one line what is wrong, and end with status 2."""
+        text = " ".join(message.removeprefix("argument ").split())
+        self.exit(2, f"{self.prog}: {text} (see {self.prog} --help)\n")
+
+    def format_usage(self) -> str:
+        """The command with what it needs."""
+        return f"usage: {self._usage()}\n"
+
+    def format_help(self) -> str:
+        """Usage, what it is, arguments and options by group, and examples."""
+        formatter = self._get_formatter()
+        formatter.add_usage(self._usage().replace("%", "%%"), (), ())
+        formatter.add_text(self.description)
+        for title, actions in self.groups():
+            formatter.start_section(title)
+            formatter.add_arguments(actions)
+            formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+    def _usage(self) -> str:
+        formatter, words = self._get_formatter(), [self.prog]
+        for action in self._actions:
+            form = formatter._format_args(action, formatter._get_default_metavar_for_positional(action))
+            if not action.option_strings:
+                words.append(form)
+            elif action.required:
+                words += [action.option_strings[-1], form]
+        return " ".join([*words, "[options]"])
+
+    def _joined(self, words: Iterable[str]) -> list[str]:
+        """The words, with a value that begins with a minus joined to its option: --views -ids is --views=-ids."""
+        joined: list[str] = []
+        for word in words:
+            option = self._option_string_actions.get(joined[-1]) if joined else None
+            if option and option.nargs is None and MINUS.match(word) and word not in self._option_string_actions:
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return joined
+
+    def _unknown(self, word: str) -> str:
+        name = word.partition("=")[0]
+        if not name.startswith("-"):
+            return f"{word} is one word too many; put what belongs together in a row, ahead of the options"
+        return f"there is no option {name}{did_you_mean(name, self._option_string_actions)}"
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = ", ".join(map(str, action.choices))
+            raise argparse.ArgumentError(action, f"{value}{did_you_mean(str(value), action.choices)}; known: {known}")
+
+
+def did_you_mean(word: str, known: Iterable[Any]) -> str:
+    """A question behind a misspelt word, or nothing."""
+    near = difflib.get_close_matches(word, map(str, known), 1)
+    return f": did you mean {near[0]}?" if near else ""
+
+
+def _aligned(examples: Sequence[tuple[str, str]]) -> list[str]:
+    """Lines of examples, which help leaves as they are; each sentence stands above its command."""
+    return [line for text, says in examples for line in (f"  # {says}", f"  outlast {text}")]
+
+
+class Help(argparse.HelpFormatter):
+    """Paragraphs are filled; lines that are indented stay as they are."""
+
+    def __init__(self, prog: str) -> None:
+        width = min(WIDEST, shutil.get_terminal_size().columns) - 2
+        super().__init__(prog, max_help_position=28, width=width)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts: list[str] = []
+        for line in text.splitlines():
+            parts.append(line if line.startswith(" ") or not line else super()._fill_text(line, width, indent))
+        return "\n".join(parts)

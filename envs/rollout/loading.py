@@ -1,0 +1,51 @@
+"""Policies as users name them: by name, by the path of a saved one, or a function."""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..core.make import make_vec
+from ..core.vector_env import SurvivalVectorEnv
+from ..scenarios.scenario import Scenario
+from .policies import POLICIES, Policy
+from .saved import common_scenario, load_saved
+
+
+def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
+    """Load what is saved, and find the scenario with observations that all can play with.
+
+    Args:
+        names: Of policies, paths of saved ones, or functions.
+        asked: The scenario.
+        seed: Of all policies; each draws numbers of its own.
+
+    Returns:
+        The scenario, and for each name itself, or the policy in that file.
+
+    Raises:
+        UsageError: One cannot play there, or there is no PyTorch.
+    """
+    chosen = loaded(names, seed)
+    players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
+    fitting = common_scenario(asked, players)
+    if players:
+        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
+            for player in players:
+                player.check(env)
+    return fitting, chosen
+
+
+def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
+    """The names and functions, with the policies in the place of their files' paths. Raises UsageError."""
+    seeds = [seed, *(int(np.random.SeedSequence([seed, k]).generate_state(1)[0]) for k in range(1, len(names)))]
+    return [
+        load_saved(name, own) if isinstance(name, str) and name not in POLICIES else name
+        for name, own in zip(names, seeds, strict=True)
+    ]
+
+
+def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """What makes the policy of that name, or is done with that policy: see POLICIES."""
+    return POLICIES[chosen] if isinstance(chosen, str) else lambda env, seed: chosen

@@ -1,0 +1,132 @@
+"""A file with one long table, .csv or .parquet, written row by row; whole or not there."""
+
+import contextlib
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import numpy as np
+
+from ..errors import UsageError, install
+from ..storage.atomic_write import atomic_write
+from ..storage.interrupts import interrupts_held
+
+Array = np.ndarray[Any, Any]
+Table = Mapping[str, Array]
+
+ROWS = 100_000  # rows that are kept in memory, and written together
+
+
+class TableWriter(Protocol):
+    """What writes the tables of a file."""
+
+    def write(self, table: Table) -> None:
+        """Write more rows."""
+
+    def close(self) -> None:
+        """Write what is left."""
+
+
+class TableFile:
+    """Rows on their way into a file. Ctrl-C leaves no half row."""
+
+    def __init__(self, writer: TableWriter) -> None:
+        self._writer = writer
+        self._waiting: list[Table] = []
+
+    def add(self, table: Table) -> None:
+        """Add rows: arrays by the names of the columns."""
+        self._waiting.append(table)
+        if sum(len(next(iter(table.values()))) for table in self._waiting) >= ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        with interrupts_held():
+            if self._waiting:
+                tables, self._waiting = self._waiting, []
+                self._writer.write({name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
+
+
+@contextlib.contextmanager
+def table_file(
+    path: str, what: str, columns: Sequence[str], types: Mapping[str, str] | None = None
+) -> Iterator[TableFile]:
+    """A new file for a table, which is whole or not there.
+
+    Args:
+        path: NAME.csv; with `types`, NAME.parquet, too.
+        what: What the rows are, for messages: "events".
+        columns: Their names.
+        types: Arrow's names of the types in a .parquet file, by column; the others hold text.
+
+    Raises:
+        UsageError: Another ending, a file that is there, no folder, a full disk, or no pyarrow for .parquet.
+    """
+    target = checked_target(path, what, (".csv",) if types is None else (".csv", ".parquet"))
+    try:
+        with atomic_write(target) as place, place.open("wb") as file:
+            writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
+            table = TableFile(writer)
+            yield table
+            with interrupts_held():
+                table.flush()
+                writer.close()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; there are no {what}") from error
+
+
+def checked_target(path: str, what: str, endings: Sequence[str]) -> Path:
+    """The path of a new file of `what`. Raises UsageError if it has another ending, is there, or has no folder."""
+    target = Path(path)
+    if target.suffix not in endings:
+        raise UsageError(f"{path}: {what} are written as {' or '.join(f'NAME{ending}' for ending in endings)}")
+    if target.exists():
+        raise UsageError(f"{path} exists; {what} overwrite nothing: give another name, or delete it")
+    if not target.parent.is_dir():
+        raise UsageError(f"{path} cannot be written: there is no folder {target.parent}")
+    return target
+
+
+class _Csv:
+    """UTF-8, with a heading; lines end as RFC 4180 says."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[str]) -> None:
+        self._file, self._columns = file, columns
+        self._rows([tuple(columns)])
+
+    def write(self, table: Table) -> None:
+        self._rows(zip(*(table[name].tolist() for name in self._columns), strict=True))
+
+    def close(self) -> None:
+        pass
+
+    def _rows(self, rows: Any) -> None:
+        text = io.StringIO()
+        csv.writer(text).writerows(rows)
+        self._file.write(text.getvalue().encode())
+
+
+class _Parquet:
+    """Columns of the given types, and of text; null where a CSV is empty."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[str], types: Mapping[str, str]) -> None:
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ModuleNotFoundError:
+            raise UsageError(f".parquet files need pyarrow: {install('data')}") from None
+        kinds = [(name, pa.type_for_alias(types.get(name, "string"))) for name in columns]
+        self._arrow, self._schema = pa, pa.schema(kinds)
+        self._writer = pq.ParquetWriter(file, self._schema, compression="zstd")
+
+    def write(self, table: Table) -> None:
+        columns = {
+            name: [None if value == "" else value for value in table[name].tolist()] for name in self._schema.names
+        }
+        self._writer.write_table(self._arrow.table(columns, schema=self._schema))
+
+    def close(self) -> None:
+        self._writer.close()

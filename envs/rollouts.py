@@ -1,0 +1,226 @@
+"""outlast.rollout: a whole rollout in one call, of which the command `outlast rollout` is a form."""
+
+import contextlib
+import os
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .adapters.opponents import Other, Others, checked_others
+from .core.make import make_vec
+from .core.validation import check_count
+from .core.vector_env import SurvivalVectorEnv
+from .errors import UsageError
+from .recording import record as record_env
+from .rollout import local
+from .rollout.against import Against
+from .rollout.episode_file import episode_file
+from .rollout.event_file import event_file
+from .rollout.loading import load_policies, loaded, maker
+from .rollout.mixture import Entries, Mixture, checked_entries
+from .rollout.policies import Policy
+from .rollout.summary import Summary
+from .scenarios.naming import resolve
+from .scenarios.scenario import Number, Scenario
+
+Array = np.ndarray[Any, Any]
+File = str | os.PathLike[str]
+Progress = Callable[[Summary], None]
+Watch = Callable[[Array], None]
+Play = Callable[[int, int, Progress], Summary]  # of steps, episodes and `progress` of rollout
+WORLDS = 1024  # if nothing else is asked for
+
+
+def rollout(
+    game: str | Scenario | SurvivalVectorEnv,
+    policy: Other = "random",
+    steps: int = 0,
+    progress: Progress = lambda summary: None,
+    *,
+    worlds: int | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    others: Others | None = None,
+    record: File | None = None,
+    events: File | None = None,
+    csv: File | None = None,
+    interpret: Collection[str] = (),
+    watch: Watch | None = None,
+    **numbers: Number,
+) -> Summary:
+    """Play whole episodes, of every world as many, and sum them up.
+
+    >>> print(outlast.rollout("ffa_2", "scripted", worlds=256, melee_damage=20))
+    >>> print(outlast.rollout("mygame.py:arena", "runs/arena-fast-0/steps_0010000000.zip", others="scripted"))
+
+    Worlds that are done go on until all are; what they play then is not counted. Saved policies play on one thread of
+    PyTorch, as their networks are too small for more; the number of threads of the process is put back after each
+    call of theirs.
+
+    Args:
+        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
+            environment of make_vec: all of its worlds are reset, and it stays open; it decides `worlds`, `seed`,
+            `threads`, `interpret` and numbers, which are refused then.
+        policy: "random", "noop", "scripted", the path of a saved policy (FILE.zip), or a function from the observations
+            to the actions of all worlds. If that has a method `reset`, it gets the worlds in which an episode begins,
+            bool (worlds,), before it acts there.
+        steps: Take so many steps of every world instead, and count the episodes that end in them: their means lean
+            towards short episodes, as long ones are more likely to be cut off.
+        progress: Called after every step with the summary so far, the one that is returned.
+        worlds: How many; without it, 1024.
+        episodes: How many of each world; without it, 1.
+        seed: Keys worlds and policies; the same seed gives the same episodes. Without it, 0.
+        threads: Threads that share the worlds; without it, 1.
+        others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
+            several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}. One is drawn for each world and
+            episode; `outcomes` of the summary says how often it lost.
+        record: Record everything in this new file, see outlast.record.
+        events: Write what happened into this new file, NAME.csv or NAME.parquet.
+        csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
+        interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
+        watch: Called after the reset and after every step with the worlds that count, bool (worlds,).
+        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+
+    Returns:
+        Means and standard errors of all statistics; `str` of it is a table.
+
+    Raises:
+        ScenarioError: No such scenario.
+        NumberError: No such number, or one that is out of its range.
+        ValueError: A count that is out of its range.
+        UsageError: A policy that does not exist or cannot play there, options that exclude each other, or a file that
+            cannot be written.
+        RecordingError: The recording cannot be written. What `progress` got last is the summary until then.
+        EndlessError: A world without a limit was in one episode for 100,000 steps. Not with `steps`.
+        KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes have what
+            was until then.
+    """
+    _check_counts(steps=(steps, 0), worlds=(worlds, 1), episodes=(episodes, 1), threads=(threads, 1), seed=(seed, 0))
+    if steps and episodes is not None:
+        raise UsageError("rollout: steps and episodes exclude each other; give one of them")
+    stopped = None
+    with contextlib.ExitStack() as stack:
+        if isinstance(game, SurvivalVectorEnv):
+            _check_decided(worlds=worlds, seed=seed, threads=threads, interpret=interpret or None, **numbers)
+            made = game, *players_in(game, policy, others)
+        else:
+            settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
+            made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
+            stack.enter_context(contextlib.closing(made[0]))
+        play = stack.enter_context(prepared(*made, record=record, events=events, csv=csv, watch=watch))
+        try:
+            return play(steps, episodes or 1, progress)
+        except KeyboardInterrupt as stop:
+            stopped = stop  # raised when the files are closed, which are whole then
+    raise stopped
+
+
+OPTIONS = tuple(rollout.__kwdefaults__ or ())  # its keywords
+
+
+def worlds_of(
+    asked: Scenario, policy: Other, others: Others | None, worlds: int, **settings: Any
+) -> tuple[SurvivalVectorEnv, Policy, Against | None]:
+    """New worlds in which all of the policies can play, and what `players_in` returns. settings: of make_vec."""
+    entries = _entries(policy, others)
+    names = [each for each, _ in entries]
+    fitting, players = load_policies(names, asked, settings["seed"])
+    foreign = any(map(callable, names))  # nobody knows what these do with observations, nor what they return
+    env = make_vec(fitting, worlds, copy=foreign, check_actions=foreign, **settings)
+    try:
+        return env, *_playing(env, players, entries, settings["seed"])
+    except BaseException:
+        env.close()
+        raise
+
+
+def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> tuple[Policy, Against | None]:
+    """Who acts for all agents of these worlds; and the same, if there are others, as it counts who wins."""
+    entries = _entries(policy, others)
+    return _playing(env, loaded([each for each, _ in entries], 0), entries, 0)
+
+
+def _entries(policy: Other, others: Others | None) -> Entries:
+    """The policy, and the others, with weights. Raises UsageError."""
+    return [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
+
+
+def _playing(
+    env: SurvivalVectorEnv, players: Sequence[str | Policy], entries: Entries, seed: int
+) -> tuple[Policy, Against | None]:
+    for player in players:
+        if callable(check := getattr(player, "check", None)):
+            check(env)
+    policy = maker(players[0])(env, seed)
+    if len(players) == 1:
+        return policy, None
+    weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
+    mixture = Mixture(weighted, env, range(env.num_agents), _titles([each for each, _ in entries[1:]]))
+    against = Against(env, policy, mixture)
+    return against, against
+
+
+@contextlib.contextmanager
+def prepared(
+    env: SurvivalVectorEnv,
+    policy: Policy,
+    against: Against | None,
+    *,
+    record: File | None,
+    events: File | None,
+    csv: File | None,
+    watch: Watch | None = None,
+) -> Iterator[Play]:
+    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile."""
+    watchers = [each for each in (watch, against and against.watch) if each]
+    with contextlib.ExitStack() as stack:
+        if record is not None:
+            stack.enter_context(record_env(env, record))
+        if events is not None:
+            table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
+            watchers.append(lambda where: table.add(env.events(), where))
+        ended = None if csv is None else stack.enter_context(episode_file(os.fspath(csv), env))
+
+        def play(steps: int, episodes: int, progress: Progress) -> Summary:
+            def progressed(summary: Summary) -> None:
+                summary.outcomes = against.outcomes if against else {}
+                progress(summary)
+
+            look = _all_of(watchers) if watchers else None
+            return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=ended)
+
+        yield play
+
+
+def _titles(policies: Sequence[str | Policy]) -> list[str]:
+    """A name for each, no two the same."""
+    titles: list[str] = []
+    for each in policies:
+        title = each if isinstance(each, str) else getattr(each, "__name__", type(each).__name__)
+        titles.append(title if title not in titles else f"{title} {len(titles) + 1}")
+    return titles
+
+
+def _all_of(watchers: Sequence[Watch]) -> Watch:
+    def watch(where: Array) -> None:
+        for each in watchers:
+            each(where)
+
+    return watch
+
+
+def _check_counts(**counts: tuple[Any, int]) -> None:
+    """ValueError for what is neither None nor an integer of at least so many."""
+    for name, (value, least) in counts.items():
+        if value is not None:
+            check_count(name, value, least)
+
+
+def _check_decided(**given: Any) -> None:
+    """UsageError for options that an environment has decided."""
+    if decided := [name for name, value in given.items() if value is not None]:
+        raise UsageError(
+            f"rollout: {', '.join(decided)}: the environment has that already; leave it out, or give a scenario"
+        )

@@ -1,0 +1,62 @@
+"""Mechanics as files name them: full names of classes, and numbers. Nothing that a file names is imported."""
+
+import dataclasses
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from outlast import systems
+from outlast.ecs import Module
+from outlast.ecs.identity import full_name
+
+from ..errors import ScenarioError
+from .renamed import CLASSES, NUMBERS, current
+
+KNOWN: dict[str, type[Module]] = {
+    full_name(kind): kind for kind in (getattr(systems, name) for name in systems.__all__)
+}
+
+
+def current_class(name: str) -> str:
+    """The full name of today for one of any version."""
+    return CLASSES.get(name, name)
+
+
+def foreign(names: Iterable[str]) -> list[str]:
+    """Those of these full names of classes that are not outlast's own mechanics."""
+    return [name for name in map(current_class, names) if name not in KNOWN]
+
+
+def imported() -> dict[str, type[Module]]:
+    """All mechanics that this process has, by full name: outlast's own, and those of the user's that are imported."""
+    return {full_name(kind): kind for kind in Module.imported()[1:] if kind.__module__ in sys.modules} | KNOWN
+
+
+def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: bool = True) -> tuple[Module, ...]:
+    """Mechanics of these classes, which this process has, with these numbers.
+
+    Args:
+        names: The full names of the classes.
+        numbers: By full name, as in `Scenario.numbers`.
+        strict: Whether all numbers must be there, and no others; else missing ones get their defaults, and unknown
+            ones, as of other versions of outlast, are left out.
+
+    Raises:
+        ScenarioError: A class was not imported, or a number is missing or unknown.
+        NumberError: A number cannot be.
+    """
+    left, made, known = current(dict(numbers), NUMBERS), [], imported()
+    for name in map(current_class, names):
+        if name not in known:
+            raise ScenarioError(
+                f"the mechanic {name} is not one of outlast's own, and what a file names is not imported: import it "
+                "first, or name what has it, as in --scenario FILE.py:NAME, --import FILE.py or scenario=..."
+            )
+        kind = known[name]
+        own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}
+        if strict and (missing := [full for full in own.values() if full not in left]):
+            raise ScenarioError(f"the number {missing[0]} is missing; was it made by another version of outlast?")
+        made.append(kind(**{item: left.pop(full) for item, full in own.items() if full in left}))
+    if strict and left:
+        raise ScenarioError(f"there is no number {next(iter(left))}; was it made by another version of outlast?")
+    return tuple(made)

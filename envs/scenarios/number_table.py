@@ -1,0 +1,72 @@
+"""What there is to know of a number: value, default, range, unit and meaning; for the command and the docs."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+from outlast.ecs import Module
+
+
+class NumberRow(NamedTuple):
+    """A number of a mechanic, in words.
+
+    Attributes:
+        name: As `Scenario.replace` takes it.
+        value: In the scenario.
+        default: Of the mechanic.
+        allowed: Its range, or its choices.
+        unit: In words; "" if it has none, or none is declared.
+        about: What it is; "" if its declaration does not say.
+    """
+
+    name: str
+    value: str
+    default: str
+    allowed: str
+    unit: str
+    about: str
+
+
+def number_rows(module: Module) -> list[NumberRow]:
+    """The numbers of a mechanic, in the order of their declaration."""
+    return [
+        NumberRow(
+            f"{module.name}_{item.name}",
+            in_words(getattr(module, item.name)),
+            in_words(item.default),
+            allowed(item.default, item.metadata),
+            item.metadata["unit"],
+            item.metadata["about"],
+        )
+        for item in fields(module)
+    ]
+
+
+def in_words(value: Any) -> str:
+    """A number as it can be typed, rounded to six digits."""
+    if isinstance(value, tuple):
+        return ",".join(map(in_words, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def allowed(default: Any, rule: Mapping[str, Any]) -> str:
+    """Which values a number may have: "0 to 100000", "above 0", "masked, revealed"."""
+    if rule["choices"]:
+        return ", ".join(rule["choices"])
+    if isinstance(default, bool):
+        return "true, false"
+    low, above, high = (f"{rule[key]:.10g}" if math.isfinite(rule[key]) else "" for key in ("low", "above", "high"))
+    if above:
+        text = f"above {above}" + (f", up to {high}" if high else "")
+    else:
+        text = f"{low} to {high}" if low and high else f"at least {low}" if low else f"up to {high}" if high else ""
+    return f"each {text}" if isinstance(default, tuple) and text else text
+
+
+def as_columns(rows: Iterable[NumberRow]) -> str:
+    """A table in text, with the names of the columns above."""
+    lines = [tuple(name.replace("about", "meaning") for name in NumberRow._fields), *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(NumberRow._fields))]
+    padded = ((cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines)
+    return "\n".join("  ".join(cells).rstrip() for cells in padded)

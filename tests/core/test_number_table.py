@@ -1,0 +1,61 @@
+"""`outlast numbers`: every number with value, range, unit and meaning; and numbers that would hang are refused."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast import systems, variant
+from outlast.ecs import Archetype, DeclarationError, Module, NumberError, number
+from outlast.envs.cli.main import main
+from outlast.envs.scenarios.number_table import NumberRow, number_rows
+
+
+@dataclasses.dataclass(frozen=True)
+class Crowd(Module):
+    """A mechanic of somebody's that brings many entities, or a table of many rows."""
+
+    count: int = number(1)
+    rows: int = number(1, low=1)
+    speeds: tuple[float, ...] = number((1.5, 2.0), low=0.5, unit="metres a second", about="of those who run")
+
+    def archetypes(self) -> Any:
+        return [Archetype("crowd", (), self.count)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"crowd_rows": self.rows}
+
+
+def test_the_command_prints_a_row_for_every_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["numbers", "teams_4", "--set", "melee_damage=20", "--without", "heals"]) == 0
+    out = capsys.readouterr().out
+    lines = [line.split() for line in out.splitlines()]
+    scenario = variant("teams_4").without("heals").replace(melee_damage=20)
+    assert [line[0] for line in lines] == ["name", *scenario.numbers()]
+    assert ["melee_damage", "20", "5", "0", "to", "1000000", "hit", "points", "that", "a", "strike", "takes"] in lines
+    assert out.isascii()
+    assert all(line == line.rstrip() for line in out.splitlines())
+
+
+@pytest.mark.parametrize("name", systems.__all__)
+def test_all_of_our_own_numbers_are_explained(name: str) -> None:
+    assert all(row.about for row in number_rows(getattr(systems, name)()))
+
+
+def test_rows_of_others() -> None:
+    count, rows, speeds = number_rows(Crowd(rows=3))
+    assert count == NumberRow("crowd_count", "1", "1", "", "", "")
+    assert rows == NumberRow("crowd_rows", "3", "1", "at least 1", "", "")
+    assert speeds[1:] == ("1.5,2", "1.5,2", "each at least 0.5", "metres a second", "of those who run")
+
+
+@pytest.mark.parametrize("numbers", [{"count": 2**31 - 1}, {"rows": 2**31 - 1}, {"count": 65_537}, {"rows": 65_537}])
+def test_tables_that_could_not_be_laid_out_are_refused_at_once(numbers: dict[str, int]) -> None:
+    with pytest.raises(NumberError, match=r"at most 65536 (is|are) possible"):
+        outlast.make_vec(variant("ffa_1").with_(Crowd(**numbers)), 1)
+
+
+def test_units_and_meanings_are_text() -> None:
+    with pytest.raises(DeclarationError, match=r"unit=3: a text is needed"):
+        number(1, unit=3)  # type: ignore[arg-type]

@@ -1,0 +1,185 @@
+"""Scenarios as JSON, and the options of commands that change one."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast import VARIANTS, Scenario, variant
+from outlast.ecs import EngineError
+from outlast.envs.cli import options
+from outlast.envs.cli.main import main
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.naming import mechanic, named
+from outlast.systems import DropLast
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+
+
+@pytest.fixture
+def tag(monkeypatch: pytest.MonkeyPatch) -> Scenario:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return named(f"{EXAMPLES}/tag.py:TAG")
+
+
+def asked(*words: str) -> Scenario:
+    """The scenario that a command gets from these words."""
+    parser = argparse.ArgumentParser()
+    options.add_scenario(parser)
+    return options.scenario(parser.parse_args(words))
+
+
+# ---- JSON
+
+
+def test_json_holds_all_of_a_scenario(tag: Scenario, tmp_path: Path) -> None:
+    derived = variant("teams_3").without("heals").replace(n_agents=6, ending_rule="all dead").ordered("melee", "boxes")
+    for k, scenario in enumerate((*VARIANTS.values(), variant("ffa_1+steering"), derived, tag)):
+        scenario.save(tmp_path / f"{k}.json")
+        loaded = Scenario.load(tmp_path / f"{k}.json")
+        assert loaded == scenario == Scenario.from_json(scenario.to_json()) == named(f"{tmp_path}/{k}.json")
+        assert type(loaded.modules[0]) is type(scenario.modules[0])
+    assert len(list(tmp_path.iterdir())) == len(VARIANTS) + 3
+    env = outlast.make_vec(f"{tmp_path}/0.json", 1, seed=0, melee_damage=7)
+    assert env.scenario.name == "ffa_1-melee_damage=7"
+    env.close()
+
+
+def test_nothing_that_json_names_is_imported(tag: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = tag.to_json()
+    monkeypatch.delitem(sys.modules, "tag")
+    with pytest.raises(
+        ScenarioError, match=r"tag\.Stamina is not one of outlast's own.*import it first.*--import FILE"
+    ):
+        Scenario.from_json(text)
+    assert "tag" not in sys.modules
+    with pytest.raises(ScenarioError, match=r"antigravity\.Fly is not"):
+        Scenario.from_json(text.replace("tag.Stamina", "antigravity.Fly"))
+    assert "antigravity" not in sys.modules
+
+
+def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_path: Path, capsys: Any) -> None:
+    tag.save(tmp_path / "tag.json")
+    for module in [name for name in sys.modules if name == "tag"]:
+        del sys.modules[module]
+    assert main(["schedule", f"{tmp_path}/tag.json"]) == 2
+    assert "tag.Stamina is not one of outlast's own" in capsys.readouterr().err
+    assert main(["schedule", f"{tmp_path}/tag.json", "--import", f"{EXAMPLES}/tag.py"]) == 0
+    assert "stamina.tire" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda form: [], "it does not hold a scenario: TypeError"),
+        (lambda form: form | {"version": 2}, "version 2 of the format: 1 is needed"),
+        (lambda form: {"version": 1}, "KeyError: 'name'"),
+        (lambda form: form | {"name": "a\nb"}, "its names cannot be"),
+        (lambda form: form | {"about": 3}, "its names cannot be"),
+        (lambda form: form | {"modules": 3}, "does not hold a scenario"),
+        (lambda form: form | {"modules": [[]]}, "its names cannot be"),
+        (lambda form: form | {"modules": form["modules"] * 2}, "exclude each other|missing"),
+        (lambda form: form | {"order": [["melee"]]}, "is no order"),
+        (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
+        (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),
+        (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": -1}}, "melee.damage = -1: must be >= 0"),
+        (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": {}}}, "melee.damage = {}: an integer"),
+    ],
+)
+def test_json_that_cannot_be(change: Callable[[Any], Any], message: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(change(json.loads(variant("ffa_1").to_json()))))
+    with pytest.raises((ScenarioError, EngineError), match=message) as caught:
+        Scenario.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_files_that_hold_no_json(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_bytes(b"\xff\xfe")
+    (tmp_path / "b.json").write_text("{")
+    for name, message in (("a", "is no text"), ("b", "JSONDecodeError"), ("c", "cannot be read: No such file")):
+        with pytest.raises(ScenarioError, match=message):
+            named(f"{tmp_path}/{name}.json")
+
+
+# ---- options of commands
+
+
+@pytest.mark.parametrize(
+    ("words", "number", "value"),
+    [
+        ("--set safe_zone_radii=5,3,1", "safe_zone_radii", (5.0, 3.0, 1.0)),
+        ("--set safe_zone_radii=(5,3,1)", "safe_zone_radii", (5.0, 3.0, 1.0)),
+        ("--set safe_zone_radii=[5]", "safe_zone_radii", (5.0,)),
+        ("--set safe_zone_radii=5,", "safe_zone_radii", (5.0,)),
+        ("--set ending_limit=1e3", "ending_limit", 1000),
+        ("--set rewards_kill=-1", "rewards_kill", -1.0),
+        ("--set ending_rule=all dead", "ending_rule", "all dead"),
+        ("--set ending_rule='all dead'", "ending_rule", "all dead"),
+        ("--set room_walls=False", "room_walls", False),
+        ("--set room_walls=true", "room_walls", True),
+        ("--set n_agents=3", "agents_count", 3),
+        ("--set room_size=50", "safe_zone_radii", (25.0, 20.0, 15.0, 10.0, 8.0, 4.0, 2.0)),
+    ],
+)
+def test_every_kind_of_number_can_be_set(words: str, number: str, value: Any) -> None:
+    option, _, text = words.partition(" ")
+    found = asked("ffa_2", option, text).numbers()[number]
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_mechanics_can_be_left_out_and_added(tag: Scenario) -> None:
+    words = ["--without", "safe_zone", "--without", "heals", "--with", "DropLast(offset=2.0)", "--set", "n_boxes=4"]
+    scenario = asked("ffa_3", *words, "--with", f"{EXAMPLES}/tag.py:Stamina(most=50)")
+    plain = variant("ffa_3").without("safe_zone", "heals").replace(n_boxes=4)
+    assert scenario.modules == (*plain.modules, DropLast(offset=2.0), type(tag["stamina"])(most=50))  # type: ignore[call-arg]
+    assert mechanic("Stamina") == type(tag["stamina"])()
+    assert asked("ffa_3", "--with", "Teams").name == "ffa_3-with_teams"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--set n_heals=0", "for none, leave it out: --without heals"),
+        ("--set room_walls=3", "room.walls = '3': True or False is needed"),
+        ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
+        ("--set melee_damage=inf", "an integer below"),
+        ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
+        ("--set ending_rule=never", "allowed are 'all dead', 'last alive'"),
+        ("--without zon", "ffa_2 has no module 'zon'"),
+        ("--with Drop", "there is no mechanic Drop; did you mean DropLast"),
+        ("--with DropLast(offset=__import__('os').getpid())", "numbers are given as in"),
+        ("--with DropLast(2.0)", "numbers are given as in"),
+        ("--with DropLast(**{})", "there is no number None"),
+        ("--with DropLast(offset=2.0", "a mechanic is needed"),
+        ("--with DropLast(offse=2.0)", "there is no number offse; it has: offset"),
+        ("--with DropLast(offset=-2.0)", "drop_last.offset = -2.0: must be >= 0"),
+        ("--with json:loads", "json:loads is function"),
+        ("--import nowhere.py", "there is no file nowhere.py"),
+        ("--save-scenario a.txt", r"ends in \.json"),
+        ("--save-scenario /nowhere/a.json", "/nowhere/a.json cannot be written: No such file"),
+    ],
+)
+def test_options_that_cannot_be(words: str, message: str) -> None:
+    option, _, text = words.partition(" ")
+    with pytest.raises((ScenarioError, EngineError), match=message):
+        asked("ffa_2", option, text)
+
+
+def test_a_scenario_is_saved_by_any_command(tmp_path: Path, capsys: Any) -> None:
+    path = tmp_path / "mine.json"
+    words = ["schedule", "ffa_1", "--set", "melee_damage=7", "--without", "heals", "--save-scenario", str(path)]
+    for _ in range(2):
+        assert main(words) == 0
+    assert Scenario.load(path) == variant("ffa_1").without("heals").replace(melee_damage=7)
+    assert main(["schedule", "ffa_2", "--save-scenario", str(path)]) == 2
+    assert "exists, and holds something else" in capsys.readouterr().err
+    assert Scenario.load(path).name == "ffa_1-without_heals-melee_damage=7"
+    assert main(["schedule", str(path)]) == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.json"]

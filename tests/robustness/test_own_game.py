@@ -1,0 +1,184 @@
+"""A game in a folder of its own: whatever works with the paper's variants works with it, by command and from Python."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).resolve().parents[2]
+SWAMP = '''"""A swamp."""
+
+from dataclasses import dataclass
+
+from outlast.components import Phase, Push
+from outlast.ecs import Module, Rows, Write, number
+
+
+@dataclass(frozen=True)
+class Swamp(Module):
+    """Slows everybody down."""
+
+    drag: float = number(0.5, low=0, high=1, about="share of a push that is lost")
+
+
+@Swamp.system(Phase.DRIVE, after="motors")
+def wade(push: Write[Push], agents: Rows[Push], drag: float) -> None:
+    """Lose a share of the push."""
+    for k in range(agents.size):
+        push.x[agents[k]] *= 1 - drag
+        push.y[agents[k]] *= 1 - drag
+'''
+GAME = '''"""A duel in a swamp."""
+
+import outlast
+from swamp import Swamp
+
+arena = outlast.Scenario(
+    "bog", (*outlast.variant("ffa_1").replace(ending_limit=20, n_heals=2).modules, Swamp()), "a duel in a swamp"
+)
+'''
+PROJECT = """[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "bog-games"
+version = "1.0"
+
+[project.entry-points."outlast.scenarios"]
+bog_duel = "bog_game:arena"
+lost = "bog_game:lost"
+ffa_2 = "bog_game:arena"
+
+[tool.setuptools]
+py-modules = ["bog_game", "swamp"]
+"""
+FACES = """
+import gymnasium, numpy, outlast
+from gymnasium.vector import AsyncVectorEnv
+NAME = {name!r}
+
+def one():
+    return gymnasium.make("outlast:outlast/Teams-v1", scenario=NAME)
+
+if __name__ == "__main__":
+    for make in (outlast.make_vec, outlast.make_agents, outlast.make_sb3):
+        env = make(NAME, 2, seed=0, swamp_drag=0.25)
+        env.reset()
+        env.close()
+    env = outlast.parallel_env(NAME, swamp_drag=0.25)
+    env.reset(seed=0)
+    env.close()
+    env = AsyncVectorEnv([one, one], context="spawn")
+    env.reset(seed=0)
+    env.close()
+    env = outlast.make_vec(NAME, 2, seed=0)
+    env.reset()
+    state = env.get_state()
+    env.set_state(state)
+    print(env.scenario.name, outlast.rollout(env, outlast.random_policy(env, 0), episodes=1).episodes)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("games")
+    (folder / "bog_game.py").write_text(GAME)
+    (folder / "swamp.py").write_text(SWAMP)
+    return folder
+
+
+def run(folder: Path, *words: str, path: Sequence[Path] = (), status: int = 0) -> str:
+    """What a Python process prints in that folder, which no other one has imported anything in."""
+    places = [*map(str, path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(places), "PYTHONSAFEPATH": "1"}
+    done = subprocess.run([sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, timeout=200)
+    assert done.returncode == status, done.stderr
+    return done.stdout + done.stderr
+
+
+def outlast(folder: Path, *words: str, path: Sequence[Path] = (), status: int = 0) -> str:
+    return run(folder, "-m", "outlast", *words, path=path, status=status)
+
+
+def test_every_command_takes_it(folder: Path) -> None:
+    """In the order in which somebody would: look, play, record, replay, train, compare."""
+    name, quiet = "bog_game.py:arena", "--quiet"
+    assert "swamp.wade" in outlast(folder, "schedule", name)
+    assert "share of a push that is lost" in outlast(folder, "numbers", name)
+    recording = ("--worlds", "2", "--record", "a.rec", quiet)
+    assert "bog-swamp_drag=0.1: random policy" in outlast(
+        folder, "rollout", name, "--set", "swamp_drag=0.1", *recording
+    )
+    outlast(folder, "frames", "bog_game.py", "--steps", "2", "--out", "pictures", quiet)
+    assert len(list((folder / "pictures").glob("*.png"))) == 3
+    assert "--scenario FILE.py:NAME" in outlast(folder, "replay", "a.rec", status=2)
+    made = ("--html", "page.html", "--data", "samples", "--out", "film.webm", "--events", "events.csv")
+    outlast(folder, "replay", "a.rec", "--scenario", name, *made, quiet)
+    assert all((folder / each).exists() for each in made[1::2])
+    words = ("--steps", "64", "--worlds", "4", "--rollout", "64", "--every", "1", "--film", quiet)
+    outlast(folder, "train", name, *words, "--seed", "0", "1")
+    run_folder = folder / "runs" / "bog-fast-1"
+    assert list(run_folder.glob("*.webm"))
+    checkpoint = max(run_folder.glob("*.zip"))
+    words = ("--episodes", "4", "--worlds", "2", "--out", "tables", "--film", quiet)
+    assert "bog, seed 0" in outlast(folder, "evaluate", name, "random", str(checkpoint), *words)
+    assert "bog: " in outlast(folder, "rollout", name, "--policy", str(checkpoint), "--worlds", "2", quiet)
+
+
+def test_it_is_saved_and_named_beside_its_mechanics(folder: Path) -> None:
+    words = ("--set", "swamp_drag=0.9", "--without", "heals", "--save-scenario", "mine.json")
+    outlast(folder, "schedule", "bog_game.py:arena", *words)
+    assert json.loads((folder / "mine.json").read_text())["name"] == "bog-without_heals-swamp_drag=0.9"
+    assert "swamp.Swamp is not one of outlast's own" in outlast(folder, "schedule", "mine.json", status=2)
+    assert "heals.heal" not in outlast(folder, "schedule", "mine.json", "--import", "swamp.py")
+    assert "swamp.wade" in outlast(folder, "schedule", "ffa_1", "--with", "swamp.py:Swamp(drag=0.3)")
+
+
+def test_it_is_played_in_a_browser(folder: Path) -> None:
+    words = [sys.executable, "-m", "outlast", "play", "bog_game.py:arena", "--no-browser"]
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        assert server.stdout.readline().startswith("bog: you are agent 0 at http://127.0.0.1:")
+        server.send_signal(signal.SIGINT)
+        assert server.wait(60) == 0
+
+
+def test_benchmarks_take_it(folder: Path) -> None:
+    out = run(folder, "-m", "perf.profile", "bog_game.py:arena", "--worlds", "2", "--steps", "2", path=[ROOT])
+    assert "swamp.wade" in out
+
+
+def test_python_takes_it(folder: Path) -> None:
+    (folder / "faces.py").write_text(FACES.format(name="bog_game.py:arena"))
+    assert run(folder, "faces.py").endswith("bog 2\n")
+
+
+def test_a_package_offers_it(folder: Path, tmp_path: Path) -> None:
+    """Installed where nothing else is: listed, in every command, and in the registries."""
+    project, target = tmp_path / "project", tmp_path / "site"
+    project.mkdir()
+    (project / "pyproject.toml").write_text(PROJECT)
+    for file in ("bog_game.py", "swamp.py"):
+        (project / file).write_text((folder / file).read_text())
+    install = ("-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index")
+    run(tmp_path, *install, "--target", str(target), str(project))
+    out = outlast(tmp_path, "variants", path=[target])
+    assert "\nbog_duel  bog-games      a duel in a swamp\n" in out
+    assert "the scenario 'lost' of the package bog-games: bog_game has no 'lost'" in out
+    assert "the scenario 'ffa_2' of the package bog-games is left out: that is the name of a variant" in out
+    assert "swamp.wade" in outlast(tmp_path, "schedule", "bog_duel+steering", path=[target])
+    script = (
+        "import gymnasium, outlast, pettingzoo\n"
+        "env = gymnasium.make('outlast/bog_duel-v1')\n"
+        "print(env.reset(seed=0)[0].keys())\n"
+        "print(outlast.make_vec('bog_duel', 1).scenario)\n"
+        "if hasattr(pettingzoo, 'make'): print(pettingzoo.make('parallel', 'outlast/bog_duel-v1'))\n"
+    )
+    assert "Scenario('bog', 19 mechanics)" in run(tmp_path, "-c", script, path=[target])

@@ -1,0 +1,251 @@
+"""outlast plot: one's own runs in one figure, groups named by what differs, ends with intervals."""
+
+import csv
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import variant
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.training.averages import average, interval
+from outlast.training.curves import Curves
+from outlast.training.errors import TrainingError
+from outlast.training.plots.groups import Group, group_runs
+from outlast.training.plots.panels import chosen, drawn, hours
+from outlast.training.plots.runs import load
+
+matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
+
+from outlast.envs.cli.main import main  # noqa: E402
+from outlast.training.image import STYLE  # noqa: E402
+from outlast.training.plots import figure  # noqa: E402
+from outlast.training.plots.plot import compare, plot  # noqa: E402
+
+KEPT = Path(__file__).resolve().parents[2] / "docs/results"
+
+
+def run(
+    place: Path, name: str = "ffa_2", height: float = 1.0, points: int = 20, numbers: Any = None, **plan: Any
+) -> Path:
+    """The folder of a run whose curves rise to a height."""
+    place.mkdir(parents=True)
+    given = {
+        "preset": "fast",
+        "seed": 0,
+        "worlds": 256,
+        "rollout": 32768,
+        "settings": {},
+        "steps": 1000 * points,
+    } | plan
+    scenario = fingerprint(variant(name).replace(**numbers or {}))
+    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
+    rows = [("tag", "step", "value")]
+    for k in range(1, points + 1):
+        values = {"steps": height * k, "reward0": height * k, "reward1": 3 * height * k, "kills0": 1, "kills1": 2}
+        rows += [(f"rollout/{tag}", 1000 * k, value) for tag, value in values.items()]
+        rows += [("time/fps", 1000 * k, 500), ("wins/scripted", 1000 * k, k / points), ("train/loss", 1000 * k, "nan")]
+    (place / "log.csv").write_text("".join(f"{tag},{step},{value}\n" for tag, step, value in rows))
+    return place
+
+
+def labels(*places: Path, by: tuple[str, ...] = ()) -> list[str]:
+    return [group.label for group in group_runs(load(places), by)]
+
+
+def groups(*places: Path) -> list[Group]:
+    return group_runs(load(places))
+
+
+# ---- groups
+
+
+def test_settings_that_differ_name_the_groups(tmp_path: Path) -> None:
+    for seed in (0, 1):
+        run(tmp_path / f"a{seed}", numbers={"melee_damage": 5}, seed=seed)
+        run(tmp_path / f"b{seed}", numbers={"melee_damage": 20}, seed=seed)
+    assert labels(tmp_path) == ["melee_damage=5", "melee_damage=20"]  # by size
+    assert [len(group.runs) for group in groups(tmp_path)] == [2, 2]
+    assert labels(tmp_path, by=("seed",)) == ["seed=0", "seed=1"]
+    assert group_runs(load([tmp_path]), ("seed",))[0].mixed == ("melee_damage",)
+    run(tmp_path / "c", numbers={"melee_damage": 20}, seed=0, opponents="self:0.5,past:0.5")
+    assert labels(tmp_path)[-1] == "melee_damage=20, opponents=self:1"
+    assert labels(tmp_path, by=("opponents",)) == ["opponents=self:0.5,past:0.5", "opponents=self:1"]
+
+
+def test_variants_and_presets_are_named_by_their_names(tmp_path: Path) -> None:
+    run(tmp_path / "a", "ffa_2"), run(tmp_path / "b", "teams_3"), run(tmp_path / "c", "ffa_2", preset="original")
+    assert labels(tmp_path) == ["ffa_2, fast", "ffa_2, original", "teams_3, fast"]
+    assert labels(tmp_path / "a") == ["ffa_2"]
+
+
+def test_what_earlier_versions_did_not_write_is_as_usual(tmp_path: Path) -> None:
+    assert labels(run(tmp_path / "a"), run(tmp_path / "b", seed=1, opponents="self:1", memory=0)) == ["ffa_2"]
+
+
+def test_scenarios_of_ones_own_are_compared(tmp_path: Path) -> None:
+    """Nothing is imported, and nothing about them needs to be known."""
+    for name, speed in (("slow", 1.0), ("quick", 2.5)):
+        place = run(tmp_path / name)
+        header = json.loads((place / "run.json").read_text())
+        header["scenario"] |= {"name": "mud", "code": {"mud": ["mud.Mud", "3.11", "abc"]}}
+        header["scenario"]["numbers"]["mud_speed"] = speed
+        (place / "run.json").write_text(json.dumps(header))
+    assert labels(tmp_path) == ["mud_speed=1", "mud_speed=2.5"]
+
+
+def test_a_setting_that_no_run_has_is_refused_with_a_hint(tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="did you mean melee_damage"):
+        labels(run(tmp_path / "a"), by=("mele_damage",))
+    run(tmp_path / "b")
+    with pytest.raises(TrainingError, match="are the same run, or both of seed 0: give one"):
+        labels(tmp_path)
+
+
+# ---- curves and ends
+
+
+def test_what_has_several_sides_is_their_mean_and_kills_their_sum(tmp_path: Path) -> None:
+    runs = load([run(tmp_path / "a", height=2.0)])
+    panels = chosen(runs, ())
+    assert [panel.title for panel in panels] == [
+        *("return, mean over sides", "length", "kills, sum over sides", "wins/scripted")
+    ]
+    curves = drawn(runs[0], panels)
+    np.testing.assert_allclose(curves.values["return"], 4.0 * np.arange(1, 21))
+    np.testing.assert_allclose(curves.values["kills"], 3.0)
+    assert [panel.name for panel in chosen(runs, ("rollout/kills1", "length"))] == ["rollout/kills1", "length"]
+    np.testing.assert_allclose(hours(runs[0]), np.arange(1, 21) * 1000 / 500 / 3600)
+    with pytest.raises(TrainingError, match=r"no curve 'lenght'; did you mean length\?"):
+        chosen(runs, ("lenght",))
+
+
+def test_runs_with_other_points_are_averaged_between_their_points() -> None:
+    one = Curves(np.array([0, 10, 20]), {"a": np.array([0.0, 10, 20])})
+    other = Curves(np.array([5, 15, 25]), {"a": np.array([15.0, 25, 35])})
+    found = average([one, other], "a")
+    assert found.steps.tolist() == [0, 5, 10, 15, 20, 25]
+    assert found.mean.tolist() == [0, 10, 15, 20, 25, 35]
+    assert (found.high - found.low).tolist() == [0, 10, 10, 10, 10, 0]
+
+
+def test_intervals_are_students() -> None:
+    """Quantiles of t from tables."""
+    assert interval([1.0, 3.0]) == pytest.approx((2 - 12.706, 2 + 12.706))
+    low, high = interval(list(map(float, range(21))))
+    assert (high - low) / 2 == pytest.approx(2.0860 * np.std(range(21), ddof=1) / 21**0.5, rel=1e-3)
+    assert np.isnan(interval([1.0])).all()
+
+
+def test_the_table_has_a_row_for_each_group_and_curve(tmp_path: Path) -> None:
+    for seed, height in ((0, 1.0), (1, 3.0)):
+        run(tmp_path / f"runs/a{seed}", height=height, seed=seed)
+    run(tmp_path / "runs/b", numbers={"melee_damage": 20})
+    found = plot(tmp_path / "runs", tmp_path / "out", curves=("length", "kills"))
+    assert [path.name for path in found.files] == ["curves.png", "ends.md", "ends.csv"]
+    assert all(path.exists() for path in found.files)
+    with (tmp_path / "out/ends.csv").open() as file:
+        rows = {(row["melee_damage"], row["curve"]): row for row in csv.DictReader(file)}
+    length = rows["5", "length"]  # of each run, the mean of the last two of twenty points
+    assert [float(length[key]) for key in ("mean", "lowest", "highest")] == [39, 19.5, 58.5]
+    assert float(length["low 95 %"]) == pytest.approx(39 - 12.706 * 19.5, abs=0.01)
+    assert (length["runs"], length["seeds"], rows["20", "kills"]["low 95 %"]) == ("2", "0 1", "")
+    assert "| 5 | 0, 1 | 20,000 | 39.0 [" in str(found)
+    assert "| 20 | 0 | 20,000 | 19.5 | 3.00 |" in str(found)
+
+
+# ---- figures
+
+
+def drawn_axes(*places: Path, **options: Any) -> tuple[Any, Any]:
+    with matplotlib.rc_context(STYLE):
+        made = figure.draw(compare(places, **options))
+    return made, [axes for axes in made.axes if axes.get_visible() and axes.lines]
+
+
+def test_the_axis_fits_the_data_and_the_legend_names_the_groups(tmp_path: Path) -> None:
+    run(tmp_path / "a"), run(tmp_path / "b", numbers={"melee_damage": 20}, points=10)
+    made, axes = drawn_axes(tmp_path)
+    assert {each.get_xlim() for each in axes} == {(0, 20)}
+    assert axes[-1].get_xlabel() == "thousand agent-steps"
+    (legend,) = made.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["melee_damage=5", "melee_damage=20"]
+    assert any("Groups differ in steps, too" in text.get_text() for text in made.texts)
+    made, axes = drawn_axes(tmp_path, x="time")
+    assert axes[-1].get_xlabel() == "seconds of training"
+    assert axes[0].get_xlim() == pytest.approx((0, 40))
+
+
+def test_nothing_of_a_figure_is_cut_off_or_overlaps(tmp_path: Path) -> None:
+    """Texts are inside of the picture, and the legend is above the panels, with many groups of long names, too."""
+    for k in range(11):
+        run(tmp_path / str(k), numbers={"melee_damage": k + 1, "safe_zone_damage": k + 1}, opponents=f"self:0.{k + 1}")
+    made, axes = drawn_axes(tmp_path, by=("melee_damage", "opponents", "preset"))
+    made.canvas.draw()
+    width, height = made.canvas.get_width_height()
+    (legend,) = made.legends
+    boxes = [text.get_window_extent() for text in (*made.texts, *legend.get_texts())]
+    assert all(box.x0 >= 0 and box.x1 <= width and box.y0 >= 0 and box.y1 <= height for box in boxes)
+    assert legend.get_window_extent().y0 >= max(each.title.get_window_extent().y1 for each in axes)
+    assert len({figure.look(k) for k in range(28)}) == 28
+
+
+def test_a_curve_that_only_some_runs_have_is_drawn_for_those(tmp_path: Path) -> None:
+    run(tmp_path / "a"), run(tmp_path / "b", numbers={"melee_damage": 20})
+    log = tmp_path / "b/log.csv"
+    log.write_text("".join(line for line in log.read_text().splitlines(True) if not line.startswith("wins/")))
+    _, axes = drawn_axes(tmp_path, curves=("length", "wins/scripted"))
+    assert [len({line.get_color() for line in each.lines}) for each in axes] == [2, 1]
+    assert "|  |" in str(compare([tmp_path], curves=("length", "wins/scripted")))
+
+
+def test_the_same_runs_make_the_same_file(tmp_path: Path) -> None:
+    for form in ("png", "svg"):
+        files = [plot(KEPT, tmp_path / str(k), form=form).files[0].read_bytes() for k in range(2)]
+        assert files[0] == files[1]
+
+
+# ---- what cannot be drawn
+
+
+def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """F22: one of them made the whole command fail."""
+    run(tmp_path / "a"), run(tmp_path / "b", seed=1), run(tmp_path / "c", seed=2)
+    (tmp_path / "b/log.csv").write_text("tag,step,value\ntrain/loss,10,1\n")
+    (tmp_path / "c/log.csv").unlink()
+    with caplog.at_level(logging.WARNING, "outlast"):
+        assert [each.origin.name for each in load([tmp_path])] == ["a"]
+    assert len(caplog.messages) == 2
+    assert (
+        f"left out: {tmp_path / 'b/log.csv'} has no rollout/steps: no episode has ended in it yet" in caplog.messages[0]
+    )
+    with pytest.raises(TrainingError, match=r"there is nothing to draw: .*no episode has ended"):
+        load([tmp_path / "b"])
+
+
+def test_unfinished_runs_are_drawn_and_said(tmp_path: Path) -> None:
+    run(tmp_path / "a"), run(tmp_path / "b", seed=1, points=5, steps=20_000)
+    found = compare([tmp_path])
+    (group,) = found.groups
+    assert [each.seed for each in group.ended] == [0]
+    assert "Unfinished: b (5,000 agent-steps)" in str(found)
+
+
+def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(tmp_path / "a")
+    for words, reason in (
+        ((str(KEPT), "--x", "time"), "does not say how long it took"),
+        (("--keep", "x"), "add --paper"),
+        (("--paper", "--by", "preset"), "leave out --by, --curves and --x"),
+        (("--by", "nothing"), "no such setting"),
+        (("--curves", "nothing"), "no curve 'nothing'"),
+    ):
+        assert main(["plot", str(tmp_path / "a"), *words, "--out", str(tmp_path / "out")]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert reason in line
+    assert not (tmp_path / "out").exists()
+    assert main(["plot", str(KEPT), "--out", str(tmp_path / "out")]) == 0
+    assert "| ffa_2 | 0, 1 | 10,027,008 |" in capsys.readouterr().out

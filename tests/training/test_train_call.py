@@ -1,0 +1,115 @@
+"""outlast.train: a run in one call; and what a run comprises is said before it begins."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.ecs import NumberError
+from outlast.envs.errors import UsageError
+from outlast.training.live_view import LiveView
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.workload import Workload  # noqa: E402
+from tests.training.test_run import names, outlast_train, points  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+TINY: dict[str, Any] = {"preset": "original", "worlds": 8, "rollout": 512, "threads": 1, "settings": {"n_epochs": 1}}
+WORDS = [
+    "--preset",
+    "original",
+    "--worlds",
+    "8",
+    "--rollout",
+    "512",
+    "--threads",
+    "1",
+    "--ppo",
+    "n_epochs=1",
+    "--quiet",
+]
+
+
+def test_a_run_in_one_call_is_that_of_the_command(tmp_path: Path) -> None:
+    run = outlast.train("ffa_1", tmp_path / "a", steps=1500, seed=3, **TINY, quiet=True, melee_damage=20)
+    more = ("--steps", "1500", "--seed", "3", "--set", "melee_damage=20", "--out", str(tmp_path / "b"))
+    assert outlast_train("ffa_1", *WORDS, *more) == 0
+    assert points(tmp_path / "a") == points(tmp_path / "b")
+    assert (run.folder, run.steps, run.policy.name) == (tmp_path / "a", 2048, checkpoint.NAME.format(2048))
+    assert run.logged["time/env_steps"] == 1024
+    again = outlast.train("ffa_1", tmp_path / "a", steps=2500, seed=3, **TINY, quiet=True, resume=True, melee_damage=20)
+    assert again.steps == 3072
+    assert outlast.load_policy(again.policy).header["steps"] == 3072
+
+
+def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    weights = "self:0.5,scripted:0.5"
+    one = outlast.train("ffa_1", steps=1, **TINY, quiet=True, opponents=weights, anneal="rewards_kill=10:0")
+    assert one.folder == Path("runs/ffa_1-original-0")
+    both = {"opponents": {"self": 0.5, "scripted": 0.5}, "anneal": ["rewards_kill=10:0"]}
+    other = outlast.train("ffa_1", "other", steps=1, **TINY, quiet=True, **both)
+    assert points(one.folder) == points(other.folder)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"melee_damge": 3}, "did you mean melee_damage"),
+        ({"step": 3}, "did you mean steps"),
+        ({"opponent": "past"}, "did you mean opponents"),
+        ({"gamma": 0.9}, r"gamma is a number of PPO: settings=\{'gamma': 0.9\}"),
+        ({"settings": {"gama": 0.9}}, "did you mean gamma"),
+        ({"opponents": "slef"}, "did you mean self"),
+        ({"preset": "quick"}, "there is no preset 'quick'"),
+        ({"anneal": "rewards_kill"}, "NUMBER=FROM:TO"),
+    ],
+)
+def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises((NumberError, UsageError, outlast.ScenarioError), match=words):
+        outlast.train("ffa_1", tmp_path / "run", **wrong)
+    assert not (tmp_path / "run").exists()
+
+
+def test_ctrl_c_saves_and_is_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(view: LiveView, done: int, *_: object) -> None:
+        if done:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(LiveView, "update", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        outlast.train("ffa_1", tmp_path, steps=10_000, **TINY, quiet=True)
+    assert names(tmp_path) == [checkpoint.NAME.format(1024)]
+
+
+# ---- what a run comprises
+
+
+def work(steps: int, **options: Any) -> Workload:
+    return Workload.of(TrainingConfig(outlast.variant("ffa_2"), steps=steps, **options))
+
+
+def test_whole_rollouts_are_said_before_they_are_collected() -> None:
+    """F23: --steps 100 collects 65,536, and showed 0.00/100 meanwhile."""
+    sizes = "(256 worlds x 128 steps x 2 agents)"
+    assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
+    assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
+    assert (work(100).total, work(10**7).total, work(65_537).total) == (65_536, 153 * 65_536, 131_072)
+    partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})
+    assert str(partly) == f"10,000,000 agent-steps in at least 153 rollouts of at most 65,536 {sizes}"
+    assert (partly.total, work(100, opponents={"scripted": 1.0}).total) == (10**7, 65_536)
+
+
+def test_the_first_line_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    outlast.train("ffa_1", tmp_path, steps=100, **TINY)
+    first, *_, last = capsys.readouterr().err.splitlines()
+    assert first == (
+        "ffa_1, preset original, seed 0: 100 agent-steps, rounded up to one rollout of 1,024 "
+        "(8 worlds x 64 steps x 2 agents), with an update after each"
+    )
+    assert last.startswith("1.02k of 1.02k agent-steps; ")

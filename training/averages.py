@@ -1,0 +1,94 @@
+"""Moving averages over runs, and end values with their intervals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .curves import Array, Curves
+
+END = 0.1  # of the points: the end of a run
+SMOOTH = 20  # a moving average is over one part in so many of the points
+STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, by degrees of freedom
+
+
+@dataclass(frozen=True)
+class EndValue:
+    """Mean and standard deviation of the points of the last tenth of a curve."""
+
+    mean: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class MovingAverage:
+    """The moving averages of runs: their mean, lowest and highest at each number of agent-steps, all (points,).
+
+    Where some runs have ended, those of the others.
+    """
+
+    steps: Array
+    mean: Array
+    low: Array
+    high: Array
+
+    @property
+    def peak(self) -> tuple[int, float]:
+        """Agent-steps and height of the highest point."""
+        top = int(np.nanargmax(self.mean))
+        return int(self.steps[top]), float(self.mean[top])
+
+
+def average(runs: Sequence[Curves], tag: str) -> MovingAverage:
+    """The moving average over the runs that have the tag: at least one. Between its points a run is interpolated."""
+    curves = [one for one in runs if tag in one.values]
+    steps = np.unique(np.concatenate([one.steps for one in curves]))
+    every = np.stack([_at(steps, one.steps, smooth(one.values[tag])) for one in curves])
+    there = np.isfinite(every).any(0)
+    every = every[:, there]
+    return MovingAverage(steps[there], np.nanmean(every, 0), np.nanmin(every, 0), np.nanmax(every, 0))
+
+
+def _at(steps: Array, own: Array, values: Array) -> Array:
+    """A curve at other numbers of agent-steps, NaN before its first point and after its last one."""
+    there = np.isfinite(values)
+    if not there.any():
+        return np.full(len(steps), np.nan)
+    found: Array = np.interp(steps, own[there], values[there], left=np.nan, right=np.nan)
+    return found
+
+
+def smooth(values: Array) -> Array:
+    """The moving average over the points around each. At both ends there are fewer of them; NaNs are left out."""
+    half = window_size(len(values)) // 2
+    there = np.isfinite(values)
+    sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
+    counts = np.concatenate([[0], np.cumsum(there)])
+    first = np.maximum(np.arange(len(values)) - half, 0)
+    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    with np.errstate(invalid="ignore"):
+        averages: Array = (sums[last] - sums[first]) / (counts[last] - counts[first])
+    return averages
+
+
+def window_size(points: int) -> int:
+    """The number of points of a moving average: odd."""
+    return max(1, points // SMOOTH) | 1
+
+
+def end_value(values: Array) -> EndValue:
+    """The end value of a curve with at least one number."""
+    there = values[np.isfinite(values)].astype(np.float64)
+    last = there[-max(1, round(END * len(there))) :]
+    return EndValue(float(last.mean()), float(last.std(ddof=1)) if len(last) > 1 else 0.0)
+
+
+def interval(values: Sequence[float]) -> tuple[float, float]:
+    """The 95 % confidence interval of a mean by Student's t, lower and upper end; both NaN of a single value."""
+    count = len(values)
+    if count < 2:
+        return float("nan"), float("nan")
+    free = count - 1
+    factor = STUDENT[free - 1] if free <= len(STUDENT) else 1.96 + 2.372 / free + 2.823 / free**2  # Cornish and Fisher
+    half = factor * float(np.std(values, ddof=1)) / count**0.5
+    return float(np.mean(values)) - half, float(np.mean(values)) + half

@@ -1,0 +1,47 @@
+"""What evaluations report and training logs of what agents do: the unit and the meaning of each column."""
+
+import textwrap
+from collections.abc import Iterator
+from typing import NamedTuple
+
+
+class Column(NamedTuple):
+    """A column: its unit, "" for what is counted, and what it is."""
+
+    unit: str
+    meaning: str
+
+
+# "Its" is of the policy of the row, which plays one side of two; of more sides, every other one.
+COLUMNS = {
+    "wins": Column("share", "of episodes that it wins, as one of its sides outlives all others; a draw counts half"),
+    "length": Column("ticks", "of an episode; the same for both"),
+    "life": Column("ticks", "to whose end its longest-lived side has a living member"),
+    "return": Column("reward", "of one of its agents in an episode; the mean over its agents"),
+    "kills": Column("", "by its sides in an episode"),
+    "deaths_TYPE": Column("", "of its agents in an episode by that type of damage: melee, zone"),
+    "first_death": Column("ticks", "until the first agent dies, of episodes in which one does; the same for both"),
+    "heals_used": Column("", "by all agents in an episode; the same for both"),
+    "boxes_placed": Column("", "by all agents in an episode; the same for both"),
+    "heals_given": Column("", "from its agents to others in an episode; in logs, in 1000 agent-steps"),
+    "heals_held": Column("", "in the bag of one of its living agents, a mean over ticks"),
+    "zone_distance": Column("m", "from its living agents to the centre of the safe zone, a mean over ticks"),
+    "near": Column(
+        "share",
+        "of ticks of its living agents in which an enemy could be struck: its centre is within"
+        " melee_reach + agents_radius",
+    ),
+    "attack_near": Column("share", "of those ticks in which the agent attacks"),
+    "attack_far": Column("share", "of its other ticks in which the agent attacks, with nobody to strike"),
+}
+
+
+def explained(width: int = 100) -> Iterator[str]:
+    """A line or more for each column, for help."""
+    indent = max(map(len, COLUMNS)) + 4
+    for name, (unit, meaning) in COLUMNS.items():
+        text = f"{unit} {meaning}".strip()
+        first = f"  {name}".ljust(indent)
+        yield textwrap.fill(text, width, initial_indent=first, subsequent_indent=" " * indent)
+    yield "  others: statistics of the scenario's mechanics in an episode: of agents, the mean over its agents; of"
+    yield "  sides, the sum over its sides; of the world, the same for both"

@@ -1,0 +1,141 @@
+"""Learning curves, from the log of a run, to small files and back. Needs numpy only."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import EmptyRunError, TrainingError
+from .files import read_text
+from .log_file import LAST, read_log
+
+BEYOND = 1e30  # values: what can be squared and added up
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity. tag: of TensorBoard; sided: one for each agent or team, tag0, tag1 and so on."""
+
+    name: str
+    tag: str
+    sided: bool = False
+
+    def has(self, tag: str) -> bool:
+        """Whether the tag is one of this quantity's."""
+        number = tag.removeprefix(self.tag)
+        fits = re.fullmatch("0|[1-9][0-9]{0,3}", number) is not None if self.sided else not number
+        return fits and tag.startswith(self.tag)
+
+    def side(self, tag: str) -> int:
+        """The number of the agent or team; -1 if it is of all."""
+        return int(tag[len(self.tag) :]) if self.sided else -1
+
+
+NEEDED = ("rollout/steps", "rollout/reward0")  # every run has them in which an episode ended
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Curves over the same points.
+
+    steps: agent-steps, int64 (points,), ascending. values: by tag, float32 (points,), NaN where a rollout has none.
+    """
+
+    steps: Array
+    values: dict[str, Array]
+
+    def tags(self, quantity: Quantity) -> list[str]:
+        """The tags of a quantity that there are, in order of sides."""
+        return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
+
+
+def curves_of_log(path: Path, known: Callable[[str], bool], every: bool = False) -> Curves:
+    """The curves in the log of a run.
+
+    Args:
+        path: log.csv of the run.
+        known: Whether a tag is one that has a number at every point, or the log is broken.
+        every: Whether other tags are wanted, too; their numbers may be NaN.
+
+    Raises:
+        EmptyRunError: No episode has ended in it yet.
+        TrainingError: It is no log, or has numbers that cannot be drawn.
+    """
+    begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
+    points = {tag: rows for tag, rows in read_log(path).items() if every or known(tag)} if begun else {}
+    for tag in NEEDED:
+        if tag not in points:
+            raise EmptyRunError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")
+    for tag, rows in points.items():
+        if bad := [step for step, value in rows if known(tag) and not abs(value) < BEYOND]:
+            raise TrainingError(f"{path} is broken: {tag} at step {bad[0]} is not a finite number")
+    steps = np.array(sorted({step for rows in points.values() for step, _ in rows}), np.int64)
+    return Curves(steps, {tag: _spread(rows, steps) for tag, rows in sorted(points.items())})
+
+
+def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
+    """The values at all steps, NaN where there is none."""
+    values = np.full(len(steps), np.nan, np.float32)
+    own = [value if abs(value) < BEYOND else np.nan for _, value in rows]
+    values[np.searchsorted(steps, [step for step, _ in rows])] = own
+    return values
+
+
+def format_curves(about: dict[str, Any], curves: Curves) -> str:
+    """Curves as the text of a CSV file: `about` as JSON in a comment, and a column a tag.
+
+    Numbers are the shortest that give the same float32.
+    """
+    text = io.StringIO()
+    text.write(f"# {json.dumps(about)}\n")
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["step", *curves.values])
+    columns = [[_short(value) for value in values] for values in curves.values.values()]
+    rows.writerows(zip(curves.steps.tolist(), *columns, strict=True))
+    return text.getvalue()
+
+
+def _short(value: Any) -> str:
+    return "" if np.isnan(value) else np.format_float_positional(value, trim="-")
+
+
+def read_curves(path: Path) -> tuple[dict[str, Any], Curves]:
+    """`about` and the curves in a file of format_curves. Raises TrainingError for anything else."""
+    first, _, rest = read_text(path).partition("\n")
+    try:
+        if not first.startswith("# "):
+            raise ValueError("its first line does not describe the curves")
+        about = json.loads(first[2:])
+        heads, *rows = csv.reader(io.StringIO(rest), strict=True)
+        return about, _columns(heads, rows)
+    except (ValueError, RecursionError, csv.Error) as error:
+        raise TrainingError(f"{path} does not hold the curves of a run: {error}") from None
+
+
+def _columns(heads: list[str], rows: Iterable[list[str]]) -> Curves:
+    """Curves out of a table of texts."""
+    columns = list(zip(*rows, strict=True))
+    if heads[:1] != ["step"] or len(columns) != len(heads) or len(set(heads)) < len(heads):
+        raise ValueError("its columns are not step and tags, or it has no rows")
+    steps, *values = (np.array(list(_numbers(column)), np.float64) for column in columns)
+    if not (np.isfinite(steps).all() and steps[0] >= 0 and steps[-1] <= LAST and (np.diff(steps) > 0).all()):
+        raise ValueError("its steps do not ascend")
+    return Curves(steps.astype(np.int64), {tag: value.astype(np.float32) for tag, value in zip(heads[1:], values)})
+
+
+def _numbers(column: Iterable[str]) -> Iterator[float]:
+    """The numbers of a column, at least one; NaN where there is none."""
+    if not any(column):
+        raise ValueError("a column is empty")
+    for text in column:
+        number = float(text or "nan")
+        if text and not abs(number) < BEYOND:
+            raise ValueError(f"{text:.80} is not a finite number")
+        yield number

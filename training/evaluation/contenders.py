@@ -1,0 +1,132 @@
+"""The policies that an evaluation lets play: by name, from checkpoints or folders of runs, or as functions."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from outlast.envs.core.validation import checked_actions
+from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from outlast.envs.rollout.memory import told
+from outlast.envs.rollout.mixture import checked_entries
+from outlast.envs.rollout.policies import POLICIES, Policy
+from outlast.envs.rollout.saved import SAVED
+
+from .. import checkpoint
+from ..errors import TrainingError
+from ..player import Player
+from .matches import Act
+
+Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a run or around several, or a function
+
+
+class Contender:
+    """A policy with a label that can be part of file names.
+
+    Attributes:
+        label: In tables.
+        text: What it is: a name, the path of its checkpoint, or the name of a function.
+        player: That of a checkpoint; None: another one.
+    """
+
+    def __init__(self, label: str, policy: str | Policy) -> None:
+        """policy: a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
+        self.label, self.player = label, policy if isinstance(policy, Player) else None
+        self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
+        self._function = None if isinstance(policy, (str, Player)) else policy
+        if isinstance(policy, str) and policy not in POLICIES:
+            self.player = Player(policy)
+
+    def check(self, env: SurvivalVectorEnv) -> None:
+        """Check that it can play in these worlds. Raises TrainingError."""
+        if self.player is not None:
+            self.player.check(env)
+
+    def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
+        """The function that plays it, with a generator of that seed."""
+        player = self.player
+        if player is None:
+            whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
+            return lambda seen, indices: np.asarray(whole(seen)[indices])
+        player.generator = torch.Generator().manual_seed(seed)
+        if player.memory:  # it goes on for all agents, whoever of them it plays
+            remembering = told(player, env)
+            return lambda seen, indices: np.asarray(remembering(seen)[indices])
+        return lambda seen, indices: player({key: values[indices] for key, values in seen.items()})
+
+    def _checked(self, function: Policy, env: SurvivalVectorEnv) -> Policy:
+        """A user's function, whose actions are checked."""
+        shape, playing = (env.num_worlds, env.num_agents, len(env.action_sizes)), told(function, env)
+        what, axes = f"the actions that {self.label} returned", "(worlds, agents, actions)"
+
+        def act(seen: Arrays) -> Actions:
+            return checked_actions(playing(seen), shape, env.action_sizes, what=what, axes=axes)
+
+        return act
+
+
+def contenders(given: Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
+    """A contender for each policy; of a folder of a run, or around several, the newest checkpoint of each run.
+
+    Args:
+        given: Names, paths, functions; perhaps by label, else labels are made out of names and paths.
+
+    Raises:
+        TrainingError: One is named twice, or there is no such checkpoint.
+        UsageError: One is no policy.
+    """
+    if isinstance(given, Mapping):
+        return [_labelled(label, policy) for label, policy in given.items()]
+    chosen = [each for policy in given for each in _expanded(policy)]
+    named = labels([text for text, _ in chosen])
+    return [Contender(label, policy) for label, (_, policy) in zip(named, chosen, strict=True)]
+
+
+def _labelled(label: str, policy: Given) -> Contender:
+    found = _expanded(policy)
+    if len(found) > 1:
+        raise TrainingError(f"{label}: {policy} holds {len(found)} runs: name one of them")
+    return Contender(re.sub(r"[^\w.]+", "-", label), found[0][1])
+
+
+def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
+    """What to be named by, and the policy, which is no folder."""
+    if not isinstance(policy, (str, Path)):
+        checked_entries([(policy, 1)])
+        return [(getattr(policy, "__name__", type(policy).__name__), policy)]
+    place = Path(policy)
+    if str(policy) in POLICIES or not place.is_dir():
+        if len(place.parts) > 1 and place.suffix != SAVED:
+            raise TrainingError(f"{policy} is neither a folder of a run nor a checkpoint, FILE{SAVED}")
+        checked_entries([(policy, 1)])
+        return [(str(policy), str(policy))]
+    found = checkpoint.runs_in(place)
+    return [(f"{folder}/", str(checkpoint.newest(folder))) for folder in found]
+
+
+def labels(texts: Sequence[str]) -> list[str]:
+    """A unique label for each: of paths, as few parts from the end as it takes. Raises TrainingError."""
+    whole = [_parts(text) for text in texts]
+    if len(set(whole)) < len(whole):
+        raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
+    return [_shortest(parts, [other for other in whole if other != parts]) for parts in whole]
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    """Parts of a path, without the ending of a file; a name as it is."""
+    if text in POLICIES or not re.search(r"[/\\]|\.zip$", text):
+        return (text,)
+    path = Path(text).resolve()
+    return path.parts if text.endswith("/") else path.with_suffix("").parts
+
+
+def _shortest(parts: tuple[str, ...], others: list[tuple[str, ...]]) -> str:
+    taken = {_joined(other, length) for other in others for length in range(1, len(other) + 1)}
+    found = (_joined(parts, length) for length in range(1, len(parts) + 1))
+    return next((name for name in found if name not in taken), _joined(parts, len(parts)))
+
+
+def _joined(parts: tuple[str, ...], length: int) -> str:
+    return re.sub(r"[^\w.]+", "-", "-".join(parts[-length:])).strip("-")

@@ -1,0 +1,114 @@
+"""Evaluations in one call: `outlast evaluate`, and outlast.evaluate."""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from outlast.envs.recording import record
+from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.scenario import Number, Scenario
+
+from ..errors import TrainingError
+from . import report
+from .contenders import Given, contenders
+from .evaluation import Evaluation
+from .showcase import show_pairing
+
+OPTIONS = ("policies", "episodes", "worlds", "seed", "threads", "out", "film", "quiet")
+
+
+def evaluate(
+    scenario: str | Scenario,
+    policies: Sequence[Given] | Mapping[str, Given],
+    *,
+    episodes: int = 1000,
+    worlds: int = 64,
+    seed: int = 0,
+    threads: int = 1,
+    out: str | Path | None = None,
+    film: bool = False,
+    quiet: bool = False,
+    **numbers: Number,
+) -> Evaluation:
+    """Let policies play against each other, and themselves; `outlast evaluate` does the same.
+
+    >>> print(outlast.evaluate("ffa_2", ["runs/duel", "scripted"], episodes=200))
+
+    Args:
+        scenario: A Scenario, or the name of one: "ffa_2", "mygame.py:arena".
+        policies: "random", "noop", "scripted"; paths of checkpoints; folders of runs, or around several, for the newest
+            checkpoint of each; functions (observations) -> actions of all agents of all worlds. Perhaps by label.
+        episodes: Of each pairing, at least.
+        worlds: Worlds at once; each plays as many episodes.
+        seed: The same seed, the same numbers.
+        threads: That share the worlds; the numbers stay the same.
+        out: Folder for the tables as CSV and JSON; what is complete is there after each pairing.
+        film: Whether there is to be a film and a page of a typical episode of each pairing in `out`.
+        quiet: Whether to show no progress bar.
+        **numbers: Numbers of the scenario to change, as in melee_damage=20.
+
+    Returns:
+        The evaluation: `print` shows its tables; `estimates(policy, against)` has means and standard errors of each
+        column, `ratings()` the Elo ratings. Its worlds are closed.
+
+    Raises:
+        ScenarioError: There is no such scenario.
+        NumberError: The scenario has no such number; it may be meant for one of the arguments.
+        TrainingError: There is no such policy, it cannot play there, or `out` cannot be written.
+        ActionError: A function returned actions that are none.
+    """
+    game = resolve(scenario, numbers, OPTIONS)
+    folder = checked_folder(out, film)
+    evaluation = Evaluation(game, contenders(policies), episodes=episodes, worlds=worlds, seed=seed, threads=threads)
+    with contextlib.closing(evaluation), recordings(film) as hidden:
+        play(evaluation, folder, hidden, quiet=quiet)
+        if hidden is not None and folder is not None:
+            list(films(evaluation, hidden, folder))
+    return evaluation
+
+
+def checked_folder(out: str | Path | None, film: bool) -> Path | None:
+    """The folder, made before anything is played, so that no evaluation is lost for want of a place."""
+    if out is None:
+        if film:
+            raise TrainingError("films need a folder: name one as out (--out FOLDER)")
+        return None
+    try:
+        Path(out).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TrainingError(f"out: {out} cannot be a folder: {error.strerror}") from error
+    return Path(out)
+
+
+@contextlib.contextmanager
+def recordings(film: bool) -> Iterator[Path | None]:
+    """A folder for the recordings that films are made of, if there are to be films."""
+    if not film:
+        yield None
+        return
+    with tempfile.TemporaryDirectory() as hidden:
+        yield Path(hidden)
+
+
+def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
+    """Play every pairing; where there is a folder for tables, those of what is complete are always in it."""
+    total = len(evaluation.pairs) * evaluation.episodes
+    with tqdm(total=total, unit="episode", disable=quiet) as bar:
+        for pair in evaluation.pairs:
+            with record(evaluation.env, _recording(hidden, pair)) if hidden else contextlib.nullcontext():
+                evaluation.play_pair(pair, bar.update)
+            if folder is not None:
+                report.write_tables(evaluation, folder)
+
+
+def films(evaluation: Evaluation, hidden: Path, folder: Path) -> Iterator[Path]:
+    """Make a film and a page of a typical episode of each pairing; the path of each when it is there."""
+    for pairing in evaluation.pairings:
+        yield from show_pairing(evaluation, pairing, _recording(hidden, pairing.pair), folder)
+
+
+def _recording(folder: Path, pair: tuple[int, int]) -> Path:
+    return folder / f"{pair[0]}-{pair[1]}.rec"

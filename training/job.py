@@ -1,0 +1,22 @@
+"""A run as a child of `outlast train`: python -m outlast.training.job train ... It ends, and saves, with its parent."""
+
+import _thread
+import sys
+import threading
+
+from outlast.envs.cli.main import main
+
+
+def end_with_parent() -> None:
+    """Interrupt this process, as Ctrl-C does, when the parent has ended in whatever way: standard input is its pipe."""
+
+    def watch() -> None:
+        sys.stdin.buffer.read()
+        _thread.interrupt_main()
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if __name__ == "__main__":
+    end_with_parent()
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""Curves of several groups of runs in one figure, a panel for each quantity. Needs matplotlib."""
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..averages import average
+from ..curves import Array
+from ..image import GREY, encoded
+from .comparison import Comparison
+from .groups import Group
+from .panels import drawn, hours
+from .runs import Run
+
+WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
+COLUMNS, BESIDE = 2, 4  # panels of a row; entries of the legend
+LINE = 125  # characters of a note
+STEPS = ((1e6, "million agent-steps"), (1e3, "thousand agent-steps"), (1.0, "agent-steps"))
+HOURS = ((1.0, "hours of training"), (1 / 60, "minutes of training"), (1 / 3600, "seconds of training"))
+ROW, LETTER = 0.2, 0.085  # inches: height of a line of text, width of a letter in the legend
+# Of Okabe and Ito, which people with any colour vision can tell apart, also in grey; without their yellow.
+INKS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+DASHES = ("-", (0, (3.5, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+
+
+def picture(comparison: Comparison, form: str) -> bytes:
+    """The figure as a file, "png" or "svg"; the same runs give the same bytes."""
+    about = {"Title": comparison.title, "Source": comparison.digest()}
+    return encoded(lambda: draw(comparison), form, about, colours=256)
+
+
+def draw(comparison: Comparison) -> Figure:
+    """A row of panels for every two quantities, under a heading with the legend."""
+    panels = comparison.panels
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    head = _Head(comparison)
+    height = head.height + rows * PANEL + 0.3
+    figure = Figure(figsize=(WIDTH, height))
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    top, bottom = 1 - (head.height + 0.25) / height, 0.5 / height
+    figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
+    longest, scale, unit = _axis(comparison)
+    for axes, panel in zip(grid.flat, panels, strict=False):
+        axes.set_title(_literal(panel.title))
+        axes.set_xlim(0, longest)
+        for k, group in enumerate(comparison.groups):
+            _curve(axes, comparison, group, panel.name, k, scale)
+        _finish(axes)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_axis_off()
+    for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
+        axes.set_xlabel(unit)
+    head.write(figure, height)
+    return figure
+
+
+def look(number: int) -> tuple[str, Any]:
+    """Colour and dashes of a group: other dashes where the colours begin again."""
+    return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
+
+
+def _curve(axes: Axes, comparison: Comparison, group: Group, name: str, number: int, scale: float) -> None:
+    """The moving average over the runs of a group; behind it the points of a single run, or the range of several."""
+    curves = {run.origin: drawn(run, comparison.panels) for run in group.runs}
+    runs = [run for run in group.runs if name in curves[run.origin].values]
+    if not runs:
+        return
+    line, (ink, dash) = average([curves[run.origin] for run in runs], name), look(number)
+    where = _places(comparison, runs, line.steps) / scale
+    axes.plot(where, line.mean, color=ink, linewidth=1.7, linestyle=dash, zorder=3)
+    if len(runs) > 1:
+        axes.fill_between(where, line.low, line.high, color=ink, alpha=0.16, linewidth=0, zorder=1)
+    elif comparison.faint:
+        own = curves[runs[0].origin]
+        places = _places(comparison, runs, own.steps) / scale
+        axes.plot(places, own.values[name], color=ink, linewidth=0.5, alpha=0.3, zorder=1)
+
+
+def _places(comparison: Comparison, runs: Sequence[Run], steps: Array) -> Array:
+    """Where points are on the axis: agent-steps, or the mean hours of the runs that have come so far."""
+    if comparison.x == "steps":
+        return steps
+    each = [
+        np.interp(steps, run.curves.steps, elapsed, left=np.nan, right=np.nan)
+        for run in runs
+        if (elapsed := hours(run)) is not None
+    ]
+    mean: Array = np.nanmean(each, 0)
+    return mean
+
+
+def _axis(comparison: Comparison) -> tuple[float, float, str]:
+    """Where it ends, what is divided by for that, and what it is called: numbers of two or three digits."""
+    if comparison.x == "steps":
+        longest = float(max(run.steps for run in comparison.runs))
+        units = STEPS
+    else:
+        longest = max(float(elapsed[-1]) for run in comparison.runs if (elapsed := hours(run)) is not None)
+        units = HOURS
+    scale, name = next((pair for pair in units if longest >= pair[0]), units[-1])
+    return longest / scale, scale, name
+
+
+def _finish(axes: Axes) -> None:
+    """Heights from 0 where nothing is below it."""
+    _, high = axes.get_ylim()
+    lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
+    if lines and min(np.nanmin(line) for line in lines) >= 0:
+        top = max(high, 1.05 * max(np.nanmax(line) for line in lines))
+        axes.set_ylim(0, top if top > 0 else 1)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.tick_params(length=0)
+
+
+class _Head:
+    """Title, notes and legend, above the panels."""
+
+    def __init__(self, comparison: Comparison) -> None:
+        self.comparison = comparison
+        notes = [comparison.drawn_how, *comparison.notes()]
+        self.notes = [line for note in notes for line in textwrap.wrap(note, LINE)]
+        self.labels = [group.label for group in comparison.groups] if len(comparison.groups) > 1 else []
+        widest = max(map(len, self.labels), default=0)
+        self.beside = max(1, min(BESIDE, int(WIDTH / (LETTER * widest + 0.65))))
+        self.rows = -(-len(self.labels) // self.beside)
+        self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
+
+    def write(self, figure: Figure, height: float) -> None:
+        """Write it into a figure that is so many inches high."""
+        figure.text(
+            0.02, 1 - 0.12 / height, _literal(self.comparison.title), fontsize=11.5, fontweight="bold", va="top"
+        )
+        notes = _literal("\n".join(self.notes))
+        figure.text(0.02, 1 - 0.38 / height, notes, fontsize=8, color=GREY, va="top", linespacing=1.35)
+        if self.labels:
+            figure.legend(
+                handles=[_handle(k, label) for k, label in enumerate(self.labels)],
+                loc="upper left",
+                bbox_to_anchor=(0.012, 1 - (0.36 + ROW * len(self.notes)) / height),
+                ncols=self.beside,
+                frameon=False,
+                handlelength=2.4,
+                columnspacing=1.6,
+                borderaxespad=0,
+            )
+
+
+def _handle(number: int, label: str) -> Line2D:
+    ink, dash = look(number)
+    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=_literal(label))
+
+
+def _literal(text: str) -> str:
+    """Text in which $ begins no formula."""
+    return text.replace("$", r"\$")

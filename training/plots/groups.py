@@ -1,0 +1,162 @@
+"""Runs in groups that differ by seeds only, named by the settings in which the groups differ."""
+
+import difflib
+import itertools
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import TrainingError
+from ..hyperparameters import Hyperparameters
+from .runs import PRESET, SCENARIO, Run
+
+SEED = "seed"
+ABSENT = "not there"
+FEW = 3  # numbers of a scenario that stand for it in a name; of more, its own name does
+
+
+@dataclass(frozen=True)
+class Group:
+    """Runs of one setting, in order of seeds.
+
+    Attributes:
+        runs: At least one.
+        values: The settings that set it apart, as texts by name; empty where there is one group.
+        mixed: Settings in which its own runs differ, which happens where groups are asked for by others.
+    """
+
+    runs: tuple[Run, ...]
+    values: dict[str, str]
+    mixed: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Its name in legends and tables: "melee_damage=20"; of a scenario and a preset, their names alone."""
+        plain = (SCENARIO, PRESET)
+        texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
+        return ", ".join(texts) or self.runs[0].scenario
+
+    @property
+    def ended(self) -> tuple[Run, ...]:
+        """The runs whose end values count: those that are done, see `unfinished`; all, if none is."""
+        return tuple(run for run in self.runs if run not in self.unfinished) or self.runs
+
+    @property
+    def unfinished(self) -> tuple[Run, ...]:
+        """Runs that ended before the steps of their plan; where it does not say, before 9/10 of the longest one."""
+        longest = max(run.steps for run in self.runs)
+        return tuple(run for run in self.runs if run.steps < run.plan.get("steps", 0.9 * longest))
+
+
+def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[Group]:
+    """The groups, in order of their values.
+
+    Args:
+        runs: At least one.
+        by: Names of settings; without, groups are of runs that differ by nothing but seeds.
+
+    Raises:
+        TrainingError: There is no such setting, or two runs are the same one.
+    """
+    if by:
+        _check_names(runs, by)
+    names = list(by) or telling(runs)
+    grouped: dict[tuple[str, ...], list[Run]] = {}
+    for run in runs:
+        grouped.setdefault(tuple(value_of(run, name) for name in names), []).append(run)
+    keys = sorted(grouped, key=lambda key: [_order(text) for text in key])
+    return [_group(grouped[key], dict(zip(names, key, strict=True))) for key in keys]
+
+
+def _group(runs: Sequence[Run], values: dict[str, str]) -> Group:
+    ordered = sorted(runs, key=lambda run: run.seed)
+    mixed = untold(ordered)
+    for one, other in itertools.pairwise(ordered):
+        if one.seed == other.seed and not mixed:
+            both = f"{one.origin} and {other.origin}"
+            raise TrainingError(f"{both} are the same run, or both of seed {one.seed}: give one")
+    return Group(tuple(ordered), values, tuple(mixed))
+
+
+def differing(runs: Sequence[Run]) -> list[str]:
+    """The settings in which runs differ, in order of first mention."""
+    names = dict.fromkeys(name for run in runs for name in run.settings)
+    return [name for name in names if len({value_of(run, name) for run in runs}) > 1]
+
+
+def telling(runs: Sequence[Run]) -> list[str]:
+    """Settings that tell all runs apart that differ in any: as few as a greedy choice finds.
+
+    A few numbers of the scenario stand for it; where it differs by more, or by mechanics, its name does, with numbers
+    behind it if two games have one name.
+    """
+    names = differing(runs)
+    numbers = [name for name in names if any(name in run.numbers for run in runs)]
+    absent = any(value_of(run, name) == ABSENT for name in numbers for run in runs)
+    named = len(numbers) > FEW or absent or not numbers
+    rest = [name for name in names if name not in (SCENARIO, PRESET, *numbers)]
+    ordered = [SCENARIO, PRESET, *numbers, *rest] if named else [PRESET, *numbers, *rest, SCENARIO]
+    chosen = list[str]()
+    for name in ordered:
+        if name in names and _kinds(runs, [*chosen, name]) > _kinds(runs, chosen):
+            chosen.append(name)
+    return chosen
+
+
+def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
+    """Settings in which runs differ, but for those that are told and those that come with them.
+
+    With a game's name come its numbers, or the other way round; with a preset numbers of PPO and sizes.
+    """
+    names = [name for name in differing(runs) if name not in told]
+    numbers = {name for name in names if any(name in run.numbers for run in runs)}
+    follow = set[str]()
+    if SCENARIO in (*told, *names):
+        follow |= numbers or {SCENARIO}
+    if PRESET in (*told, *names):
+        follow |= {*asdict(Hyperparameters()), "rollout", "steps"}
+    if {SCENARIO, PRESET, "agents_count"} & {*told, *names}:
+        follow |= {"worlds"}  # of which a preset has the fewer, the more agents there are
+    return [name for name in names if name not in follow]
+
+
+def _kinds(runs: Sequence[Run], names: Sequence[str]) -> int:
+    return len({tuple(value_of(run, name) for name in names) for run in runs})
+
+
+def value_of(run: Run, name: str) -> str:
+    """A setting of a run as a text."""
+    return str(run.seed) if name == SEED else shown(run.settings.get(name, ABSENT))
+
+
+def shown(value: Any) -> str:
+    """A value as one types it: true, 0.5, 8,4."""
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(shown, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _order(text: str) -> tuple[float, str]:
+    """Numbers by size, ahead of words."""
+    try:
+        return float(text), ""
+    except ValueError:
+        return float("inf"), text
+
+
+def _check_names(runs: Sequence[Run], by: Iterable[str]) -> None:
+    known = [*dict.fromkeys(name for run in runs for name in run.settings), SEED]
+    for name in by:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 2)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            differ = ", ".join([*differing(runs), SEED])
+            raise TrainingError(f"--by {name}: these runs have no such setting; {hint}they differ in {differ}")
+
+
+def common(runs: Sequence[Run], get: Callable[[Run], str]) -> str:
+    """What all runs have in common, or nothing."""
+    found = {get(run) for run in runs}
+    return found.pop() if len(found) == 1 else ""

@@ -1,0 +1,108 @@
+"""Curves to choose from: what a run logged, under the names that one asks for."""
+
+import difflib
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..curves import Array, Curves
+from ..errors import TrainingError
+from ..metrics import PAPER_NAMES
+from .runs import Run
+
+ROLLOUT = "rollout/"
+SUMMED = ("kills",)  # over the sides of an episode; of everything else that has several it is the mean
+FIRST = ("return", "length", "kills", "heals_used")
+LAST = ("wins/",)  # beginnings of curves that come after the statistics
+RARE = ("episodes", "first_death")  # and deaths by damage type: drawn if asked for
+MOST = 6  # curves that are drawn unless others are asked for
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A curve to draw: its name, and the tags of a log that it is made of: several, one for each side."""
+
+    name: str
+    tags: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        """With how several become one."""
+        how = f", {'sum' if self.name in SUMMED else 'mean'} over sides" if len(self.tags) > 1 else ""
+        return self.name.replace("_", " ") + how
+
+
+def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
+    """The panels of these names, or those that are usual.
+
+    Args:
+        runs: At least one.
+        names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted",
+            "rollout/kills0", "train/entropy".
+
+    Raises:
+        TrainingError: No run has such a curve.
+    """
+    tags = list(dict.fromkeys(tag for run in runs for tag in run.curves.values))
+    known = _known(tags)
+    if not names:
+        return [known[name] for name in usual(known)]
+    panels = []
+    for name in names:
+        if name not in known and name not in tags:
+            near = difflib.get_close_matches(name, [*known, *tags], 2)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            raise TrainingError(f"these runs have no curve '{name}'; {hint}they have: {', '.join(known)}")
+        panels.append(known.get(name) or Panel(name, (name,)))
+    return panels
+
+
+def usual(known: Collection[str]) -> list[str]:
+    """The names of what is drawn unless others are asked for."""
+    first = [name for name in FIRST if name in known]
+    statistics = (name for name in known if "/" not in name and not name.startswith("deaths_"))
+    rest = [name for name in statistics if name not in (*FIRST, *RARE)]
+    return [*first, *rest, *(name for name in known if name.startswith(LAST))][:MOST]
+
+
+def _known(tags: Sequence[str]) -> dict[str, Panel]:
+    found: dict[str, list[str]] = {}
+    for tag in sorted(tags):
+        found.setdefault(name_of(tag, tags), []).append(tag)
+    return {name: Panel(name, tuple(own)) for name, own in found.items()}
+
+
+def name_of(tag: str, tags: Sequence[str]) -> str:
+    """What one asks for a tag by: "length" for "rollout/steps", "kills" for "rollout/kills1"; others as they are."""
+    if not tag.startswith(ROLLOUT):
+        return tag
+    plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
+    several = plain != tag and f"{plain}0" in tags
+    own = (plain if several else tag).removeprefix(ROLLOUT)
+    return next((name for name, paper in PAPER_NAMES.items() if paper == own), own)
+
+
+def drawn(run: Run, panels: Sequence[Panel]) -> Curves:
+    """The curves of panels, by their names; those that the run does not have are left out."""
+    values = {panel.name: _combined(run.curves, panel) for panel in panels}
+    return Curves(run.curves.steps, {name: own for name, own in values.items() if own is not None})
+
+
+def _combined(curves: Curves, panel: Panel) -> Array | None:
+    own = [curves.values[tag] for tag in panel.tags if tag in curves.values]
+    if not any(np.isfinite(each).any() for each in own):
+        return None
+    combined: Array = np.sum(own, 0) if panel.name in SUMMED else np.mean(own, 0)
+    return combined
+
+
+def hours(run: Run) -> Array | None:
+    """Hours of training after each of the run's points, float64 (points,), from the speed that it logged."""
+    speed = run.curves.values.get("time/fps")
+    if speed is None:
+        return None
+    taken = np.diff(run.curves.steps, prepend=0) / np.where(speed > 0, speed, np.nan) / 3600
+    elapsed: Array = np.nancumsum(taken)
+    return elapsed

@@ -1,0 +1,74 @@
+"""Runs drawn and written: `outlast plot`, and outlast.plot."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from outlast.envs.errors import install
+
+from ..errors import TrainingError
+from ..files import write_files
+from .comparison import AXES, Comparison
+from .groups import group_runs
+from .panels import chosen, hours
+from .runs import load
+
+FORMS = ("png", "svg")
+FIGURE = "curves"  # the name of its file
+
+
+def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
+    """The comparison of the runs in these places, with nothing written yet. See `plot`."""
+    runs = load(places)
+    if x not in AXES:
+        raise TrainingError(f"x = {x!r}: allowed are {', '.join(AXES)}")
+    if x == "time" and (without := [run for run in runs if hours(run) is None]):
+        raise TrainingError(f"{without[0].origin} does not say how long it took: leave out --x time")
+    return Comparison(tuple(group_runs(runs, by)), tuple(chosen(runs, curves)), x)
+
+
+def plot(
+    runs: str | Path | Sequence[str | Path],
+    out: str | Path = "figures",
+    *,
+    by: str | Sequence[str] = (),
+    curves: str | Sequence[str] = (),
+    x: str = "steps",
+    form: str = "png",
+) -> Comparison:
+    """Draw the curves of runs in one figure, and write a table of their end values; `outlast plot` does the same.
+
+    >>> print(outlast.plot(["runs/weak", "runs/strong"], by="melee_damage"))
+
+    Args:
+        runs: Folders of runs, kept results, or folders around several.
+        out: Folder to write into: curves.png, ends.md, ends.csv.
+        by: Settings that set groups apart, such as "melee_damage", "preset", "opponents", "seed". Without, groups are
+            of runs that differ by seeds only, named by what differs.
+        curves: What to draw: statistics of episodes ("return", "length") or tags of the log ("wins/scripted").
+            Without, up to six.
+        x: What to draw over: "steps" (agent-steps) or "time" (hours of training).
+        form: Of the figure: "png" or "svg".
+
+    Returns:
+        The comparison; `str` of it is the table in Markdown, `files` are the paths of what was written.
+
+    Raises:
+        TrainingError: There are no runs, no such setting or curve, or no matplotlib; nothing is written.
+    """
+    try:
+        from .figure import picture
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
+    if form not in FORMS:
+        raise TrainingError(f"form = {form!r}: allowed are {', '.join(FORMS)}")
+    places = [runs] if isinstance(runs, (str, Path)) else runs
+    by, curves = ([given] if isinstance(given, str) else given for given in (by, curves))
+    found, folder = compare([Path(place) for place in places], by, curves, x), Path(out)
+    contents = {
+        folder / f"{FIGURE}.{form}": picture(found, form),
+        folder / "ends.md": str(found).encode(),
+        folder / "ends.csv": found.csv().encode(),
+    }
+    write_files(contents)
+    found.files.extend(contents)
+    return found

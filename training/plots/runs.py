@@ -1,0 +1,89 @@
+"""Runs to be compared: what was trained, with which settings, and all curves. Also of scenarios of one's own."""
+
+from collections.abc import Iterable
+from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.renamed import NUMBERS, current
+from outlast.envs.scenarios.variants import base, variant
+
+from .. import log_file, run_header
+from ..config import HOW, SELF, TrainingConfig
+from ..curves import Curves, curves_of_log
+from ..errors import TrainingError
+from ..paper import results
+from ..paper.curves import is_known
+from ..presets import preset
+
+HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # of a plan: what is no setting
+USUAL = {
+    each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
+}  # what the plans of earlier versions do not say
+SCENARIO, PRESET = "scenario", "preset"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run.
+
+    Attributes:
+        origin: Its folder, or the file that keeps its curves.
+        scenario: The name of what is played.
+        numbers: Those of the scenario, by name.
+        plan: That of run.json.
+        curves: Everything that was logged, by tag; of kept files, the paper's quantities.
+    """
+
+    origin: Path
+    scenario: str
+    numbers: dict[str, Any]
+    plan: dict[str, Any]
+    curves: Curves
+
+    @property
+    def seed(self) -> int:
+        """The seed of the run."""
+        return int(self.plan["seed"])
+
+    @property
+    def steps(self) -> int:
+        """Agent-steps done."""
+        return int(self.curves.steps[-1])
+
+    @cached_property
+    def settings(self) -> dict[str, Any]:
+        """Everything that decides what comes out, but the seed, by name: the scenario, its numbers, the plan, PPO's."""
+        usual = {name: value for name, value in USUAL.items() if name not in (*HOW_ONLY, "steps")}
+        usual |= {"opponents": f"{SELF}:1", "anneal": ""}
+        plan = {name: value for name, value in self.plan.items() if name not in HOW_ONLY}
+        own = asdict(preset(self.plan[PRESET]).numbers) | self.plan.get("settings", {})
+        return {SCENARIO: self.scenario, **usual, **plan, **self.numbers, **own}
+
+
+def load(places: Iterable[Path]) -> list[Run]:
+    """The runs in these places, see `results.read_runs`. Raises TrainingError."""
+    return results.read_runs(places, lambda path: _of_folder(path) if path.is_dir() else _of_kept(path))
+
+
+def _of_folder(folder: Path) -> Run:
+    header = run_header.read_run_folder(folder)
+    scenario, plan = header["scenario"], header["plan"]
+    if type(plan.get("seed")) is not int or not run_header.is_plan(plan):
+        raise TrainingError(f"{folder} does not hold a run: its plan is none")
+    try:
+        preset(plan.get(PRESET))
+    except ScenarioError as error:
+        raise TrainingError(f"{folder} does not hold a run: {error}") from error
+    curves = curves_of_log(folder / log_file.NAME, is_known, every=True)
+    return Run(folder, scenario["name"], current(scenario["numbers"], NUMBERS), plan, curves)
+
+
+def _of_kept(path: Path) -> Run:
+    kept = results.read_kept(path)
+    usual = fingerprint(preset(kept.plan[PRESET]).scenario(variant(base(kept.variant))))["numbers"]
+    numbers = {name: value for name, value in (usual | kept.changed).items() if value != results.MISSING}
+    return Run(path, kept.variant, numbers, kept.plan, kept.curves)

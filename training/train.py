@@ -1,0 +1,170 @@
+"""Training in one call: `outlast train`, and outlast.train."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.rollout.mixture import checked_entries, parse_mixture
+from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.scenario import Number, Scenario
+
+from . import checkpoint
+from .annealing import parse_anneal
+from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, TrainingConfig
+from .errors import TrainingError
+from .hyperparameters import KINDS
+from .live_view import LiveView
+from .run import TrainingRun
+from .workload import Workload
+
+OPTIONS = (*(each.name for each in fields(TrainingConfig)), "folder", "resume", "film", "cluster", "quiet")
+
+
+@dataclass(frozen=True)
+class TrainedRun:
+    """A run that is complete.
+
+    Attributes:
+        folder: With run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`
+            take it.
+        policy: The newest checkpoint, for `outlast.load_policy`.
+        steps: Agent-steps in it.
+        logged: The numbers that were logged last, by tag.
+    """
+
+    folder: Path
+    policy: Path
+    steps: int
+    logged: dict[str, float]
+
+
+def train(
+    scenario: str | Scenario,
+    folder: str | Path | None = None,
+    *,
+    steps: int = 10_000_000,
+    preset: str = FAST,
+    seed: int = 0,
+    resume: bool = False,
+    worlds: int = 0,
+    rollout: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    policies: str = "shared",
+    opponents: str | Mapping[str, float] = SELF,
+    prioritised: bool = False,
+    snapshots: int = SNAPSHOTS,
+    memory: int = 0,
+    critic: str = "own",
+    warm_start: str = "",
+    anneal: str | Sequence[str] = (),
+    dead: str = "keep",
+    device: str = "cpu",
+    threads: int = 0,
+    processes: int = 1,
+    cluster: str | None = None,
+    halves: bool = False,
+    every: int = 1_000_000,
+    film: bool = False,
+    quiet: bool = False,
+    **numbers: Number,
+) -> TrainedRun:
+    """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves, and is raised again.
+
+    >>> run = outlast.train("ffa_2", steps=2_000_000, opponents="self:0.8,scripted:0.2", melee_damage=20)
+    >>> print(outlast.evaluate("ffa_2", [run.folder, "scripted"], melee_damage=20))
+
+    Args:
+        scenario: A Scenario, or the name of one: "ffa_2", "mygame.py:arena".
+        folder: Of the run; new, or that of the run to resume. None: runs/SCENARIO-PRESET-SEED.
+        steps: Agent-steps; whole rollouts are collected, so a few more may be done.
+        preset: Networks, numbers of PPO and the size of a rollout: "fast", "original", "paper", "scaled".
+        seed: The same seed, the same numbers.
+        resume: Go on from the newest checkpoint in the folder.
+        worlds: How many share a rollout; 0: as the preset has it.
+        rollout: Environment steps of a rollout, of all worlds together; 0: as the preset has it.
+        settings: Numbers of PPO other than the preset's: {"gamma": 0.995}.
+        policies: "shared": one for all agents. "side", "agent": one for each of them.
+        opponents: Who the learners play against, with weights: "self:0.5,scripted:0.5" or {"self": 0.5, ...}.
+        prioritised: Whether opponents are drawn the more often, the more they win.
+        snapshots: Updates between past selves.
+        memory: Numbers that each agent keeps from step to step; 0: none.
+        critic: What values are learned from: "own", what the agent observes; "state", the whole world, too.
+        warm_start: What policies are before PPO begins: "scripted", "FILE.zip"; "": random.
+        anneal: Numbers of the scenario that change in training: "rewards_kill=10:0@5e6", or several.
+        dead: What becomes of the samples of dead agents: "keep" or "drop".
+        device: Of PyTorch.
+        threads: Of the networks and the worlds; 0: one for each core, up to four.
+        processes: That share the worlds.
+        cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine.
+        halves: Whether half of the worlds are stepped while the networks are busy with the other half.
+        every: Agent-steps between checkpoints.
+        film: Whether there is to be a short film of each checkpoint.
+        quiet: Whether to show nothing while it goes on.
+        **numbers: Numbers of the scenario to change, as in melee_damage=20.
+
+    Returns:
+        The run: its folder, its newest checkpoint, and what it logged last.
+
+    Raises:
+        ScenarioError: There is no such scenario or preset.
+        NumberError: The scenario has no such number; it may be meant for one of the arguments.
+        TrainingError: Another value is not what it can be, or the run cannot begin or go on in the folder.
+    """
+    for name in numbers.keys() & KINDS.keys():
+        raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
+    config = TrainingConfig(
+        resolve(scenario, numbers, OPTIONS),
+        preset,
+        steps,
+        seed,
+        worlds=worlds,
+        rollout=rollout,
+        dead=dead,
+        device=device,
+        threads=threads,
+        every=every,
+        settings=dict(settings or {}),
+        policies=policies,
+        opponents=_weights(opponents),
+        prioritised=prioritised,
+        snapshots=snapshots,
+        processes=processes,
+        halves=halves,
+        memory=memory,
+        critic=critic,
+        warm_start=warm_start,
+        anneal=parse_anneal([anneal] if isinstance(anneal, str) else anneal),
+    )
+    place = Path(folder) if folder is not None else usual_folder(config)
+    run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
+    shown(run, quiet=quiet)
+    return TrainedRun(place, checkpoint.newest(place), run.saved, dict(run.tags))
+
+
+def usual_folder(config: TrainingConfig) -> Path:
+    """Of a run whose folder is not named."""
+    return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
+
+
+def shown(run: TrainingRun, *, quiet: bool) -> None:
+    """Train, and show what a run comprises, how far it is, and how long it takes; see LiveView."""
+    config, work = run.config, Workload.of(run.config)
+    about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
+    view = LiveView(run.done, work.total, quiet=quiet, about=about)
+
+    def progress(run: TrainingRun) -> None:
+        ended = run.done >= config.steps
+        view.update(run.done, run.done if ended else work.total, run.tags)
+        view.now(run.now)
+
+    try:
+        run.train(progress)
+    finally:
+        view.close()
+
+
+def _weights(opponents: str | Mapping[str, float]) -> dict[str, float]:
+    if isinstance(opponents, str):
+        return parse_mixture(opponents, OPPONENTS)
+    return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}
