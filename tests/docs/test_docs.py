@@ -7,6 +7,8 @@ import pytest
 
 from perf.report import DOCUMENTS, filled
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.mark.parametrize("page", DOCUMENTS, ids=lambda page: page.stem)
 def test_tables_are_those_of_the_results(page: Path) -> None:
