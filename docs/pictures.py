@@ -8,7 +8,9 @@ Films are made by the commands that the pages show beside them.
 import contextlib
 import re
 import shlex
+import shutil
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
 
 DOCS = Path(__file__).resolve().parent
+SHOWN = 330  # tick of the page's recording
 GAP = 8  # white pixels between panels
 IDLE, STRIKE, USE = (1, 1, 1, 0, 0, 0), (1, 1, 1, 1, 0, 0), (1, 1, 1, 0, 1, 0)
 
@@ -134,9 +137,33 @@ def tag() -> Image:
     return draw(env.worlds, 0, 320, TAG_LAYERS)
 
 
+def page() -> Image:
+    """The page of a recording: a trained policy is followed. Needs PyTorch, playwright and a Chromium on the PATH."""
+    from playwright.sync_api import sync_playwright
+
+    player = outlast.load_policy(DOCS / "results/ffa_2-original-0.zip")
+    env = outlast.make_vec(player.scenario(outlast.variant("ffa_2")), 1, seed=0)
+    with tempfile.TemporaryDirectory() as folder:
+        recording, target = Path(folder) / "trained.rec", Path(folder) / "trained.html"
+        with outlast.record(env, recording, policy=player):
+            observations, _ = env.reset()
+            for _ in range(SHOWN + 100):
+                observations, *_ = env.step(player(observations))
+        outlast.replay_page(recording, target)
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+            shown = browser.new_page(viewport={"width": 1040, "height": 680}, reduced_motion="reduce")
+            shown.goto(f"{target.as_uri()}#tick={SHOWN}&agent=0")
+            shown.wait_for_timeout(1000)  # the camera comes to rest
+            taken = np.frombuffer(shown.screenshot(), np.uint8)
+            browser.close()
+    return cv2.imdecode(taken, cv2.IMREAD_COLOR_RGB)
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     made.__name__: made for made in (start, sight, zone, boxes, fight, poison, tag)
 }
+SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 
 
 def films() -> dict[str, list[str]]:
@@ -148,7 +175,7 @@ def films() -> dict[str, list[str]]:
 
 def main(*names: str) -> None:
     """Write them, or only those of these names."""
-    for name, made in PICTURES.items():
+    for name, made in (PICTURES | SCREENSHOTS).items():
         if not names or name in names:
             file = DOCS / "pictures" / f"{name}.png"
             cv2.imwrite(str(file), made()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])

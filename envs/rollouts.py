@@ -44,6 +44,7 @@ def rollout(
     threads: int | None = None,
     others: Others | None = None,
     record: File | None = None,
+    record_policy: bool = False,
     events: File | None = None,
     csv: File | None = None,
     interpret: Collection[str] = (),
@@ -77,6 +78,7 @@ def rollout(
             several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}. One is drawn for each world and
             episode; `outcomes` of the summary says how often it lost.
         record: Record everything in this new file, see outlast.record.
+        record_policy: With `record`, also record what a saved policy thinks, for the page of the recording.
         events: Write what happened into this new file, NAME.csv or NAME.parquet.
         csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
@@ -109,7 +111,8 @@ def rollout(
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
-        play = stack.enter_context(prepared(*made, record=record, events=events, csv=csv, watch=watch))
+        files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
+        play = stack.enter_context(prepared(*made, **files, watch=watch))
         try:
             return play(steps, episodes or 1, progress)
         except KeyboardInterrupt as stop:
@@ -169,15 +172,24 @@ def prepared(
     against: Against | None,
     *,
     record: File | None,
+    record_policy: bool,
     events: File | None,
     csv: File | None,
     watch: Watch | None = None,
 ) -> Iterator[Play]:
-    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile."""
+    """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile.
+
+    Raises:
+        UsageError: `record_policy` without a recording, or a file that cannot be written.
+    """
+    if record_policy and record is None:
+        raise UsageError("rollout: record_policy is about recordings: give record, too")
+    thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     with contextlib.ExitStack() as stack:
         if record is not None:
-            stack.enter_context(record_env(env, record))
+            thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
+            stack.enter_context(record_env(env, record, **thought))
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
             watchers.append(lambda where: table.add(env.events(), where))

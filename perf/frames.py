@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from outlast import make_vec
 from outlast.ecs import Worlds
-from outlast.envs.rendering.layers import LAYERS, Layer, select
+from outlast.envs.rendering.layers import FILM_LAYERS, LAYERS, CamerasLayer, Layer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video import write_film
 from outlast.envs.rendering.video.codecs import CODECS
@@ -37,7 +37,12 @@ def main() -> None:
     given = options(__doc__).parse_args()
     cv2.setNumThreads(1)
     table = Table("frames", "frames a second", *(f"{size} pixels" for size in SIZES))
-    for name, layers in (("draw", LAYERS), ("draw, vision and lines, too", select("+vision,+lines"))):
+    looks = {
+        "draw": LAYERS,
+        "draw, vision and lines, too": (*LAYERS, CamerasLayer()),
+        "draw, with what films show beside it": FILM_LAYERS,
+    }
+    for name, layers in looks.items():
         table.add(name, *(f"{drawing(size, layers):,.0f}" for size in SIZES))
     films = [filmed(size) for size in SIZES]
     for suffix in tqdm(CODECS, unit="format"):

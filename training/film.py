@@ -3,6 +3,7 @@
 import logging
 from pathlib import Path
 
+from outlast.envs.films import Looks, write_film_of
 from outlast.envs.scenarios.scenario import Scenario
 
 from .episode import episode
@@ -28,15 +29,14 @@ def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = 
     Returns:
         The film; nothing if it could not be made.
     """
-    from outlast.envs.rendering.video import footage, write_film  # here, as these load OpenCV
-
     target = folder / f"{checkpoint.stem}.webm"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with episode(checkpoint, seed=seed, most=MOST, scenario=scenario) as played:
             if played.differs:
                 logger.warning("%s: %s is not quite what it was: %s", checkpoint, played.scenario.name, played.differs)
-            write_film(target, footage(played.worlds, played.ticks, [0], size=SIZE, every=EVERY), FPS)
+            looks, title = Looks(size=SIZE, every=EVERY, fps=FPS), f"{played.scenario.name}, {checkpoint.stem}"
+            write_film_of(target, played.worlds, played.ticks, [0], looks, title)
     except Exception as error:  # of the disk, the encoder, the world, the policy
         logger.warning("there is no film of %s: %s", checkpoint, str(error) or type(error).__name__)
         return []

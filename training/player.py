@@ -1,6 +1,7 @@
 """Trained policies as functions (observations) -> actions, as every adapter takes them for opponents."""
 
 import contextlib
+import copy
 import math
 import threading
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
 from .errors import TrainingError
+from .explainer import Answer, Explainer, Question
 from .observation_layout import OWN, ObservationLayout
 from .packer import Packer
 from .policy import ActorCritic
@@ -132,13 +134,15 @@ class Player:
             TrainingError: Their shapes differ from those in training; or the policy has a memory, and was not told
                 that episodes begin there.
         """
-        self._check(observations)
-        leading, memory, begins = observations[OWN].shape[:-1], None, None
-        if self.memory:
-            memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
-        with one_thread(), torch.inference_mode():
-            actions = self._act(self.packer(observations), memory, begins)
-        return actions.reshape(*leading, actions.shape[1])
+        (actions,) = self._ask(observations, self._choose)
+        return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
+
+    def explainer(self) -> Explainer:
+        """What says with what probabilities it acts, with a memory of its own; for outlast.record(policy=player)."""
+        own = copy.copy(self)
+        own._begins = own._remembered = None
+        own.reset = own._reset if self.memory else None
+        return Explainer(own._ask, self.layout, self.header["actions"], leaky=self.packer.leaky, reset=own.reset)
 
     def _reset(self, where: Array) -> None:
         """See `reset`."""
@@ -174,25 +178,44 @@ class Player:
             )
         return self._remembered, begins
 
-    def _act(self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Array:
-        """Actions of a batch of agents, int64 (batch, actions); their memory goes on."""
+    def _ask(self, observations: dict[str, Array], question: Question) -> list[Array]:
+        """Ask the policy, or each of several about its own agents; returns the arrays (batch, ...) of the answers.
+
+        The memory goes on. Raises TrainingError.
+        """
+        self._check(observations)
+        memory, begins = None, None
+        if self.memory:
+            leading = observations[OWN].shape[:-1]
+            memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
+        with one_thread(), torch.inference_mode():
+            return self._answers(self.packer(observations), memory, begins, question)
+
+    def _answers(
+        self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None, question: Question
+    ) -> list[Array]:
         if len(self.policies) == 1:
-            logs, self._remembered = self.policies[0].logs(seen, memory, begins)
-            return self._chosen(self.policies[0], logs)
-        actions = np.zeros((len(seen), len(self.header["actions"])), np.int64)
+            answers, self._remembered = question(self.policies[0], seen, memory, begins)
+            return answers
+        joined: list[Array] = []
         number = self.team[seen.own[:, self.id].numpy().astype(int)]
-        for k, policy in enumerate(self.policies):
+        for k in np.unique(number):
             where = torch.from_numpy(np.flatnonzero(number == k))
             own = (None, None) if memory is None or begins is None else (memory[where], begins[where])
-            logs, after = policy.logs(seen.select(where), *own)
+            answers, after = question(self.policies[k], seen.select(where), *own)
             if memory is not None and after is not None:
                 memory[where] = after
-            actions[number == k] = self._chosen(policy, logs)
-        return actions
+            joined = joined or [np.zeros((len(seen), *answer.shape[1:]), answer.dtype) for answer in answers]
+            for whole, answer in zip(joined, answers, strict=True):
+                whole[number == k] = answer
+        return joined
 
-    def _chosen(self, policy: ActorCritic, logs: torch.Tensor) -> Array:
-        chosen: Array = policy.choose(logs, self.generator).numpy()
-        return chosen
+    def _choose(
+        self, policy: ActorCritic, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None
+    ) -> Answer:
+        """Actions, int64 (batch, actions)."""
+        logs, after = policy.logs(seen, memory, begins)
+        return [policy.choose(logs, self.generator).numpy()], after
 
     def _check(self, observations: dict[str, Array]) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}

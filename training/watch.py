@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.web.replay.pack import pack
+from outlast.envs.web.replay.pack import Room, pack
 from outlast.envs.web.replay.write import record_ticks
 
 from . import checkpoint, log_file
@@ -89,7 +89,7 @@ class RunWatcher:
         try:
             with episode(path, seed=number, most=MOST) as played:
                 ticks = _until(stop, played.ticks)
-                data = pack(played.scenario.name, record_ticks(played.worlds, ticks, [0]))
+                data = pack([Room(played.scenario.name, record_ticks(played.worlds, ticks, [0]))])
         except Exception as error:  # whatever is in the file, and in the world: older ones may do
             why = (str(error) or type(error).__name__).replace(str(path), "it")
             self.broken[source] = f"{path.name} cannot be played: {why}."

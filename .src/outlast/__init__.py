@@ -28,10 +28,13 @@ if TYPE_CHECKING:
     from .envs.adapters.puffer import make_puffer
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
+    from .envs.films import film
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
     from .envs.rollouts import rollout
+    from .envs.web.play.call import play
+    from .envs.web.replay import replay_page
     from .training.evaluation.evaluate import evaluate
     from .training.player import load_policy
     from .training.plots.plot import plot
@@ -55,6 +58,7 @@ __all__ = [
     "ecs",
     "errors",
     "evaluate",
+    "film",
     "load_policy",
     "make_agents",
     "make_puffer",
@@ -62,9 +66,11 @@ __all__ = [
     "make_vec",
     "noop_policy",
     "parallel_env",
+    "play",
     "plot",
     "random_policy",
     "record",
+    "replay_page",
     "rollout",
     "scaled",
     "scripted_policy",
@@ -80,6 +86,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "aec_env": "envs.adapters.pettingzoo",
     "draw": "envs.rendering.rgb",
     "evaluate": "training.evaluation.evaluate",
+    "film": "envs.films",
     "load_policy": "training.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",
@@ -87,8 +94,10 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
     "plot": "training.plots.plot",
+    "play": "envs.web.play.call",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
+    "replay_page": "envs.web.replay",
     "rollout": "envs.rollouts",
     "scripted_policy": "envs.rollout.policies",
     "train": "training.train",

@@ -14,7 +14,7 @@ from outlast.components import Phase
 from outlast.ecs import Action, Component, Event, Module, Observation, Statistic, Worlds
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
-from outlast.envs.rendering.layers import LAYERS_BY_NAME, OPTIONAL
+from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import in_words, number_rows
 from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
@@ -85,11 +85,12 @@ def ppo() -> str:
 def views() -> str:
     """The layers by their names in --views."""
     rows = []
-    for name, layer in LAYERS_BY_NAME.items():
+    for name, layer in FILM_LAYERS_BY_NAME.items():
         headline = inspect.getdoc(type(layer)) or ""
-        drawn = "on request" if name in OPTIONAL else "yes"
-        rows.append([code(name), drawn, code(_call(layer)), headline.splitlines()[0]])
-    return grid(["name", "drawn", "in Python", "what it shows"], rows)
+        filmed = "on request" if name in FILM_OPTIONAL else "yes"
+        drawn = "yes" if layer in LAYERS else "on request"
+        rows.append([code(name), filmed, drawn, code(_call(layer)), headline.splitlines()[0]])
+    return grid(["name", "in films", "in pictures", "in Python", "what it shows"], rows)
 
 
 def _call(layer: Any) -> str:

@@ -16,6 +16,7 @@ class PoisonLayer(Layer):
 
     zorder = ZOrder.ITEMS
     needs = (Vial, Illness)
+    shows = (Vial,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Positions and sizes are in metres."""

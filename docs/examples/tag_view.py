@@ -28,6 +28,7 @@ class PlayersLayer(Layer):
 
     zorder = ZOrder.ITEMS
     needs = (Player,)
+    shows = (Shield,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Shields only where there are some."""

@@ -1,14 +1,13 @@
 """outlast frames: play, and draw every step, as pictures or as a film."""
 
 import argparse
-import contextlib
+import dataclasses
 import logging
 from typing import Any
 
-from ..core.make import make_vec
-from ..rollout.local import ticks
+from ..films import Progress, film
 from . import video_options
-from .options import PLAY, add_common, add_number, add_policy, add_scenario, add_seed, scenario_and_policy
+from .options import PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
 
 LOGGER = logging.getLogger(__name__)
 
@@ -28,6 +27,7 @@ def add(commands: Any) -> None:
     add_number(played, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds")
     add_number(played, "--steps", 500, "steps of each world")
     add_policy(command, "scripted")
+    add_others(command, None, "who plays all sides but one, which changes from world to world and episode to episode")
     add_seed(command)
     video_options.add(command, required=True)
     add_common(command, "--quiet")
@@ -39,8 +39,10 @@ def run(options: argparse.Namespace) -> int:
     rows, columns = options.mosaic or (1, 1)
     if options.mosaic and rows * columns < (options.worlds or 0):
         LOGGER.warning("--mosaic shows the first %d of %d worlds", rows * columns, options.worlds)
-    scenario, make_policy = scenario_and_policy(options)
-    env = make_vec(scenario, options.worlds or rows * columns, seed=options.seed, copy=False, check_actions=False)
-    with contextlib.closing(env):
-        played = ticks(env, make_policy(env, options.seed), options.steps)
-        return video_options.write_frames(options, env.worlds, played, options.steps)
+    asked = scenario(options)
+    given = {name: getattr(options, name) for name in ("policy", "others", "worlds", "steps", "seed")}
+
+    def made(progress: Progress) -> None:
+        film(asked, options.out, progress=progress, **given, **dataclasses.asdict(video_options.looks(options)))
+
+    return video_options.report(options, options.steps, made)

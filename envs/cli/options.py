@@ -4,24 +4,21 @@ import argparse
 import contextlib
 import logging
 import os
-import threading
-import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
 
 from tqdm import tqdm
 
-from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ScenarioError, UsageError
-from ..rollout.loading import load_policies, maker
 from ..rollout.mixture import checked_entries, parse_mixture
-from ..rollout.policies import POLICIES, Policy
+from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
 from ..scenarios.imports import module_of
 from ..scenarios.naming import mechanic, resolve
 from ..scenarios.scenario import Scenario
+from ..web.announce import announce as announced
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
@@ -74,7 +71,7 @@ def _save(asked: Scenario, options: argparse.Namespace) -> None:
 
 
 def add_policy(command: Parser, default: str) -> None:
-    """--policy; `scenario_and_policy` reads it."""
+    """--policy; what it names is read where worlds are made for it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
@@ -110,9 +107,7 @@ def add_page(command: Parser) -> None:
 
 def announce(options: argparse.Namespace, text: str, address: str) -> None:
     """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
-    print(text, flush=True)
-    if not options.no_browser:
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()  # some wait for their browser
+    announced(text, address, not options.no_browser)
 
 
 def add_common(command: Parser, *options: str) -> None:
@@ -142,15 +137,6 @@ def mixture(text: str) -> dict[str, float]:
         return parse_mixture(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def scenario_and_policy(options: argparse.Namespace) -> tuple[Scenario, Callable[[SurvivalVectorEnv, int], Policy]]:
-    """The scenario that the options name, and what makes the policy for it: see POLICIES.
-
-    Raises ScenarioError, UsageError.
-    """
-    fitting, (chosen,) = load_policies([options.policy], scenario(options), options.seed)
-    return fitting, maker(chosen)
 
 
 @contextlib.contextmanager

@@ -1,26 +1,11 @@
 """outlast play: steer an agent in the browser, against policies."""
 
 import argparse
-import asyncio
-import contextlib
 import sys
 from typing import Any
 
-from ..errors import PlayError, install
-from ..rollout.loading import load_policies
-from .options import (
-    PLAY,
-    add_common,
-    add_number,
-    add_others,
-    add_page,
-    add_scenario,
-    add_seed,
-    announce,
-    scenario,
-)
-
-FASTEST = 1000  # ticks a second
+from ..web.play.call import FASTEST, play
+from .options import PLAY, add_common, add_number, add_others, add_page, add_scenario, add_seed, scenario
 
 
 def add(commands: Any) -> None:
@@ -46,22 +31,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the game until Ctrl-C; the exit status. Raises PlayError."""
-    try:
-        from ..web.play.game import Game  # here, as these need websockets
-        from ..web.play.server import play
-    except ModuleNotFoundError as error:
-        package = str(error.name).partition(".")[0]
-        raise PlayError(f"outlast play needs {package}: {install('play')}") from error
-    world, chosen = load_policies(list(options.others), scenario(options), options.seed)
-    others = dict(zip(chosen, options.others.values(), strict=True))
-    game = Game(world, agent=options.agent, others=others, seed=options.seed, record=options.record)
-
-    def opened(address: str) -> None:
-        text = f"{world.name}: you are agent {options.agent} at {address}\nCtrl-C ends the game."
-        announce(options, text, address)
-
-    with contextlib.closing(game), contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(play(game, options.fps or 1 / game.world["seconds"], options.port, opened))
+    given = {name: getattr(options, name) for name in ("agent", "others", "seed", "fps", "port", "record")}
+    play(scenario(options), browser=not options.no_browser, **given)
     print(file=sys.stderr)  # behind the ^C
     return 0
 

@@ -5,7 +5,6 @@ import contextlib
 import logging
 import math
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,14 @@ from tqdm import tqdm
 from outlast.ecs import SKIP
 
 from ..errors import RecordingError, ReplayError
+from ..films import REPLAYED, Progress, write_film_of
 from ..recording import Recording, Replay
+from ..recording.selection import last_tick
 from ..rollout.event_file import event_file
 from . import video_options
 from .options import OUTPUT, add_common, add_number, nonnegative, path, printable
 
 LOGGER = logging.getLogger(__name__)
-FRAMES, PAGES = 16, 1  # worlds that are shown if none are named
 
 
 def add(commands: Any) -> None:
@@ -42,6 +42,8 @@ def add(commands: Any) -> None:
     video_options.add(command, required=False)
     output, part = command.group(OUTPUT), command.group("which part")
     output.add_argument("--html", type=path, metavar="PATH", help="write a web page that plays the recording")
+    text = "another recording, for --html: the page plays both in step"
+    output.add_argument("--beside", type=path, metavar="FILE", help=text)
     text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
     output.add_argument("--data", type=path, metavar="PATH", help=text)
     text = "write what happened into a new table, NAME.csv or NAME.parquet"
@@ -77,6 +79,8 @@ def _check(options: argparse.Namespace, products: bool) -> None:
     """RecordingError for options that would have no effect."""
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
+    if options.beside is not None and options.html is None:
+        raise RecordingError("--beside is for pages: give --html PATH, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):
         raise RecordingError(
             "--from, --to and --worlds select what is written; give --out, --html, --data or --events, too"
@@ -84,25 +88,21 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 
 
 def _open(options: argparse.Namespace) -> Recording:
-    """The recording, if it has what the options ask for; `last` becomes the number of a tick."""
+    """The recording, if it has what the options ask for; `last` becomes the number of a tick, `to` is as asked for."""
+    recording = _recording(options.file, options.scenario)
+    options.to, options.last = options.last, last_tick(recording, options.first, options.last, options.worlds)
+    return recording
+
+
+def _recording(path: str, scenario: str | None) -> Recording:
     try:
-        recording = Recording.open(options.file, options.scenario)
+        recording = Recording.open(path, scenario)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise
-        raise RecordingError(f"{options.file}: {getattr(error, 'strerror', error)}") from None
+        raise RecordingError(f"{path}: {getattr(error, 'strerror', error)}") from None
     if recording.cut:
         LOGGER.warning("%s", recording.cut)
-    if not len(recording):
-        raise RecordingError(f"{options.file}: there is no tick in it")
-    last = len(recording) - 1
-    if not options.first <= (last if options.last is None else options.last) <= last:
-        raise RecordingError(f"--from and --to: 0 <= from <= to <= {last} is needed, the last tick of {options.file}")
-    options.last = last if options.last is None else options.last
-    if options.worlds is not None and max(options.worlds) >= recording.num_worlds:
-        raise RecordingError(
-            f"--worlds: there is no world {max(options.worlds)}; they are 0 to {recording.num_worlds - 1}"
-        )
     return recording
 
 
@@ -117,17 +117,22 @@ def _verify(options: argparse.Namespace, replay: Replay) -> int:
 
 
 def _film(options: argparse.Namespace, replay: Replay) -> int:
-    shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else FRAMES)
-    return video_options.write_frames(options, replay.worlds, ticks, options.last - options.first, shown)
+    shown, ticks = _selected(options, replay, math.prod(options.mosaic) if options.mosaic else REPLAYED)
+    looks, name = video_options.looks(options), replay.recording.scenario.name
+
+    def made(progress: Progress) -> None:
+        write_film_of(options.out, replay.worlds, ticks, shown, looks, name, progress)
+
+    return video_options.report(options, options.last - options.first, made)
 
 
 def _page(options: argparse.Namespace, replay: Replay) -> int:
-    from ..web.replay import write_page
+    from ..web.replay import replay_page
 
-    shown, ticks = _selected(options, replay, PAGES)
-    bar = tqdm(ticks, total=options.last - options.first + 1, unit="tick", disable=options.quiet)
-    title = f"{replay.recording.scenario.name}: {printable(Path(options.file).name)}"
-    write_page(options.html, replay.worlds, bar, shown, title=title)
+    beside = None if options.beside is None else _recording(options.beside, options.scenario)
+    chosen = {"worlds": options.worlds, "first": options.first, "last": options.to}
+    how = {"verify": options.verify, "threads": options.threads, "quiet": options.quiet}
+    replay_page(replay.recording, options.html, beside=beside, **chosen, **how)
     print(printable(options.html))
     return 0
 

@@ -73,6 +73,8 @@ def add(commands: Any) -> None:
     add_common(command, "--threads", "--record", "--quiet")
     text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
     machine.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
+    text = "with --record: also record what a saved --policy thinks, for the page of `outlast replay --html`"
+    output.add_argument("--record-policy", action="store_true", help=text)
     text = "use the Ray cluster at ADDRESS, or the one on this machine (default: no cluster)"
     machine.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
     command.set_defaults(run=run, steps=0)
@@ -82,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
     if options.json not in (None, STDOUT):
         checked_target(options.json, "summaries", (".json",))  # before anything is played
+    if options.record_policy and options.record is None:
+        raise UsageError("--record-policy is about recordings: give --record FILE, too")
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     asked, place = scenario(options), _here if options.ray is None else _on_ray
     with deaths, place(options, asked) as (agents, work):
@@ -92,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
     settings = {name: getattr(options, name) for name in ("seed", "threads", "interpret")}
-    files = {name: getattr(options, name) for name in ("record", "events", "csv")}
+    files = {name: getattr(options, name) for name in ("record", "record_policy", "events", "csv")}
     made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
     with contextlib.closing(made[0]), prepared(*made, **files) as play:
         yield made[0].num_agents, lambda progress: play(options.steps, options.episodes, progress)

@@ -1,24 +1,24 @@
 """Options of the commands that draw worlds: what is drawn, and where it goes."""
 
 import argparse
+import dataclasses
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
-from outlast.ecs import Worlds
-
+from ..films import Looks, Progress
 from .grammar import Parser
 from .options import add_number, path, printable
 
 LOGGER = logging.getLogger(__name__)
-DEFAULTS: dict[str, Any] = {"size": 512, "mosaic": None, "views": "", "every": 1, "fps": 30}
+DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 
 
 def add(command: Parser, required: bool) -> None:
-    """--out and, for it, --size, --mosaic, --views, --every and --fps; `write_frames` reads them, and --quiet."""
+    """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     command = command.group("pictures")
     text = "where to write: a folder for pictures, or a film, .mp4, .webm, .gif or .apng"
     command.add_argument("--out", type=path, required=required, metavar="PATH", help=text)
@@ -44,31 +44,35 @@ def given(options: argparse.Namespace) -> list[str]:
     return [f"--{name}" for name, default in DEFAULTS.items() if getattr(options, name) != default]
 
 
-def write_frames(
-    options: argparse.Namespace,
-    worlds: Worlds,
-    ticks: Iterable[object],
-    total: int,
-    shown: Sequence[int] | None = None,
-) -> int:
-    """Write what the options ask for, of `total` ticks after the reset; the exit status. Raises FilmError.
+def looks(options: argparse.Namespace) -> Looks:
+    """How the film looks that the options ask for."""
+    return Looks(**{name: getattr(options, name) for name in DEFAULTS})
 
-    shown: numbers of the worlds to draw; None: all, or as many as the mosaic has room for.
+
+def report(options: argparse.Namespace, total: int, made: Callable[[Progress], object]) -> int:
+    """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status.
+
+    The bar begins with the first frame: until then, something may be refused.
     """
-    from ..rendering.layers import select
-    from ..rendering.video import footage, write_film
+    bars, frames = list[Any](), 0
 
-    room = worlds.count if options.mosaic is None else options.mosaic[0] * options.mosaic[1]
-    chosen = range(min(room, worlds.count)) if shown is None else shown
-    looks = {"size": options.size, "layers": select(options.views), "mosaic": options.mosaic, "every": options.every}
-    frames, count = footage(worlds, ticks, chosen, **looks), total // options.every + 1
+    def progress(count: int) -> None:
+        nonlocal frames
+        frames = count
+        if not bars:
+            bars.append(tqdm(total=total // options.every + 1, unit="frame", disable=options.quiet))
+        bars[0].total = max(bars[0].total or 0, count)  # the ends of episodes add some
+        bars[0].update()
+
     try:
-        with tqdm(frames, total=count, unit="frame", disable=options.quiet) as bar:
-            count = write_film(options.out, bar, options.fps)
+        made(progress)
     except KeyboardInterrupt:
         LOGGER.warning("stopped; %s was not written", options.out)
         return 130
-    print(f"{printable(options.out)}: {count:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
+    finally:
+        for bar in bars:
+            bar.close()
+    print(f"{printable(options.out)}: {frames:,} frames, {_size(Path(options.out)) / 1e6:.1f} MB")
     return 0
 
 

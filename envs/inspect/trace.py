@@ -23,6 +23,7 @@ from outlast.components import (
     Heal,
     Health,
     Item,
+    Reward,
     Shape,
     Side,
     Sides,
@@ -32,9 +33,11 @@ from outlast.components import (
     Zone,
 )
 from outlast.components.sight import OMNISCIENT
-from outlast.ecs import Clock, Component, Layout, Worlds
+from outlast.ecs import Action, Clock, Component, Layout, Worlds
 
+from ..core.spaces import published
 from ..rendering.layers.cameras import cone_corners, seen_rows
+from ..rendering.layers.others import of_kind
 from ..rendering.scene import Scene
 from ..rendering.style import css, ink_on, of_box, of_side
 
@@ -88,10 +91,12 @@ def describe(worlds: Worlds, w: int) -> Json:
     half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
     tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
     0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
-    if there are no cameras. damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}].
-    objects: [{kind, role, radius, width, height, of, amount, health}]: role is box, box_item, heal, item, wall or
-    other; radius 0: a rectangle; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
-    health: hit points at the start, 0: cannot be damaged.
+    if there are no cameras, or agents observe everything. damage_types: by number. actions: [{name, low, high}], what
+    an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box}] as CSS. agents: [{side,
+    radius, hides}]. objects: [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item,
+    heal, item, wall or other; radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a
+    box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged.
+    color: of items and others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -107,10 +112,18 @@ def describe(worlds: Worlds, w: int) -> Json:
         "zone": Zone in scene,
         "cone": _cone(scene),
         "damage_types": list(worlds.layout.damage_types),
+        "actions": [
+            {"name": key, "low": int(column.low), "high": int(column.high)}
+            for key, _, _, column in published(worlds, Action)
+        ],
+        "rewards": Reward in scene,
         "sides": [
             {"color": css(of_side(s)), "ink": css(ink_on(of_side(s))), "box": css(of_box(s))} for s in range(count)
         ],
-        "agents": [{"side": sides[e], "radius": _number(scene.shape.radius[e])} for e in bodies.agents],
+        "agents": [
+            {"side": sides[e], "radius": _number(scene.shape.radius[e]), "hides": _hides(scene, e)}
+            for e in bodies.agents
+        ],
         "objects": [_object(scene, e, kind) for e, kind in zip(bodies.objects, bodies.kinds, strict=True)],
     }
 
@@ -119,26 +132,34 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     """World `w` as it is now.
 
     episode, tick: of its clock. zone: [x, y, radius, next x, next y, next radius] or None. agents: [{x, y, angle,
-    alive, health, bag, strike, target, sees}]: bag holds objects, the last one is the one in use; strike is 0, or 1 for
-    one that met nothing in this tick, 2 for one that met something; target: the body that it met, -1: none; sees holds
-    numbers of bodies other than walls, None: all. objects: [{x, y, angle, here, owner, wound}]: here: in the world, so
-    not in a bag and not broken; owner: a side, -1: none; wound: hit points that it lacks.
+    alive, health, bag, strike, target, sees, action, reward}]: bag holds objects, the last one is the one in use;
+    strike is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met,
+    -1: none; sees holds numbers of bodies other than walls, None: all; action holds what it was told to do in this
+    tick, without a meaning in the first of an episode; reward: of this tick. objects: [{x, y, angle, here, owner,
+    wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1: none; wound: hit points that it
+    lacks.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
     alive = set(scene.living(Body, Shape))
     targets = {strike.agent: strike.target for strike in scene.events(Strike)}
+    actions = worlds.actions[:, w].T.tolist()
+    rewards = scene[Reward].reward if Reward in scene else [0.0] * len(bodies.agents)
     return {
         "episode": scene[Clock].episode[0],
         "tick": scene[Clock].tick[0],
         "zone": zone,
-        "agents": [_agent(scene, bodies, i, e, e in alive, targets) for i, e in enumerate(bodies.agents)],
+        "agents": [
+            _agent(scene, bodies, i, e, e in alive, targets) | {"action": actions[i], "reward": _finite(rewards[i])}
+            for i, e in enumerate(bodies.agents)
+        ],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
     }
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:
     role = next((role for component, role in ROLES if e in scene.rows(component)), "other")
+    role = "other" if role == "wall" and scene[Solid].dynamic[e] else role  # what can be pushed is no wall
     bodies, shape = bodies_of(scene.worlds.layout), scene.shape
     return {
         "kind": kind,
@@ -146,9 +167,11 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
         "radius": _number(shape.radius[e]),
         "width": _number(2 * shape.half_width[e]),
         "height": _number(2 * shape.half_height[e]),
+        "hides": _hides(scene, e),
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,
         "health": scene.prefab(Health).points[e] if _has_health(scene, e) else 0,
+        "color": css(of_kind(scene, e)) if role in ("item", "other") else "",
     }
 
 
@@ -187,8 +210,15 @@ def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:
     return [bodies.numbers[row] for row in seen_rows(scene, i)]
 
 
-def _cone(scene: Scene) -> list[list[float]] | None:
+def _hides(scene: Scene, e: int) -> bool:
+    """Whether sight ends at a body, see systems.cameras.see."""
     if systems.Cameras not in scene:
+        return False
+    return e in scene.rows(Shape, Solid) or bool(scene.mechanic(systems.Cameras).items_occlude)
+
+
+def _cone(scene: Scene) -> list[list[float]] | None:
+    if systems.Cameras not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
     return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras))]
 
@@ -206,5 +236,10 @@ def _place(scene: Scene, e: int) -> Json:
 
 
 def _number(value: float) -> float:
-    """Rounded; JSON has no infinities, and nothing is drawn at them."""
-    return round(value, DIGITS) if math.isfinite(value) else 0.0
+    """Rounded; nothing is drawn at infinities."""
+    return round(_finite(value), DIGITS)
+
+
+def _finite(value: float) -> float:
+    """The number; JSON has no infinities."""
+    return value if math.isfinite(value) else 0.0

@@ -7,7 +7,8 @@ MAGIC    the line "outlast recording 1"
 chunk    a header of 40 bytes, then the content: tag, bytes of the content stored and unpacked, tick records in it,
          number of the first of them, blake2b-8 of the stored content, blake2b-8 of the 32 bytes before
 HEAD     the first chunk: JSON that says what was recorded (see reader)
-RECORDS  many chunks: tick records (see tick_records)
+RECORDS  many chunks: tick records (see tick_records); behind them, packed by itself, what the policy thought in
+         these ticks, if the header has a policy. Readers of before do not look behind the tick records.
 DONE     the last chunk, without content: the recording was closed, and nothing is missing
 ======== =========================================================================================
 
@@ -53,13 +54,13 @@ class Chunk:
         return self.offset + HEADER_SIZE + self.stored
 
 
-def encode_chunk(tag: bytes, content: bytes, ticks: int, first: int) -> bytes:
-    """The bytes of a chunk.
+def encode_chunk(tag: bytes, content: bytes, ticks: int, first: int, behind: bytes = b"") -> bytes:
+    """The bytes of a chunk. behind: more content, which is packed by itself and may be left unread.
 
     Matches of a distance of one only (Z_RLE): random actions have no others, and it is the fastest for those that do.
     """
     packer = zlib.compressobj(1, strategy=zlib.Z_RLE)
-    stored = packer.compress(content) + packer.flush()
+    stored = packer.compress(content) + packer.flush() + (zlib.compress(behind, 1) if behind else b"")
     fields = FIELDS.pack(tag, len(stored), len(content), ticks, first, _checksum(stored))
     return fields + _checksum(fields) + stored
 
@@ -90,19 +91,30 @@ def read_stored(file: BinaryIO, path: str, chunk: Chunk) -> bytes:
     return stored
 
 
-def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> bytes:
-    """The content of a chunk, unpacked. Raises RecordingError if it is damaged or larger than `max_bytes`."""
+def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tuple[bytes, bytes]:
+    """The content of a chunk, unpacked, and what is behind it, still packed; see `unpack`.
+
+    Raises RecordingError if it is damaged or larger than `max_bytes`.
+    """
     stored = read_stored(file, path, chunk)
     if chunk.unpacked > max_bytes:
         raise RecordingError(f"{path}: the chunk at byte {chunk.offset} says that it holds {chunk.unpacked} bytes")
+    try:
+        return unpack(stored, chunk.unpacked)
+    except ValueError:
+        raise damaged(path, chunk.offset) from None
+
+
+def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
+    """`size` bytes of content, and what is stored behind it. Raises ValueError if there are more or fewer bytes."""
     packer = zlib.decompressobj()
     try:
-        content = packer.decompress(stored, chunk.unpacked + 1)
-    except zlib.error:
-        raise damaged(path, chunk.offset) from None
-    if len(content) != chunk.unpacked or not packer.eof:
-        raise damaged(path, chunk.offset)
-    return content
+        content = packer.decompress(stored, size + 1)
+    except zlib.error as error:
+        raise ValueError(str(error)) from None
+    if len(content) != size or not packer.eof:
+        raise ValueError(f"it is not {size} bytes")
+    return content, packer.unused_data
 
 
 def damaged(path: str, offset: int) -> RecordingError:

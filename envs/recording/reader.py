@@ -18,6 +18,7 @@ from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes, current_classes, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
+from .policy_record import is_policy, policy_dtype
 from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
 
@@ -33,6 +34,7 @@ class Recording:
         header: What the file says of itself: `outlast`, `machine`, `scenario` ...
         scenario: The scenario that was played.
         num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` in each world.
+        entities: If a policy was recorded, what it attended to, (key of the observation, rows) of each kind.
         cut: Empty, or a sentence that the end of the file is missing, as its writer was killed or still runs.
     """
 
@@ -47,7 +49,9 @@ class Recording:
         self._format = TickFormat(
             *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
             *(len(self.components), header["digests"]["repeat"]),
+            policy_dtype(header["actions"], header["policy"]) if "policy" in header else None,
         )
+        self.entities = [(str(key), int(rows)) for key, rows in header.get("policy", {"entities": []})["entities"]]
         lost = size - chunks[-1].end
         sentence = f"{path} was cut off: {self._length} ticks are whole, {lost} bytes after them are left out"
         self.cut = "" if chunks[-1].tag == DONE else sentence
@@ -126,9 +130,9 @@ class Recording:
                 raise RecordingError(f"{self.path} does not begin with a reset of all worlds")
 
     def _decoded(self, file: BinaryIO, chunk: Chunk) -> list[TickRecord]:
-        content = read_content(file, self.path, chunk, MAX_PENDING_BYTES + self._format.max_bytes)
+        content, behind = read_content(file, self.path, chunk, MAX_PENDING_BYTES + self._format.max_bytes)
         try:
-            return list(decode_ticks(content, chunk.ticks, self._format))
+            return list(decode_ticks(content, chunk.ticks, self._format, behind))
         except ValueError:
             raise damaged(self.path, chunk.offset) from None
 
@@ -145,7 +149,7 @@ def _check_order(path: str, chunks: list[Chunk]) -> None:
 
 def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     """The header, with everything in it of the right kind."""
-    content = read_content(file, path, chunk, MAX_HEADER)
+    content, _ = read_content(file, path, chunk, MAX_HEADER)
     try:
         header = json.loads(content)
         valid = _is_valid(header)
@@ -171,6 +175,7 @@ def _is_valid(header: Any) -> bool:
         and is_fingerprint(header["scenario"])
         and columns
         and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
+        and ("policy" not in header or is_policy(actions, header["policy"]))
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
         and len(digests["components"]) <= MAX_HEADER

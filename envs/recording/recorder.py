@@ -19,7 +19,8 @@ from ..scenarios.scenario import Scenario
 from ..scenarios.serialize import classes
 from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
 from .digests import WORLDS_PER_DIGEST, Digests
-from .tick_records import KEY_SIZE, JointActions, TickFormat, TickRecord, encode_ticks
+from .policy_record import PolicyRecorder
+from .tick_records import KEY_SIZE, JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
 
 Array = np.ndarray[Any, Any]
 
@@ -35,14 +36,24 @@ class Recorder:
     Raises RecordingError if the file exists, or cannot be made.
     """
 
-    def __init__(self, path: str | os.PathLike[str], scenario: Scenario, worlds: Worlds, first_world: int = 0) -> None:
-        self.path, self._worlds = Path(path), worlds
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        scenario: Scenario,
+        worlds: Worlds,
+        first_world: int = 0,
+        policy: PolicyRecorder | None = None,
+    ) -> None:
+        self.path, self._worlds, self._policy = Path(path), worlds, policy
         self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
         form = TickFormat(
             *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
             *(len(self._digests.names), self._digests.period),
+            policy.dtype if policy else None,
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
+        if policy:
+            header["policy"] = policy.header
         self._file = _Appender(self.path, header, form)
         self._finalizer = weakref.finalize(self, self._file.close)  # also when the process ends without close()
         self._owner = os.getpid()
@@ -85,13 +96,14 @@ class Recorder:
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
+        thought = self._policy.look(steps) if self._policy else None  # ahead of the tick, of what agents saw
         self._continuous = False
         self._worlds.run(mode)
         if not all_step:
             self._keyed[mode == RESET, -1] += np.uint64(1)  # episode
         digest = self._digests.compute(self.ticks)
         try:
-            self._file.append(TickRecord(mode.copy(), codes, keys, digest))
+            self._file.append(TickRecord(mode.copy(), codes, keys, digest, thought))
         except OSError as error:
             self._finalizer.detach()
             self._file.abandon()
@@ -189,7 +201,8 @@ class _Appender:
     def _flush(self) -> None:
         _, first, pending = self._state
         if pending:
-            self._write(encode_chunk(RECORDS, encode_ticks(pending, self._form), len(pending), first), len(pending))
+            content, count = encode_ticks(pending, self._form), len(pending)
+            self._write(encode_chunk(RECORDS, content, count, first, encode_policies(pending)), count)
         self._pending_bytes, self._since = 0, time.monotonic()
 
     def _write(self, content: bytes, ticks: int) -> None:

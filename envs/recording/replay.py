@@ -29,6 +29,8 @@ class Replay:
         recording: The recording.
         worlds: An ecs.Worlds, as it is after the tick that `ticks` yielded; read its tables and its `mode`.
         summary: Of the episodes that have ended so far.
+        policy: What the recorded policy thought ahead of that tick, policy_record.policy_dtype (worlds, agents), NaN in
+            worlds that took no step; None if no policy was recorded.
 
     Args:
         recording: What `Recording.open` returned.
@@ -40,6 +42,7 @@ class Replay:
 
     def __init__(self, recording: Recording, threads: int = 1) -> None:
         self.recording, self.summary, scenario = recording, Summary(), recording.scenario
+        self.policy: Array | None = None
         try:
             self.worlds = Worlds(scenario.modules, recording.num_worlds, threads, ordered=scenario.order)
             check_playable(self.worlds, scenario.name)
@@ -106,6 +109,9 @@ class Replay:
         except ValueError as error:
             raise RecordingError(f"{self.recording.path} is damaged: {error}") from None
         self.worlds.run(record.mode)
+        if record.policy is not None:
+            self.policy = np.full((self.worlds.count, self.recording.num_agents), np.nan, record.policy.dtype)
+            self.policy[record.mode == STEP] = record.policy
 
     def _compare(self, number: int, expected: Array) -> None:
         different = np.flatnonzero(self._digests.compute(number) != expected)

@@ -11,6 +11,7 @@ from outlast.ecs import STEP, Action, Worlds
 
 from ..core.spaces import published
 from ..errors import RecordingError
+from .container import unpack
 
 Array = np.ndarray[Any, Any]
 
@@ -27,6 +28,7 @@ class TickFormat:
     joint_actions: int  # how many there are for an agent
     digest_size: int  # numbers in a digest
     digest_period: int  # ticks until a digest is made in the same way again
+    policy: np.dtype[Any] | None = None  # what a policy thought of an agent's tick, see policy_record; None: unknown
 
     @property
     def code(self) -> np.dtype[Any]:
@@ -36,7 +38,8 @@ class TickFormat:
     @property
     def max_bytes(self) -> int:
         """Bytes that a tick record takes, at most."""
-        return self.worlds * (1 + self.agents * self.code.itemsize + 8 * KEY_SIZE) + 2 * self.digest_size + 4
+        each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
+        return self.worlds * (1 + self.agents * each + 8 * KEY_SIZE) + 2 * self.digest_size + 4
 
 
 @dataclass(frozen=True)
@@ -46,21 +49,29 @@ class TickRecord:
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
     keys: uint64 (n, 4), worlds that were keyed anew just before, as (row, seed, world, episode); see ecs.Clock.
     digest: uint16 (digest_size,), of the state after it; see digests.
+    policy: TickFormat.policy (worlds that took a STEP, agents), what the policy thought; None: not recorded.
     """
 
     mode: Array
     codes: Array
     keys: Array
     digest: Array
+    policy: Array | None = None
 
     @property
     def nbytes(self) -> int:
         """Bytes that it takes, before they are packed."""
-        return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4
+        thought = 0 if self.policy is None else self.policy.nbytes
+        return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4 + thought
+
+
+def encode_policies(records: Sequence[TickRecord]) -> bytes:
+    """What the policy thought in these ticks."""
+    return b"".join(record.policy.tobytes() for record in records if record.policy is not None)
 
 
 def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
-    """The bytes of `records`; `decode_ticks` reads them."""
+    """The bytes of `records` without `policy`; `decode_ticks` reads them."""
     digests = np.array([record.digest for record in records], "<u2").reshape(len(records), form.digest_size)
     changes = digests.copy()  # components that never change become zeros
     changes[form.digest_period :] -= digests[: -form.digest_period]
@@ -72,8 +83,11 @@ def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
     return b"".join(part.tobytes() for part in parts)
 
 
-def decode_ticks(content: bytes, count: int, form: TickFormat) -> Iterator[TickRecord]:
-    """The `count` tick records of `content`. Raises ValueError if it is not `count` of them in that format."""
+def decode_ticks(content: bytes, count: int, form: TickFormat, behind: bytes = b"") -> Iterator[TickRecord]:
+    """The `count` tick records of `content`. Raises ValueError if it is not `count` of them in that format.
+
+    behind: packed, what encode_policies made of them, if the format has a policy.
+    """
     take = _ArrayReader(content)
     modes = take("i1", count, form.worlds)
     if ((modes < 0) | (modes > 2)).any():
@@ -90,10 +104,21 @@ def decode_ticks(content: bytes, count: int, form: TickFormat) -> Iterator[TickR
     steps = (modes == STEP).sum(1)
     codes = take(form.code.newbyteorder("<").str, int(steps.sum()), form.agents)
     take.end()
+    thoughts = _policies(behind, codes.shape, form)
     row, key = 0, 0
     for mode, step, many, digest in zip(modes, steps, keyed, digests, strict=True):
-        yield TickRecord(mode, codes[row : row + step], keys[key : key + many], digest)
+        thought = None if thoughts is None else thoughts[row : row + step]
+        yield TickRecord(mode, codes[row : row + step], keys[key : key + many], digest, thought)
         row, key = row + int(step), key + int(many)
+
+
+def _policies(behind: bytes, shape: tuple[int, ...], form: TickFormat) -> Array | None:
+    """What the policy thought in steps (worlds, agents), one tick after the other."""
+    if form.policy is None:
+        return None
+    size = form.policy.itemsize * math.prod(shape)
+    content, _ = unpack(behind, size) if size else (b"", b"")
+    return np.frombuffer(content, form.policy).reshape(shape)
 
 
 class _ArrayReader:

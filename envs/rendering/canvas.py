@@ -13,7 +13,7 @@ from .style import Color
 
 Image = np.ndarray[Any, Any]
 Point = tuple[float, float]
-Projection = tuple[float, float, float]  # to fixed-point numbers: units a metre, units of the origin, metres to FAR
+Projection = tuple[float, float, float, float]  # to fixed-point numbers: units a metre, the origin, metres to FAR
 
 SMALLEST, LARGEST = 64, 4096  # pixels, sides of a picture
 SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
@@ -21,7 +21,7 @@ UNIT = 1 << SHIFT
 FAR = 1000  # halves of the picture; what is farther out would overflow a fixed-point number
 FONT_HEIGHT = 21  # pixels, height of a digit at scale 1 in the font that is used
 BOLD = 24  # pixels of height for each of a stroke's width
-READABLE = 5  # pixels, height of the smallest text worth drawing
+READABLE = 7  # pixels, height of the digits of the smallest text worth drawing
 BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around what it fills
 THINNEST = 0.5  # pixels, half the width of the thinnest body
 KEPT = 2**14  # shapes whose corners are remembered
@@ -29,25 +29,26 @@ ERROR = 0.05  # pixels between a circle and the polygon that is drawn for it
 
 
 class Canvas:
-    """A square picture of the plane around the origin: image is uint8 (size, size, 3), RGB, row 0 on top.
+    """A picture of the plane around the origin: image is uint8 (height, width, 3), RGB, row 0 on top.
 
-    half: metres from the origin to each edge. Drawing takes metres, x to the right and y up, and colours (red, green,
+    size: pixels from left to right, and from top to bottom unless `height` is given. half: metres from the origin to
+    the left and right edge. Drawing takes metres, x to the right and y up, and colours (red, green,
     blue); edges are anti-aliased, positions are kept to 1/16 of a pixel, lines are at least one pixel wide. What has a
     coordinate that is not a number, or lies a thousand pictures away, is left out.
     """
 
-    def __init__(self, size: int, half: float) -> None:
-        self.image: Image = np.empty((size, size, 3), np.uint8)
-        self.size, self.half = size, half
+    def __init__(self, size: int, half: float, height: int | None = None) -> None:
+        self.size, self.half, self.height = size, half, size if height is None else height
+        self.image: Image = np.empty((self.height, size, 3), np.uint8)
         self.scale = size / (2 * half)  # pixels per metre
         self._unit = self.scale * UNIT
-        self._origin = size * UNIT / 2 - UNIT / 2  # OpenCV counts from the centre of the first pixel, not its edge
-        self._far = FAR * half
-        self._projection = self._unit, self._origin, self._far
+        middle, down = (side * UNIT / 2 - UNIT / 2 for side in (size, self.height))  # OpenCV counts from the centre of
+        self._origin, self._far = (middle, down), FAR * half  # the first pixel, not its edge
+        self._projection = self._unit, middle, down, self._far
 
     def clear(self, color: Color) -> None:
         """Paint everything over."""
-        cv2.rectangle(self.image, (0, 0), (self.size, self.size), color, cv2.FILLED)
+        cv2.rectangle(self.image, (0, 0), (self.size, self.height), color, cv2.FILLED)
 
     def circle(self, x: float, y: float, radius: float, color: Color, width: float = 0) -> None:
         """A disc, or with a width (metres) a circle line."""
@@ -66,22 +67,26 @@ class Canvas:
             thick = self._thick(width)
             cv2.line(self.image, self._at(x, y), self._at(to_x, to_y), color, thick, cv2.LINE_AA, SHIFT)
 
-    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0, opacity: float = 1) -> None:
-        """A filled convex polygon, blended in with an opacity below 1; or with a width (metres) its outline."""
+    def polygon(self, corners: Sequence[Point], color: Color, width: float = 0) -> None:
+        """A filled convex polygon; or with a width (metres) its outline."""
         points = _fixed(corners, self._projection)
         if points is None:
             return
         if width:
             cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
-        elif opacity == 1:
-            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
         else:
-            self._glaze(points, color, opacity)
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+
+    def area(self, corners: Image, color: Color, opacity: float) -> None:
+        """A filled polygon of any form, blended in. corners: float (corners, 2)."""
+        if not np.abs(corners).sum(1).max() < self._far:
+            return
+        self._glaze(np.rint(corners * (self._unit, -self._unit) + self._origin).astype(np.int32), color, opacity)
 
     def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
         """A filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
         if abs(left) + abs(lower) + abs(right) + abs(upper) < self._far:
-            x, y = _whole(self.size / 2 + left * self.scale), _whole(self.size / 2 - upper * self.scale)
+            x, y = _whole(self.size / 2 + left * self.scale), _whole(self.height / 2 - upper * self.scale)
             wide, high = _whole((right - left) * self.scale), _whole((upper - lower) * self.scale)
             cv2.rectangle(self.image, (x, y, max(1, wide), max(1, high)), color, cv2.FILLED)
 
@@ -116,7 +121,7 @@ class Canvas:
             scale, thick = self._font(height)
             left, right, middle = _ink(words if anchor else "0", scale, thick)
             across = left + anchor * (right - left)
-            place = round(self.size / 2 + x * self.scale - across), round(self.size / 2 - y * self.scale - middle)
+            place = round(self.size / 2 + x * self.scale - across), round(self.height / 2 - y * self.scale - middle)
             cv2.putText(self.image, words, place, cv2.FONT_HERSHEY_DUPLEX, scale, color, thick, cv2.LINE_AA)
 
     def length(self, words: str, height: float) -> float:
@@ -134,17 +139,17 @@ class Canvas:
 
     def _glaze(self, points: Image, color: Color, opacity: float) -> None:
         """Blend a polygon in; only the part of the picture around it is looked at."""
-        left, top = np.clip(points.min(0) // UNIT - 1, 0, self.size).tolist()
-        right, bottom = np.clip(points.max(0) // UNIT + 3, 0, self.size).tolist()
+        left, top = np.clip(points.min(0) // UNIT - 1, 0, (self.size, self.height)).tolist()
+        right, bottom = np.clip(points.max(0) // UNIT + 3, 0, (self.size, self.height)).tolist()
         if left < right and top < bottom:
             below = self.image[top:bottom, left:right]
             above = below.copy()
             moved = points - np.array([left * UNIT, top * UNIT], np.int32)
-            cv2.fillConvexPoly(above, moved, color, cv2.LINE_AA, SHIFT)
+            cv2.fillPoly(above, [moved], color, cv2.LINE_AA, SHIFT)
             below[:] = cv2.addWeighted(above, opacity, below, 1 - opacity, 0)
 
     def _at(self, x: float, y: float) -> tuple[int, int]:
-        return round(self._origin + x * self._unit), round(self._origin - y * self._unit)
+        return round(self._origin[0] + x * self._unit), round(self._origin[1] - y * self._unit)
 
     def _thick(self, width: float) -> int:
         return max(1, round(width * self.scale)) if width else cv2.FILLED
@@ -165,10 +170,10 @@ def _turned(
 
 def _fixed(corners: Sequence[Point], projection: Projection) -> Image | None:
     """Points in OpenCV's fixed-point numbers, int32 (points, 2); None if they cannot be drawn."""
-    unit, origin, far = projection
+    unit, middle, down, far = projection
     if not sum([abs(x) + abs(y) for x, y in corners]) < far:
         return None
-    return np.array([(round(origin + x * unit), round(origin - y * unit)) for x, y in corners], np.int32)
+    return np.array([(round(middle + x * unit), round(down - y * unit)) for x, y in corners], np.int32)
 
 
 def _whole(pixels: float) -> int:

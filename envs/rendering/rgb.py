@@ -5,12 +5,14 @@ from collections.abc import Iterable, Iterator
 from numbers import Integral
 from typing import Any
 
+import numpy as np
+
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Zone
 from outlast.ecs import Component, Worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
 from .layers import LAYERS, Layer, Scene
-from .layers.layer import paint
+from .layers.layer import Strip, paint, paint_strips
 from .style import WALL
 
 COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
@@ -28,7 +30,8 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
         layers: What to draw (default: LAYERS), in any order; those that this scenario has nothing for are left out.
 
     Returns:
-        The picture, uint8 (size, size, 3), RGB, a new array.
+        The picture, uint8 (size, size, 3), RGB, a new array; higher with layers that lie beside it, such as those
+        of FILM_LAYERS.
 
     Raises:
         ValueError: For a size or world that cannot be.
@@ -36,9 +39,12 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
-    canvas = Canvas(int(size), scene.half)
+    canvas, shown = Canvas(int(size), scene.half), [layer for layer in _checked(layers) if layer.fits(scene)]
     canvas.clear(WALL)
-    return paint(canvas, [layer for layer in _checked(layers) if layer.fits(scene)], scene)
+    image = paint(canvas, [layer for layer in shown if not isinstance(layer, Strip)], scene)
+    strips = sorted((layer for layer in shown if isinstance(layer, Strip)), key=lambda strip: strip.zorder)
+    above, below = (paint_strips(int(size), [s for s in strips if s.above == side], scene) for side in (True, False))
+    return np.vstack([*above, image, *below]) if strips else image
 
 
 def text(worlds: Worlds, w: int) -> str:

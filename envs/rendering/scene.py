@@ -27,6 +27,7 @@ class Scene:
         self._alive = self[Entity].alive
         self.room = self._reach()
         self.half = SIZES.margin * self.room
+        self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw: see Layer.shows
 
     def __getitem__(self, component: type[Component]) -> Any:
         table = self._tables.get(component)

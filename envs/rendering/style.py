@@ -22,6 +22,7 @@ PAPER = (232, 233, 236)  # writing on it
 FLOOR, UNSAFE = (250, 249, 246), (190, 194, 204)
 RIM = (110, 118, 136)  # of the safe zone
 BOX = (116, 110, 102)  # without an owner
+KINDS = ((150, 90, 40), (0, 140, 140), (150, 40, 110), (110, 125, 30), (90, 80, 170))  # of other items and bodies
 
 
 @dataclass(frozen=True)

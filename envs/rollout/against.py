@@ -24,6 +24,7 @@ class Against:
     Sides: see sides.own_side. Who wins: see sides.own_wins.
 
     Attributes:
+        policy: The one on one side.
         counts: How many episodes the policy won, drew and lost against each of the mixture, int (policies, 3).
 
     Args:
@@ -36,7 +37,7 @@ class Against:
     """
 
     def __init__(self, env: SurvivalVectorEnv, policy: Policy, others: Mixture) -> None:
-        self._env, self._policy, self._others = env, policy, others
+        self._env, self.policy, self._others = env, policy, others
         sides = env.worlds.dims["sides"]
         if sides < 2:
             raise UsageError(f"{env.scenario.name} has one side: there is nobody to play against; leave out --others")
@@ -45,7 +46,7 @@ class Against:
 
     def reset(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,)."""
-        tell(self._policy, where)
+        tell(self.policy, where)
         tell(self._others, where)
         _, worlds, episodes = key_of(self._env.worlds, where)
         self._own[where] = own_side(worlds, episodes, self._life.shape[1])
@@ -53,8 +54,12 @@ class Against:
 
     def __call__(self, observations: Arrays) -> Actions:
         """The actions of all agents, integers (worlds, agents, actions)."""
-        mine = side(self._env.worlds) == self._own[:, None]
-        return np.where(mine[..., None], self._policy(observations), self._others(observations))
+        return np.where(self.plays()[..., None], self.policy(observations), self._others(observations))
+
+    def plays(self) -> Array:
+        """Which agents the policy plays in the episodes that go on, bool (worlds, agents)."""
+        mine: Array = side(self._env.worlds) == self._own[:, None]
+        return mine
 
     def watch(self, where: Array) -> None:
         """Count after each step the episodes that ended in it, of the worlds `where`, bool (worlds,)."""

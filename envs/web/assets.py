@@ -35,6 +35,7 @@ SHARED = (
     "dom.js",
     "brush.js",
     "bodies.js",
+    "sight.js",
     "world.js",
     "viewport.js",
 )  # scripts, in the order that they need each other

@@ -2,20 +2,23 @@
 const Bodies = (() => {
   const { circle, ring, line, cross, square, outline, label, side, boxColor } = Brush;
   const FADE = 1; // seconds that a mark stays
+  const LETTER = 14; // pixels, at most, of the names of items
   const STAR = [0, 1, 2, 3].map((k) => [Math.cos(k * Math.PI / 2), Math.sin(k * Math.PI / 2)]);
 
-  function item(scene, kind, { x, y, owner }) {
-    const radius = kind.radius || Math.min(kind.width, kind.height) / 2;
-    Brush.item(scene, kind, owner, x, y, radius);
+  function item(scene, kind, object) {
+    const { x, y, owner } = object, radius = kind.radius || Math.min(kind.width, kind.height) / 2;
+    if (kind.role === "other" && !kind.radius) solid(scene, kind, object);
+    else Brush.item(scene, kind, owner, x, y, radius);
     if (kind.role === "item" || kind.role === "other") {
-      label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.32, 0.45, scene.colors.ink);
+      const height = Math.min(0.45, LETTER * scene.pixel);
+      label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.7 * height, height, scene.colors.ink);
     }
   }
 
   function solid(scene, kind, object) {
     const { context, colors, pixel } = scene;
     const wall = kind.role === "wall", rim = Math.max(SIZES.outline, pixel);
-    const color = wall ? colors.wall : boxColor(scene, object.owner);
+    const color = wall ? colors.wall : kind.color || boxColor(scene, object.owner);
     if (kind.radius > 0) {
       circle(scene, object.x, object.y, kind.radius, wall ? color : colors.outline);
       if (!wall) circle(scene, object.x, object.y, kind.radius - rim, color);
@@ -131,18 +134,19 @@ const Bodies = (() => {
   // The colour of a bar by its name.
   const healthColor = (share) => (share > SIZES.hurt ? "whole" : share > SIZES.dying ? "hurt" : "dying");
 
-  // Above a body; full at the hit points of the start, more lies over it in another colour.
+  // Above a body, as long as the hit points are many: full at those of the start, longer with more, up to twice.
   function bar(scene, x, y, radius, share) {
     const { context, colors, pixel } = scene, { bar_length: length, bar_height: height } = SIZES;
     const left = x - length / 2, lower = y + Math.min(radius, SIZES.bar_lift) + SIZES.bar_gap * height;
-    const fill = (color, part) => {
+    const filled = length * Math.min(Math.max(share, 0), 2), full = Math.min(filled, length);
+    const fill = (color, from, wide) => {
       context.fillStyle = color;
-      context.fillRect(left, lower, length * Math.min(Math.max(part, 0), 1), height);
+      context.fillRect(left + from, lower, wide, height);
     };
     context.fillStyle = colors.outline;
-    context.fillRect(left - pixel, lower - pixel, length + 2 * pixel, height + 2 * pixel);
-    fill(colors[healthColor(share)], share);
-    if (share > 1) fill(colors.extra, share - 1);
+    context.fillRect(left - pixel, lower - pixel, Math.max(length, filled) + 2 * pixel, height + 2 * pixel);
+    fill(colors[healthColor(share)], 0, full);
+    if (filled > length) fill(colors.extra, length, filled - length);
   }
 
   // Carried items in a row below; the last one, which is the one in use, on the right.

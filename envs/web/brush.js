@@ -63,7 +63,7 @@ const Brush = (() => {
   // The colour of a box, or of the item that it became.
   const boxColor = ({ description, colors }, owner) => (owner < 0 ? colors.box : description.sides[owner].box);
 
-  // An item, on the ground or in a bag: heals have a cross, broken boxes are squares, others are plain discs.
+  // An item, on the ground or in a bag: heals have a cross, broken boxes are squares, others are plain discs of their kind's colour.
   function item(scene, kind, owner, x, y, radius) {
     const { context, colors, pixel } = scene;
     const rim = Math.max(radius / 10, pixel);
@@ -75,7 +75,7 @@ const Brush = (() => {
       return;
     }
     circle(scene, x, y, radius, colors.outline);
-    circle(scene, x, y, radius - rim, kind.role === "heal" ? colors.heal : colors.box);
+    circle(scene, x, y, radius - rim, kind.role === "heal" ? colors.heal : kind.color || colors.box);
     if (kind.role !== "heal") return;
     const arm = SIZES.cross * radius;
     context.strokeStyle = colors.white;

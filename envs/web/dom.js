@@ -1,5 +1,8 @@
 // Elements of both pages.
 const Dom = (() => {
+  const LONG = 4000; // milliseconds that a message stays
+  let silence = 0;
+
   const $ = (id) => document.getElementById(id);
 
   // An element; text goes in as text, whatever it holds.
@@ -16,7 +19,15 @@ const Dom = (() => {
     if (element.textContent !== String(text)) element.textContent = text;
   }
 
+  // Shows a message in #said for a while.
+  function say(text) {
+    clearTimeout(silence);
+    write($("said"), text);
+    $("said").hidden = false;
+    silence = setTimeout(() => { $("said").hidden = true; }, LONG);
+  }
+
   const seconds = (ticks, description) => `${(ticks * description.seconds).toFixed(1)} s`;
 
-  return { $, make, write, seconds };
+  return { $, make, write, say, seconds };
 })();

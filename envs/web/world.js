@@ -1,12 +1,14 @@
 // World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see trace.py.
 //
 // options: width, height (CSS pixels), ratio (device pixels in one), colors (a theme of assets.py), camera {x, y, half}
-// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, night} (true or false;
-// blind: fade what the followed agent does not see; night: darken all but its vision cone), trails [[[x, y] ...] of each
-// agent], marks [{x, y, age (0 to 1), kind, agent, object}]: events of a moment ago.
+// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, attention, night}
+// (true or false; blind: fade what the followed agent does not see; night: darken all that it does not see), trails
+// [[[x, y] ...] of each agent], attends [{body, share}]: to what its policy attends, marks [{x, y, age (0 to 1), kind,
+// agent, object}]: events of a moment ago.
 const World = (() => {
   const { circle, ring, line, cross, outline, side } = Brush;
   const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
+  const WIDEST = 0.55; // metres: a line to what has all the attention
   const CLEAR = 1.3; // metres around an agent that stay clear at night
 
   function draw(context, description, snapshot, options) {
@@ -23,6 +25,7 @@ const World = (() => {
     if (scene.show.trails) trails(scene);
     if (scene.show.cones && description.cone) inside(scene, () => watchers(scene).forEach((agent) => cone(scene, agent)));
     if (scene.show.lines) watchers(scene).forEach((agent) => lines(scene, agent));
+    if (scene.show.attention && options.attends) attention(scene);
     objects(scene, ["heal", "item", "box_item", "other"], Bodies.item);
     objects(scene, ["box", "wall"], Bodies.solid);
     agents(scene, Bodies.strike);
@@ -117,10 +120,10 @@ const World = (() => {
   }
 
   function cone(scene, agent) {
-    const { context, description, snapshot } = scene;
+    const { context, description, snapshot } = scene, i = snapshot.agents.indexOf(agent);
     context.beginPath();
-    outline(context, description.cone, agent);
-    context.fillStyle = context.strokeStyle = side(scene, snapshot.agents.indexOf(agent)).color;
+    outline(context, Sight.cone(description, snapshot, i), agent);
+    context.fillStyle = context.strokeStyle = side(scene, i).color;
     context.globalAlpha = FAINT;
     context.fill();
     context.globalAlpha = 2 * FAINT;
@@ -129,9 +132,10 @@ const World = (() => {
     context.globalAlpha = 1;
   }
 
-  // Darkens the floor outside of an agent's vision cone and of a disc around it.
+  // Darkens what an agent does not see, but for a disc around it. Bodies that it sees are clear as a whole.
   function night(scene, agent) {
-    const { context, description, colors } = scene, half = edge(scene), far = 100 * half;
+    const { context, description, snapshot, colors } = scene, half = edge(scene), far = 100 * half;
+    const seen = Sight.cone(description, snapshot, snapshot.agents.indexOf(agent));
     const clip = (add) => {
       const path = new Path2D();
       path.rect(-far, -far, 2 * far, 2 * far);
@@ -139,12 +143,21 @@ const World = (() => {
       context.clip(path, "evenodd");
     };
     context.save();
-    clip((path) => outline(path, description.cone, agent));
+    clip((path) => outline(path, seen, agent));
     clip((path) => path.arc(agent.x, agent.y, CLEAR, 0, 2 * Math.PI));
+    for (const k of agent.sees || []) clip((path) => silhouette(path, scene, k));
     context.fillStyle = colors.night;
     context.globalAlpha = 0.45;
     context.fillRect(-half, -half, 2 * half, 2 * half);
     context.restore();
+  }
+
+  // Adds the outline of body number k to a path.
+  function silhouette(path, { description, snapshot }, k) {
+    const count = snapshot.agents.length, shape = k < count ? description.agents[k] : description.objects[k - count];
+    const body = k < count ? snapshot.agents[k] : snapshot.objects[k - count];
+    if (shape.radius > 0) path.arc(body.x, body.y, shape.radius, 0, 2 * Math.PI);
+    else outline(path, [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [a * shape.width / 2, b * shape.height / 2]), body);
   }
 
   function lines(scene, agent) {
@@ -155,6 +168,20 @@ const World = (() => {
     context.globalAlpha = 0.8;
     for (const k of agent.sees || []) {
       if (bodies[k].alive || bodies[k].here) line(scene, agent.x, agent.y, bodies[k].x, bodies[k].y);
+    }
+    context.globalAlpha = 1;
+  }
+
+  // From the followed agent to what its policy attends to: the wider, the more.
+  function attention(scene) {
+    const { context, snapshot, options, colors, pixel } = scene, bodies = [...snapshot.agents, ...snapshot.objects];
+    const me = snapshot.agents[options.follow];
+    context.strokeStyle = colors.extra;
+    for (const { body, share } of options.attends) {
+      if (body < 0 || share <= 0 || !(bodies[body].alive || bodies[body].here)) continue;
+      context.globalAlpha = Math.min(0.85, 0.2 + share);
+      context.lineWidth = Math.max(WIDEST * share, pixel / 2);
+      line(scene, me.x, me.y, bodies[body].x, bodies[body].y);
     }
     context.globalAlpha = 1;
   }

@@ -196,9 +196,9 @@ def script() -> ModuleType:
     return module
 
 
-def pictures() -> dict[str, Any]:
-    """The functions that draw them, by name."""
-    return dict(script().PICTURES)
+def pictures(which: str = "PICTURES") -> dict[str, Any]:
+    """The functions that draw them, by name, from docs/pictures.py; or those of SCREENSHOTS, which need a browser."""
+    return dict(getattr(script(), which))
 
 
 def films() -> dict[str, list[str]]:
@@ -208,8 +208,10 @@ def films() -> dict[str, list[str]]:
 
 def test_pictures_are_small_and_shown() -> None:
     files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
-    assert files.keys() == {f"{name}.png" for name in pictures()} | films().keys()
-    assert max(size for name, size in files.items() if name not in films()) < LARGEST_PICTURE
+    drawn, taken = ({f"{name}.png" for name in pictures(which)} for which in ("PICTURES", "SCREENSHOTS"))
+    assert files.keys() == drawn | taken | films().keys()
+    assert max(files[name] for name in drawn) < LARGEST_PICTURE
+    assert max(files[name] for name in taken) < 2 * LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
     assert sum(files.values()) < LARGEST_FOLDER
     shown = {name for text in PAGES.values() for name in re.findall(r"\(pictures/([\w.]+)\)", text)}

@@ -20,7 +20,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, RecordingError, StateError
 from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_stored
+from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
 from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
 from tests.fuzz.mutations import (
@@ -35,6 +35,7 @@ from tests.fuzz.mutations import (
     unzipped,
     zipped,
 )
+from tests.helpers.thinker import Thinker
 
 TICKS = (0, 3, 40, 150)  # after which states are saved
 FLOATS = (0, -1, 1e-45, 1e-3, 0.5, 12, 25, 1e4, 9.9e5, 1e6, 3e38, -9.9e5, -3e38, np.inf, -np.inf, np.nan)
@@ -147,13 +148,14 @@ class Recordings:
         self.folder = folder_of(self)
         limit, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 400
         self.files = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
+        self.files.append(self._recorded(outlast.variant("ffa_1"), 2, Thinker()))
         recorder.MAX_PENDING_BYTES = limit
         self.valid = self.files[0]
         self.compiled: dict[Any, bool] = {}
 
-    def _recorded(self, scenario: outlast.Scenario, k: int) -> bytes:
+    def _recorded(self, scenario: outlast.Scenario, k: int, policy: Any = None) -> bytes:
         env, path = SurvivalVectorEnv(scenario.replace(ending_limit=9), 2, seed=k), self.folder / f"{k}.rec"
-        with outlast.record(env, path):
+        with outlast.record(env, path, policy=policy):
             env.reset()
             for step in range(14):
                 env.step(draw_actions(env, np.random.default_rng(step)))
@@ -172,26 +174,29 @@ class Recordings:
         content = rng.choice(self.files)
         parts = [*_parts(content)]
         k = rng.randrange(len(parts))
-        tag, inner, ticks, first = parts[k]
-        match rng.randrange(9):
+        tag, inner, ticks, first, behind = parts[k]
+        match rng.randrange(10):
             case 0:
                 return mutated(content, rng)
             case 1:
                 parts = [rng.choice(parts) for _ in range(rng.randrange(9))]
             case 2:
-                parts[k] = (tag, mutated(inner, rng), ticks, first)
+                parts[k] = (tag, mutated(inner, rng), ticks, first, behind)
             case 3:
-                parts[k] = (rng.choice((HEAD, RECORDS, b"DONE", b"WHAT")), inner, rng.choice(INTEGERS) % 2**32, first)
+                other = rng.choice((HEAD, RECORDS, b"DONE", b"WHAT"))
+                parts[k] = (other, inner, rng.choice(INTEGERS) % 2**32, first, behind)
             case 4:
                 return _with_chunk_fields(content, rng)
             case 5:
-                parts[0] = (HEAD, to_json(mutated_json(json.loads(parts[0][1]), rng)), 0, 0)
+                parts[0] = (HEAD, to_json(mutated_json(json.loads(parts[0][1]), rng)), 0, 0, b"")
+            case 6:
+                parts[k] = (tag, inner, ticks, first, mutated(behind, rng))
             case _:
                 head = json.loads(parts[0][1])
                 numbers = head["scenario"]["numbers"]
                 for name in rng.sample([*numbers], rng.choice((1, 1, 2, 6))):
                     numbers[name] = rng.choice((*FLOATS, *INTEGERS, *range(2, 40), True, False, [1.0], [3e38, 1e-9]))
-                parts[0] = (HEAD, to_json(head), 0, 0)
+                parts[0] = (HEAD, to_json(head), 0, 0, b"")
         return MAGIC + b"".join(encode_chunk(*part) for part in parts)
 
     def changed(self, content: bytes, changes: dict[str, Any] | None = None, **numbers: Any) -> bytes:
@@ -217,11 +222,12 @@ class Recordings:
             raise RecordingError(output.getvalue())
 
 
-def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int]]:
+def _parts(content: bytes) -> Iterator[tuple[bytes, bytes, int, int, bytes]]:
     """The chunks of a recording, as arguments of `encode_chunk`."""
     file = io.BytesIO(content)
     for chunk in read_chunks(file, "", len(content)):
-        yield chunk.tag, zlib.decompress(read_stored(file, "", chunk)), chunk.ticks, chunk.first
+        inner, behind = read_content(file, "", chunk, chunk.unpacked)
+        yield chunk.tag, inner, chunk.ticks, chunk.first, zlib.decompress(behind) if behind else b""
 
 
 def _with_chunk_fields(content: bytes, rng: Random) -> bytes:

@@ -14,15 +14,21 @@ from outlast.envs.errors import FilmError
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers import (
+    FILM_LAYERS,
+    FILM_LAYERS_BY_NAME,
     LAYERS,
     LAYERS_BY_NAME,
     CamerasLayer,
+    EndLayer,
+    FeedStrip,
     HitsLayer,
     IdsLayer,
     KillFeedLayer,
     Layer,
     Scene,
+    ScoresStrip,
     StepCounterLayer,
+    TitleStrip,
     select,
 )
 from outlast.envs.rendering.rgb import draw
@@ -74,7 +80,7 @@ def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: in
     game = killed(ScenarioBuilder("teams_3"), 2, 0)
     rest = [other for other in LAYERS if other != layer]
     xs, ys = places(draw(game.env.worlds, 0, size), draw(game.env.worlds, 0, size, rest))
-    assert bool(len(xs)) == (size >= 256)
+    assert bool(len(xs)) == (size >= 512)  # in smaller ones, letters would be too small to be read
     assert (np.abs(ys) > ROOM).all()
     assert (np.sign(ys) == (1 if isinstance(layer, StepCounterLayer) else -1)).all()
 
@@ -165,21 +171,26 @@ def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
 
 
 def test_the_usual_layers_are_all_but_what_cameras_see() -> None:
-    assert select("") == LAYERS
     assert set(LAYERS_BY_NAME.values()) - set(LAYERS) == {CamerasLayer(lines=False), CamerasLayer(cones=False)}
     assert len(set(LAYERS_BY_NAME.values())) == len(LAYERS_BY_NAME)
 
 
+def test_films_have_beside_the_picture_what_pictures_have_in_the_margin() -> None:
+    assert select("") == FILM_LAYERS
+    assert set(FILM_LAYERS) - set(LAYERS) == {TitleStrip(), EndLayer(), FeedStrip(), ScoresStrip()}
+    assert set(LAYERS) - set(FILM_LAYERS) == {StepCounterLayer(), KillFeedLayer()}
+
+
 def test_layers_are_added_and_removed_by_name() -> None:
-    assert set(select("+vision,-ids")) == {*LAYERS, CamerasLayer(lines=False)} - {IdsLayer()}
-    assert select("lines , -lines") == LAYERS
-    assert select(",".join(f"-{name}" for name in LAYERS_BY_NAME)) == ()
-    for name, layer in LAYERS_BY_NAME.items():
+    assert set(select("+vision,-ids")) == {*FILM_LAYERS, CamerasLayer(lines=False)} - {IdsLayer()}
+    assert select("lines , -lines") == FILM_LAYERS
+    assert select(",".join(f"-{name}" for name in FILM_LAYERS_BY_NAME)) == ()
+    for name, layer in FILM_LAYERS_BY_NAME.items():
         assert (layer in select(f"+{name}"), layer in select(f"-{name}")) == (True, False)
 
 
 @pytest.mark.parametrize(("asked", "hint"), [("+vison", "did you mean 'vision'"), ("--ids", "'ids'"), ("x", "feed")])
 def test_unknown_names_are_refused_with_those_that_there_are(asked: str, hint: str) -> None:
-    with pytest.raises(FilmError, match=r"there is no layer '.*There are: room, zone") as refused:
+    with pytest.raises(FilmError, match=r"there is no layer '.*There are: title, room, zone") as refused:
         select(asked)
     assert hint in str(refused.value)

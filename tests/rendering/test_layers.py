@@ -126,7 +126,7 @@ def test_strikes_are_shown_in_their_tick() -> None:
         (60, colors.GREEN, colors.INK, 0.6),
         (40, colors.ORANGE, colors.INK, 0.4),
         (10, colors.VERMILLION, colors.INK, 0.1),
-        (150, colors.SKY, colors.GREEN, 0.5),
+        (150, colors.GREEN, colors.GREEN, 1),
     ],
 )
 def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, share: float) -> None:
@@ -136,6 +136,8 @@ def test_bars_are_as_long_as_health_is_left(points: int, color: Any, rest: Any, 
     bar = [spot(image, x, 0.88) for x in np.linspace(-0.55, 0.55, 110)]
     assert np.mean([found == color for found in bar]) == pytest.approx(share, abs=0.07)
     assert set(bar) == {color, rest}
+    beyond = [spot(image, x, 0.88) for x in np.linspace(0.65, 1.75, 110)]
+    assert np.mean([found == colors.SKY for found in beyond]) == pytest.approx(max(0, points - 100) / 100, abs=0.07)
 
 
 def test_carried_items_lie_below_their_carrier() -> None:

@@ -17,7 +17,6 @@ from outlast.components import Body
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.errors import ActionError, FilmError
-from outlast.envs.rendering import video as film
 from outlast.envs.rollout.loading import load_policies
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
@@ -99,7 +98,7 @@ def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path:
     def full(*_: object, **__: object) -> None:
         raise FilmError("the disk is full")
 
-    monkeypatch.setattr(film, "write_film", full)
+    monkeypatch.setattr("outlast.envs.films.write_film", full)
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
     with pytest.raises(FilmError):
         evaluate("ffa_1", "noop", "scripted", *small, "--film")

@@ -53,17 +53,20 @@ def truths(compiled: None, browser: Any) -> dict[int, Truth]:
 
 @pytest.fixture
 def look(browser: Any, file: Path) -> Iterator[Any]:
-    """Opens the page: look(**options of the browser's context) -> Screen, which must not log or request anything."""
+    """Opens the page: look(path, place, **options of the browser's context) -> Screen.
+
+    It must not log or request anything. place: of the address, from # on.
+    """
     screens: list[tuple[Screen, Any]] = []
 
-    def opened(path: Path = file, **options: Any) -> Screen:
+    def opened(path: Path = file, place: str = "", **options: Any) -> Screen:
         options = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce", "offline": True} | options
         context = browser.new_context(**options)
         screen = Screen(context.new_page(), [], [])
         screen.page.on("console", lambda message: screen.complaints.append(message.text))
         screen.page.on("pageerror", lambda error: screen.complaints.append(str(error)))
         screen.page.on("request", lambda request: screen.requests.append(request.url))
-        screen.page.goto(path.as_uri())
+        screen.page.goto(path.as_uri() + place)
         screen.wait("window.outlast")
         screen.settle()
         screens.append((screen, context))

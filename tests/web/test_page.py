@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,35 +14,35 @@ import pytest
 
 import outlast
 from docs.examples.poison import Poison
-from outlast.components import Bag, Body, Health
+from outlast.components import Bag, Body, Health, Reward
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.errors import PageError
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import EpisodeTrack, pack
-from outlast.envs.web.replay.write import record_ticks
+from outlast.envs.web.replay.pack import EpisodeTrack, Room, pack
+from outlast.envs.web.replay.write import _entities, record_ticks
 from tests.conftest import COMPILED, scaled
 from tests.web.browser import ticks
 
 Json = dict[str, Any]
 
 
-def unpacked(content: bytes) -> Json:
-    """The header of a page's data, each episode with its numbers by name: int arrays (ticks, entries)."""
+def unpacked(content: bytes) -> list[Json]:
+    """The recordings of a page's data, each episode with its numbers by name: arrays (ticks, entries)."""
     raw = gzip.decompress(content)
     at = 4 + int.from_bytes(raw[:4], "little")
-    header = json.loads(raw[4:at])
-    for world in header["worlds"]:
-        for episode in world["episodes"]:
-            episode["numbers"] = {}
-            for name, count, width in episode["columns"]:
-                size = count * width * episode["length"]
-                steps = np.frombuffer(raw[at : at + size], f"<i{width}").reshape(count, episode["length"])
-                episode["numbers"][name] = steps.astype(np.int32).cumsum(1, dtype=np.int32).T
-                at += size
+    rooms: list[Json] = json.loads(raw[4:at])
+    for episode in (e for room in rooms for world in room["worlds"] for e in world["episodes"]):
+        episode["numbers"] = {}
+        for name, count, width in episode["columns"]:
+            size = count * (width or 4) * episode["length"]
+            kind = f"<i{width}" if width else "<f4"
+            steps = np.frombuffer(raw[at : at + size], kind).reshape(count, episode["length"])
+            episode["numbers"][name] = (steps.astype(np.int32).cumsum(1, dtype=np.int32) if width else steps).T
+            at += size
     assert at == len(raw)
-    return header
+    return rooms
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +54,13 @@ def seen() -> tuple[Json, list[Json], list[Any]]:
 
     def watched() -> Iterator[None]:
         for _ in ticks(env, scaled(700, 60), finished):
-            kept = (Clock, Entity, Body, Health, Bag)
+            kept = (Clock, Entity, Body, Health, Bag, Reward)
             states.append({c: c.Table(*(column.copy() for column in env.worlds[c])) for c in kept})
+            states[-1]["actions"] = env.worlds.actions.copy()
             yield
 
-    return unpacked(pack("a title", record_ticks(env.worlds, watched(), [0, 1]))), finished, states
+    (header,) = unpacked(pack([Room("a title", record_ticks(env.worlds, watched(), [0, 1]))]))
+    return header, finished, states
 
 
 def test_what_is_packed_comes_out_again(seen: tuple[Json, list[Json], list[Any]]) -> None:
@@ -82,6 +85,8 @@ def check_row(episode: Json, k: int, state: Any, w: int) -> None:
     for name, scale in (("x", 1000), ("y", 1000), ("angle", 10000)):
         packed = np.r_[numbers[f"agent.{name}"], numbers[f"object.{name}"]] / scale
         np.testing.assert_allclose(packed, getattr(state[Body], name)[w, rows], atol=0.6 / scale)
+    assert numbers["agent.reward"].tolist() == state[Reward].reward[w].tolist()
+    assert numbers["agent.action"].reshape(4, 6).T.tolist() == state["actions"][:, w].tolist()
     bags = numbers["agent.bag"].reshape(4, -1)
     for i, e in enumerate(agents):
         carried = state[Bag].items[w, e, : state[Bag].count[w, e]]
@@ -113,6 +118,23 @@ def test_events_add_up_to_the_statistics(seen: tuple[Json, list[Json], list[Any]
         died = Counter(event["cause"] for event in episode["events"] if event["kind"] in ("kill", "death"))
         assert died["zone"] == statistics["deaths_zone"]
         assert died["melee"] == statistics["deaths_melee"]
+
+
+def test_what_a_policy_attends_to_is_found_by_its_name() -> None:
+    """The other agents, and rows that are called as a kind of entity, also one of one's own."""
+    env = outlast.make_vec(outlast.variant("teams_3").with_(Poison()), 1, seed=1)
+    env.reset()
+    vials = len(env.worlds.layout.spans["vial"])
+    entities = [("others", 3), ("vials", vials), ("boxes", 8), ("heals", 3), ("heal_slot", 1)]
+    replay = SimpleNamespace(policy=np.zeros((1, 4)), recording=SimpleNamespace(entities=entities))
+    found = {entry["key"]: entry for entry in _entities(env.worlds, replay)["entities"]}  # type: ignore[arg-type]
+    kinds = [body["kind"] for body in describe(env.worlds, 0)["objects"]]
+    assert [entry["rows"] for entry in found.values()] == [count for _, count in entities]
+    assert [key for key, entry in found.items() if entry["others"]] == ["others"]
+    for key, kind in (("vials", "vial"), ("boxes", "box")):
+        first = found[key]["first"] - 4
+        assert {k for k, other in enumerate(kinds) if other == kind} == {*range(first, first + found[key]["rows"])}
+    assert [found[key]["first"] for key in ("heals", "heal_slot")] == [-1, -1]  # not as many, no kind
 
 
 def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
@@ -150,7 +172,7 @@ def described(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
     description, now = describe(worlds, 0), snapshot(worlds, 0)
     episode = EpisodeTrack(description, 1, 0)
     episode.add(now, [])
-    return description, now, unpacked(pack("", {0: [episode]}))["worlds"][0]["episodes"][0]
+    return description, now, unpacked(pack([Room("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]
 
 
 def test_what_a_scenario_lacks_is_left_out() -> None:

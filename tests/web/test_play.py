@@ -235,3 +235,20 @@ def test_other_messages_are_refused(text):
     with pytest.raises(MessageError) as refusal:
         parse(text, RANGES)
     assert 0 < len(str(refusal.value).encode()) <= 123  # it fits into the frame that closes a websocket
+
+
+def test_an_episode_begins_without_a_key_of_the_game_and_slowly(game):
+    game.begin()
+    assert game.state()["slow"]
+    assert game.tick()
+    assert game.action() == [1, 1, 1, 0, 0, 0]
+    assert game.pace == 0.5
+    while game.worlds[Clock].tick[0, 0] < 45:
+        play(game, 1)
+    assert (game.pace, game.state()["slow"]) == (1, False)
+    game.restart()
+    assert game.pace == 0.5
+    game.begin()
+    game.pause()
+    game.begin()  # which does not go on
+    assert game.phase is GamePhase.PAUSED

@@ -6,10 +6,12 @@ from urllib.parse import urlsplit
 
 import pytest
 
+import outlast
 from outlast.components import Body, Heal, Health, Side
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import GamePhase
-from tests.web.clients import enemy_shown, heals_shown, picture, served
+from outlast.envs.web.play.game import Game, GamePhase
+from tests.helpers.own_bodies import Mine
+from tests.web.clients import enemy_shown, has, heals_shown, picture, served
 
 
 @pytest.fixture(params=[{"viewport": {"width": 1400, "height": 900}}], ids=["desktop"])
@@ -62,6 +64,33 @@ def test_holding_w_moves_the_agent_ahead(page, game):
     page.keyboard.up("w")
     assert game.worlds[Body].x[0, row] > x + 1  # it faces +x
     assert abs(game.worlds[Body].y[0, row] - y) < 0.5
+    assert not page.is_visible("#card")
+
+
+def test_the_start_card_says_what_the_game_is_and_any_key_begins(page, game):
+    text = card(page, "ready")
+    for words in (
+        "ffa_3: two agents, heals and boxes; outliving pays.",
+        "Against you: agent 1.",
+        "half speed",
+        "forward",
+    ):
+        assert words in text
+    page.keyboard.press("Shift")
+    page.wait_for_timeout(100)
+    assert game.phase is GamePhase.READY
+    page.keyboard.press("Enter")
+    shows(page, 2)
+    assert "half speed" in page.inner_text("#badge")
+    assert tuple(game.action()) == (1, 1, 1, 0, 0, 0)
+    shows(page, 46)
+    page.wait_for_selector("#badge", state="hidden")
+
+
+def test_the_start_card_has_a_button(page, game):
+    page.click("#card [data-command=begin]")
+    shows(page, 1)
+    assert game.phase is GamePhase.RUNNING
     assert not page.is_visible("#card")
 
 
@@ -215,3 +244,27 @@ def test_a_phone_shows_all_at_once(page):
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= 390
         assert box["y"] + box["height"] <= 844
+
+
+def test_own_items_and_bodies_are_shown_as_in_pictures(browser):
+    game = Game(outlast.variant("ffa_1").with_(Mine()), others="noop", seed=1)
+    kinds = {each["kind"]: each for each in game.world["objects"]}
+    assert {name: kinds[name]["role"] for name in ("big_gem", "ball", "crate", "door")} == {
+        "big_gem": "item",
+        "ball": "other",
+        "crate": "other",
+        "door": "wall",
+    }
+    with served(game) as address, browser.new_context(viewport={"width": 1400, "height": 900}) as context:
+        page = context.new_page()
+        page.goto(address)
+        shows(page, 0)
+        page.keyboard.press("v")
+        page.wait_for_selector("#view[aria-pressed=false]")
+        image, body = picture(page), game.worlds[Body]
+        for kind in ("ball", "crate"):
+            row, color = game.worlds.span(kind).start, kinds[kind]["color"]
+            rgb = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
+            assert has(game, image, rgb, body.x[0, row] + 0.6, body.y[0, row])
+            assert not has(game, image, rgb, body.x[0, row], body.y[0, row] + 0.9)
+    game.close()

@@ -15,7 +15,7 @@ import pytest
 import outlast
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
-from outlast.envs.web.replay.pack import pack
+from outlast.envs.web.replay.pack import Room, pack
 from outlast.envs.web.replay.server import PATIENCE, serving
 from outlast.envs.web.replay.write import record_ticks
 from tests.web.browser import TITLE
@@ -51,7 +51,7 @@ class Run:
     def make(self, number: int, steps: int, length: int = 12) -> None:
         """An episode of a checkpoint of so many steps is there."""
         env = outlast.make_vec("ffa_2", 1, seed=number)
-        data = pack("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))
+        data = pack([Room("", record_ticks(env.worlds, ticks(env, scripted_policy(env), length), [0]))])
         self.newest = {"steps": steps, "age": 200.0}
         encoded = base64.b64encode(data).decode()
         self.made = {"number": number, "steps": steps, "game": "ffa_2", "data": encoded}

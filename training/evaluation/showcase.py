@@ -5,6 +5,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from outlast.envs.films import Looks, write_film_of
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.sides import role_of
 
@@ -24,7 +25,6 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
     names, results = [evaluation.chosen[k].label for k in pairing.pair], pairing.results
     players = _with_sides(names, len(first_of_sides(evaluation.env)), results)
     title, target = f"{evaluation.scenario.name}: {' against '.join(players)}", folder / "-".join(names)
-    from outlast.envs.rendering.video import footage, write_film
     from outlast.envs.web.replay import write_page
 
     world, episode = results.typical()
@@ -32,7 +32,7 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
     made = [target.with_name(target.name + ending) for ending in (".webm", ".html")]
     ticks = functools.partial(Replay.ticks, first=first, last=last, worlds=[world])
     with contextlib.closing(Replay(Recording.open(recording, evaluation.scenario))) as replay:
-        write_film(made[0], footage(replay.worlds, ticks(replay), [world], size=SIZE), FPS)
+        write_film_of(made[0], replay.worlds, ticks(replay), [world], Looks(size=SIZE, fps=FPS), title)
     with contextlib.closing(Replay(Recording.open(recording, evaluation.scenario))) as replay:
         write_page(made[1], replay.worlds, ticks(replay), [world], title=title)
     return made

@@ -18,16 +18,23 @@ from ..scene import Scene
 from .agents import AgentsLayer, IdsLayer
 from .boxes import BoxesLayer, BoxItemsLayer
 from .cameras import CamerasLayer
-from .captions import KillFeedLayer, StepCounterLayer
+from .captions import FeedStrip, KillFeedLayer, StepCounterLayer
+from .end import EndLayer
 from .heals import HealsLayer
 from .health import HealthBarsLayer
 from .inventory import InventoryLayer
-from .layer import Layer, ZOrder
+from .layer import Layer, Strip, ZOrder
 from .melee import HitsLayer, MeleeLayer
+from .others import OthersLayer
 from .room import RoomLayer, WallsLayer
+from .scores import ScoresStrip
+from .title import TitleStrip
 from .zone import SafeZoneLayer
 
 __all__ = [
+    "FILM_LAYERS",
+    "FILM_LAYERS_BY_NAME",
+    "FILM_OPTIONAL",
     "LAYERS",
     "LAYERS_BY_NAME",
     "OPTIONAL",
@@ -35,6 +42,8 @@ __all__ = [
     "BoxItemsLayer",
     "BoxesLayer",
     "CamerasLayer",
+    "EndLayer",
+    "FeedStrip",
     "HealsLayer",
     "HealthBarsLayer",
     "HitsLayer",
@@ -43,10 +52,14 @@ __all__ = [
     "KillFeedLayer",
     "Layer",
     "MeleeLayer",
+    "OthersLayer",
     "RoomLayer",
     "SafeZoneLayer",
     "Scene",
+    "ScoresStrip",
     "StepCounterLayer",
+    "Strip",
+    "TitleStrip",
     "WallsLayer",
     "ZOrder",
     "select",
@@ -59,6 +72,7 @@ LAYERS_BY_NAME: dict[str, Layer] = {
     "lines": CamerasLayer(cones=False),
     "heals": HealsLayer(),
     "items": BoxItemsLayer(),
+    "others": OthersLayer(),
     "boxes": BoxesLayer(),
     "walls": WallsLayer(),
     "melee": MeleeLayer(),
@@ -70,26 +84,42 @@ LAYERS_BY_NAME: dict[str, Layer] = {
     "steps": StepCounterLayer(),
     "feed": KillFeedLayer(),
 }
-"""Every layer by its short name, for the command line."""
+"""Every layer of a picture by its short name."""
 
 OPTIONAL = ("vision", "lines")
 
 LAYERS: tuple[Layer, ...] = tuple(layer for name, layer in LAYERS_BY_NAME.items() if name not in OPTIONAL)
 """What is drawn by default."""
 
+FILM_LAYERS_BY_NAME: dict[str, Layer] = {
+    "title": TitleStrip(),
+    **LAYERS_BY_NAME,
+    "end": EndLayer(),
+    "feed": FeedStrip(),
+    "scores": ScoresStrip(),
+}
+"""The layers of films, for --views: what a picture has in its margin is beside it, where there is more room."""
+
+FILM_OPTIONAL = (*OPTIONAL, "steps")
+
+FILM_LAYERS: tuple[Layer, ...] = tuple(
+    layer for name, layer in FILM_LAYERS_BY_NAME.items() if name not in FILM_OPTIONAL
+)
+"""What films show by default."""
+
 
 def select(changes: str) -> tuple[Layer, ...]:
-    """LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
+    """FILM_LAYERS with additions and removals, as in "+vision,-ids"; a name without a sign is added.
 
     Raises:
         FilmError: For an unknown name.
     """
-    shown = {name: name not in OPTIONAL for name in LAYERS_BY_NAME}
+    shown = {name: name not in FILM_OPTIONAL for name in FILM_LAYERS_BY_NAME}
     for change in filter(None, (part.strip() for part in changes.split(","))):
         name = change[1:] if change[0] in "+-" else change
-        if name not in LAYERS_BY_NAME:
-            near = difflib.get_close_matches(name, LAYERS_BY_NAME, 1)
+        if name not in FILM_LAYERS_BY_NAME:
+            near = difflib.get_close_matches(name, FILM_LAYERS_BY_NAME, 1)
             hint = f"did you mean '{near[0]}'? " if near else ""
-            raise FilmError(f"there is no layer '{name}'; {hint}There are: {', '.join(LAYERS_BY_NAME)}")
+            raise FilmError(f"there is no layer '{name}'; {hint}There are: {', '.join(FILM_LAYERS_BY_NAME)}")
         shown[name] = change[0] != "-"
-    return tuple(layer for name, layer in LAYERS_BY_NAME.items() if shown[name])
+    return tuple(layer for name, layer in FILM_LAYERS_BY_NAME.items() if shown[name])

@@ -1,10 +1,11 @@
 """Agents: discs in the colour of their side, with a beak ahead and their number."""
 
+import math
 from dataclasses import dataclass
 
 from outlast.components import Body, Shape, Side
 
-from ..canvas import Canvas
+from ..canvas import READABLE, Canvas
 from ..scene import Scene
 from ..style import INK, SIZES, ink_on, of_side
 from .layer import Layer, ZOrder
@@ -16,6 +17,7 @@ class AgentsLayer(Layer):
 
     zorder = ZOrder.AGENTS
     needs = (Side,)
+    shows = (Side,)
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
@@ -33,7 +35,7 @@ class AgentsLayer(Layer):
 
 @dataclass(frozen=True)
 class IdsLayer(Layer):
-    """The number of every living agent, where it can be read."""
+    """The number of every living agent, where it can be read and fits into its disc."""
 
     zorder = ZOrder.AGENTS + 1
     needs = (Side,)
@@ -44,5 +46,7 @@ class IdsLayer(Layer):
         alive = set(scene.living(Body, Shape, Side))
         for i, e in enumerate(scene.rows(Side)):
             if e in alive:
-                ink = ink_on(of_side(scene[Side].side[e]))
-                canvas.text(scene.body.x[e], scene.body.y[e], str(i), self.height * scene.shape.radius[e], ink)
+                radius, ink = scene.shape.radius[e], ink_on(of_side(scene[Side].side[e]))
+                height = max(self.height * radius, READABLE / canvas.scale)
+                if math.hypot(height, canvas.length(str(i), height)) < 2 * radius:
+                    canvas.text(scene.body.x[e], scene.body.y[e], str(i), height, ink)

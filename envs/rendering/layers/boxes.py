@@ -16,6 +16,7 @@ class BoxesLayer(Layer):
 
     zorder = ZOrder.BODIES
     needs = (Box, Guard)
+    shows = (Box,)
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
@@ -34,6 +35,7 @@ class BoxItemsLayer(Layer):
 
     zorder = ZOrder.ITEMS
     needs = (BoxItem, Box, Guard)
+    shows = (BoxItem,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Squares; a dark one in a square of the owner's tint."""

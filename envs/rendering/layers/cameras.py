@@ -1,18 +1,22 @@
-"""Cameras: vision cones, and a line to every visible entity. Off unless asked for."""
+"""Cameras: vision cones up to what hides, and a line to every visible entity. Off unless asked for."""
 
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from outlast import systems
-from outlast.components import Body, Box, Item, Side, Sight
+from outlast.components import Body, Shape, Side, Sight, Solid
 from outlast.components.sight import OMNISCIENT
 from outlast.ecs.simd import SIMD_WIDTH
 
 from ..canvas import Canvas, Point
 from ..scene import Scene
 from ..style import SIZES, of_side
+from ..visibility import visible_corners
 from .layer import Layer, ZOrder
+from .room import walls
 
 ARC = math.radians(5)  # of a sector's rim, drawn as a straight line
 
@@ -30,20 +34,33 @@ class CamerasLayer(Layer):
     width: float = SIZES.sight_line
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """All cones first, then all lines. Cameras that are not used see nothing."""
+        """All cones first, then all lines; nothing where observations hold everything, as cameras are not used then."""
+        if scene[Sight].mode[0] == OMNISCIENT:
+            return
         alive = set(scene.living(Body, Side))
-        cone = cone_corners(scene.mechanic(systems.Cameras))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         watching = [(i, e) for i, e in enumerate(scene.rows(Side)) if e in alive and i in wanted]
-        for _, e in watching if self.cones else ():
-            canvas.polygon(_placed(scene, e, cone), of_side(scene[Side].side[e]), opacity=self.opacity)
-        if scene[Sight].mode[0] == OMNISCIENT or not self.lines:
-            return
+        if self.cones:
+            self._draw_cones(canvas, scene, [e for _, e in watching])
         body = scene.body
-        for i, e in watching:
+        for i, e in watching if self.lines else ():
             color = of_side(scene[Side].side[e])
             for o in seen_rows(scene, i):
                 canvas.segment(body.x[e], body.y[e], body.x[o], body.y[o], color, self.width)
+
+    def _draw_cones(self, canvas: Canvas, scene: Scene, watching: list[int]) -> None:
+        """Of the agents in these rows, up to the first body that blocks sight."""
+        cameras, body = scene.mechanic(systems.Cameras), scene.body
+        kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
+        rows = np.array(scene.living(*kinds), int)
+        blockers = np.array([_blocker(scene, e) for e in rows.tolist()])
+        for e in watching:
+            if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
+                pose = body.x[e], body.y[e], body.angle[e]
+                corners = visible_corners(
+                    *pose, cameras.fov, cameras.depth, cameras.cone == "kite", blockers[rows != e]
+                )
+                canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
 
 
 def cone_corners(cameras: systems.Cameras) -> list[Point]:
@@ -55,12 +72,13 @@ def cone_corners(cameras: systems.Cameras) -> list[Point]:
 
 def seen_rows(scene: Scene, i: int) -> list[int]:
     """Rows in the world that agent number `i` sees, in ascending order; without walls, which are seen, too."""
-    words = scene[Sight].visible[i]
-    rows = sorted({e for kind in (Side, Box, Item) for e in scene.living(Body, kind)})
+    words, fixed = scene[Sight].visible[i], {*walls(scene)} if Solid in scene else {}
+    rows = (e for e in scene.living(Body, Shape) if e not in fixed)
     return [e for e in rows if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1]
 
 
-def _placed(scene: Scene, e: int, corners: list[Point]) -> list[Point]:
-    body = scene.body
-    x, y, cosine, sine = body.x[e], body.y[e], body.cosine[e], body.sine[e]
-    return [(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in corners]
+def _blocker(scene: Scene, e: int) -> tuple[float, ...]:
+    """See visibility.BLOCKER."""
+    body, shape = scene.body, scene.shape
+    size = shape.radius[e], shape.half_width[e], shape.half_height[e]
+    return body.x[e], body.y[e], body.cosine[e], body.sine[e], *size

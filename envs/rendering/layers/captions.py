@@ -8,10 +8,11 @@ from outlast.ecs import Clock
 
 from ..canvas import Canvas
 from ..scene import Scene
-from ..style import PAPER, WALL, mix, of_side
-from .layer import Layer, ZOrder
+from ..style import INK, PAPER, WALL, Color, mix, of_side
+from .layer import Layer, Strip, ZOrder
+from .title import LINE, digit
 
-MIDDLE, HEIGHT = 0.66, 0.44  # of digits, in margins: bars of agents at the wall reach up to 0.38
+MIDDLE, HEIGHT = 0.66, 0.36  # of digits, in margins: bars of agents at the wall reach up to 0.38, letters below digits
 
 
 @dataclass(frozen=True)
@@ -43,19 +44,20 @@ class KillFeedLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """In the margin, which nothing of the game reaches."""
-        deaths = list(self._deaths(scene))
-        place = _line(canvas, scene, -1) if deaths else None
-        if place is None:
-            return
-        (y, height), x = place, -scene.room
-        for age, i, e in deaths:
+        if (place := _line(canvas, scene, -1)) is not None:
+            self.write(canvas, scene, scene.room, *place, WALL)
+
+    def write(self, canvas: Canvas, scene: Scene, half: float, y: float, height: float, ground: Color) -> None:
+        """Write a line from x = -half to half on that ground."""
+        x = -half
+        for age, i, e in self._deaths(scene):
             words = f"{i} {_cause_of_death(scene, e)}"
             end = x + 1.6 * height + canvas.length(words, height)
-            if end > scene.room:
+            if end > half:
                 return
             share = max(0, age - self.fresh) / self.fading
-            canvas.circle(x + height / 2, y, height / 2, mix(of_side(scene[Side].side[e]), WALL, share))
-            canvas.text(x + 1.6 * height, y, words, height, mix(PAPER, WALL, share), anchor=0)
+            canvas.circle(x + height / 2, y, height / 2, mix(of_side(scene[Side].side[e]), ground, share))
+            canvas.text(x + 1.6 * height, y, words, height, mix(PAPER, ground, share), anchor=0)
             x = end + 2 * height
 
     def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
@@ -64,6 +66,24 @@ class KillFeedLayer(Layer):
         alive = set(scene.living(Died))
         dead = [(tick - fatal[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
         yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
+
+
+@dataclass(frozen=True)
+class FeedStrip(Strip):
+    """The last deaths of the episode below the picture, as KillFeedLayer has them in the margin."""
+
+    needs = KillFeedLayer.needs
+    zorder = ZOrder.WORDS + 2
+    feed: KillFeedLayer = KillFeedLayer()
+
+    def pixels(self, scene: Scene, size: int) -> int:
+        """One line."""
+        return round(LINE * digit(size))
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """As many as fit."""
+        height = digit(canvas.size)
+        self.feed.write(canvas, scene, canvas.half - height, 0, height, INK)
 
 
 def _cause_of_death(scene: Scene, e: int) -> str:

@@ -18,6 +18,7 @@ class HealsLayer(Layer):
 
     zorder = ZOrder.ITEMS
     needs = (Heal,)
+    shows = (Heal,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """As large as they are."""

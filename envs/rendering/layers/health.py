@@ -15,7 +15,7 @@ FRAMED = 1.0  # pixels, height of the lowest bar with a frame
 
 @dataclass(frozen=True)
 class HealthBarsLayer(Layer):
-    """A bar is full at the hit points at the start; more lies over it in another colour."""
+    """A bar that is as long as the hit points are many: full at those at the start, longer with more, up to twice."""
 
     zorder = ZOrder.MARKS
     needs = (Health,)
@@ -33,12 +33,12 @@ class HealthBarsLayer(Layer):
                 self._draw(canvas, scene, e, points[e] / max(whole[e], 1))
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
-        height, half = self.height, self.length / 2
+        height = self.height
         edge = 1 / canvas.scale if height * canvas.scale >= FRAMED else 0
-        left = scene.body.x[e] - half
+        left = scene.body.x[e] - self.length / 2
         lower = scene.body.y[e] + min(scene.shape.bound[e], SIZES.bar_lift) + SIZES.bar_gap * height
-        canvas.rectangle(left - edge, lower - edge, left + 2 * half + edge, lower + height + edge, INK)
-        filled = 2 * half * min(max(share, 0), 1)
-        canvas.rectangle(left, lower, left + filled, lower + height, of_health(share))
-        if share > 1:
-            canvas.rectangle(left, lower, left + 2 * half * min(share - 1, 1), lower + height, EXTRA)
+        full, filled = left + self.length, left + self.length * min(max(share, 0), 2)
+        canvas.rectangle(left - edge, lower - edge, max(full, filled) + edge, lower + height + edge, INK)
+        canvas.rectangle(left, lower, min(full, filled), lower + height, of_health(share))
+        if filled > full:
+            canvas.rectangle(full, lower, filled, lower + height, EXTRA)

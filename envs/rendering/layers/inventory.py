@@ -6,9 +6,10 @@ from outlast.components import Bag, Body, BoxItem, Heal, Shape
 
 from ..canvas import Canvas
 from ..scene import Scene
-from ..style import BOX, HEAL, INK, SIZES, of_box
+from ..style import HEAL, INK, SIZES, of_box
 from .boxes import owner_of
 from .layer import Layer, ZOrder
+from .others import of_kind
 
 VISIBLE = 1.0  # pixels, side of the smallest item worth drawing
 
@@ -22,7 +23,7 @@ class InventoryLayer(Layer):
     half: float = SIZES.bag_half  # the side of an item
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Heals are discs, broken boxes are squares, all others are grey discs."""
+        """Heals are discs, broken boxes are squares, all others are discs in the colour of their kind."""
         if 2 * self.half * canvas.scale < VISIBLE:
             return
         bag, step = scene[Bag], SIZES.bag_step * self.half
@@ -31,14 +32,16 @@ class InventoryLayer(Layer):
             x = scene.body.x[e] - step * (count - 1) / 2
             y = scene.body.y[e] - scene.shape.bound[e] - SIZES.bag_below * self.half
             for k in range(count):
-                self._draw(canvas, scene, bag.items[e][k], x + k * step, y)
+                draw_item(canvas, scene, bag.items[e][k], x + k * step, y, self.half)
 
-    def _draw(self, canvas: Canvas, scene: Scene, item: int, x: float, y: float) -> None:
-        half, edge = self.half, max(1 / canvas.scale, 0.05)
-        if item in scene.rows(BoxItem):
-            outer, color = half + edge, of_box(owner_of(scene, item))
-            canvas.rectangle(x - outer, y - outer, x + outer, y + outer, INK)
-            canvas.rectangle(x - half, y - half, x + half, y + half, color)
-        else:
-            canvas.circle(x, y, half + edge, INK)
-            canvas.circle(x, y, half, HEAL if item in scene.rows(Heal) else BOX)
+
+def draw_item(canvas: Canvas, scene: Scene, item: int, x: float, y: float, half: float) -> None:
+    """The item in row `item` as it looks in a bag, around (x, y), half its side given."""
+    edge = max(1 / canvas.scale, half / 3)
+    if item in scene.rows(BoxItem):
+        outer, color = half + edge, of_box(owner_of(scene, item))
+        canvas.rectangle(x - outer, y - outer, x + outer, y + outer, INK)
+        canvas.rectangle(x - half, y - half, x + half, y + half, color)
+    else:
+        canvas.circle(x, y, half + edge, INK)
+        canvas.circle(x, y, half, HEAL if item in scene.rows(Heal) else of_kind(scene, item))

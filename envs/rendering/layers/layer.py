@@ -8,6 +8,7 @@ from outlast.ecs import Component, Module
 
 from ..canvas import Canvas, Image
 from ..scene import Scene
+from ..style import INK
 
 
 class ZOrder(IntEnum):
@@ -30,10 +31,12 @@ class Layer:
     Attributes:
         zorder: Layers with a lower one are drawn first.
         needs: Components and mechanics without which there is nothing to draw; without one the layer is left out.
+        shows: Components whose entities the layer draws, so that the default look of other bodies leaves them out.
     """
 
     zorder: ClassVar[float] = ZOrder.BODIES
     needs: ClassVar[tuple[type[Component] | type[Module], ...]] = ()
+    shows: ClassVar[tuple[type[Component], ...]] = ()
 
     def fits(self, scene: Scene) -> bool:
         """Whether this scenario has all that the layer needs."""
@@ -44,8 +47,38 @@ class Layer:
         raise NotImplementedError
 
 
+class Strip(Layer):
+    """Base of layers beside the picture: as wide as it, above or below, on a canvas of their own.
+
+    There, lengths are pixels, and the origin is the middle of the strip.
+
+    Attributes:
+        above: Whether it lies above the picture; else below.
+    """
+
+    above: ClassVar[bool] = False
+
+    def pixels(self, scene: Scene, size: int) -> int:
+        """How high it is beside a picture of `size` pixels, the same for all worlds and ticks; 0: left out."""
+        raise NotImplementedError
+
+
 def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:
     """Draw the layers, those with a lower zorder first, equal ones in order of their names. Returns the image."""
-    for layer in sorted(layers, key=lambda layer: (layer.zorder, type(layer).__name__)):
+    drawn = sorted(layers, key=lambda layer: (layer.zorder, type(layer).__name__))
+    scene.shown = {component for layer in drawn for component in layer.shows}
+    for layer in drawn:
         layer.draw(canvas, scene)
     return canvas.image
+
+
+def paint_strips(size: int, strips: Iterable[Strip], scene: Scene) -> list[Image]:
+    """The strips that have a height, each as an image of `size` pixels from left to right."""
+    images = []
+    for strip in strips:
+        if pixels := strip.pixels(scene, size):
+            canvas = Canvas(size, size / 2, pixels)
+            canvas.clear(INK)
+            strip.draw(canvas, scene)
+            images.append(canvas.image)
+    return images

@@ -25,19 +25,24 @@ class RoomLayer(Layer):
 
 @dataclass(frozen=True)
 class WallsLayer(Layer):
-    """Walls, and all other obstacles that are neither agents nor boxes."""
+    """Walls, and all other obstacles that nothing can push and that are neither agents nor boxes."""
 
     zorder = ZOrder.BODIES
     needs = (Solid,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """Their shapes, a pixel larger: two walls meet in a single point. Behind them there is nothing to see."""
-        others = {*scene.rows(Side), *scene.rows(Box)}
-        walls = [e for e in scene.living(Body, Shape, Solid) if e not in others]
-        for e in walls:
+        fixed = walls(scene)
+        for e in fixed:
             canvas.body(scene, e, WALL, 1 / canvas.scale)
-        if walls and Floor in scene:
+        if fixed and Floor in scene:
             room, half = scene.room, scene.half
             for left, lower, right, upper in ((-half, room, half, half), (room, -half, half, half)):
                 canvas.rectangle(left, lower, right, upper, WALL)
                 canvas.rectangle(-right, -upper, -left, -lower, WALL)
+
+
+def walls(scene: Scene) -> list[int]:
+    """Rows of the obstacles in the world that nothing can push, and that are neither agents nor boxes."""
+    others, dynamic = {*scene.rows(Side), *scene.rows(Box)}, scene[Solid].dynamic
+    return [e for e in scene.living(Body, Shape, Solid) if not dynamic[e] and e not in others]

@@ -5,13 +5,15 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from outlast.ecs import Worlds
+from outlast.components import End
+from outlast.ecs import Clock, Worlds
 
 from ...errors import FilmError
-from ..canvas import LARGEST, SMALLEST, Image
-from ..layers import Layer
+from ..canvas import LARGEST, SMALLEST, Canvas, Image
+from ..layers import LAYERS, EndLayer, Layer, TitleStrip
+from ..layers.title import LINE, digit, prefixes, write_ends
 from ..rgb import draw
-from ..style import BLACK
+from ..style import BLACK, INK
 
 Grid = tuple[int, int]  # rows, columns
 WIDEST = 2**14  # pixels, sides of a mosaic: films can do no more
@@ -27,6 +29,8 @@ def footage(
     layers: Iterable[Layer] | None = None,
     mosaic: Grid | None = None,
     every: int = 1,
+    title: str = "",
+    hold: int = 0,
 ) -> Iterator[Image]:
     """Draw some worlds while they run, side by side in each frame.
 
@@ -35,9 +39,12 @@ def footage(
         ticks: Each item that is asked for runs the worlds once more; before the first one they were reset.
         chosen: Numbers of the worlds to draw.
         size: Pixels, side of one world's picture.
-        layers: See rgb.draw.
+        layers: See rgb.draw. With a TitleStrip there is a title, with an EndLayer the ends of episodes are held.
         mosaic: Rows and columns of pictures, filled row by row, cells without a world black; None: nearly a square.
         every: The first state is drawn, and after it every `every`-th one.
+        title: What the title says: the game, and who plays.
+        hold: For how many frames the end of an episode is shown after its first one. A single world stands still
+            meanwhile. In a mosaic the worlds go on, so the first ticks of that world's next episode are not seen.
 
     Returns:
         Frames, uint8 (height, width, 3), RGB, each a new array, drawn when they are asked for.
@@ -47,8 +54,13 @@ def footage(
     """
     grid = near_square(len(chosen)) if mosaic is None else mosaic
     _check(worlds, chosen, size, grid, every)
-    shown = None if layers is None else list(layers)
-    return _frames(worlds, ticks, list(chosen), size, shown, grid, every)
+    shown, single = list(LAYERS if layers is None else layers), grid == (1, 1)
+    titled = any(isinstance(layer, TitleStrip) for layer in shown)
+    shown = [TitleStrip(title if single else "") if isinstance(layer, TitleStrip) else layer for layer in shown]
+    reel = _Reel(worlds, list(chosen), size, shown, hold)
+    if single:
+        return reel.single(ticks, every)
+    return reel.mosaic(ticks, every, grid, title if titled else "")
 
 
 def near_square(count: int) -> Grid:
@@ -57,40 +69,74 @@ def near_square(count: int) -> Grid:
     return max(1, -(-count // columns)), columns
 
 
-def mosaic_shape(size: int, grid: Grid) -> tuple[int, int]:
-    """Height and width in pixels of a mosaic of pictures of this size."""
-    gutter = _gutter(size)
-    return (size + gutter) * grid[0] - gutter, (size + gutter) * grid[1] - gutter
-
-
 def _gutter(size: int) -> int:
     return max(1, size // GUTTER)
 
 
-def _frames(
-    worlds: Worlds,
-    ticks: Iterable[object],
-    chosen: list[int],
-    size: int,
-    layers: list[Layer] | None,
-    grid: Grid,
-    every: int,
-) -> Iterator[Image]:
-    for k, _ in enumerate(ticks):
-        if k % every == 0:
-            if grid == (1, 1):
-                yield draw(worlds, chosen[0], size, layers)
-            else:
-                yield _tiled([draw(worlds, w, size, layers) for w in chosen], size, grid)
+class _Reel:
+    """Draws the chosen worlds, and holds what shows the end of an episode."""
+
+    def __init__(self, worlds: Worlds, chosen: list[int], size: int, layers: list[Layer], hold: int) -> None:
+        self.worlds, self.chosen, self.size, self.layers, self.hold = worlds, chosen, size, layers, hold
+        self.marked = any(isinstance(layer, EndLayer) for layer in layers) and End in worlds
+        self.ends: list[tuple[int, int] | None] = [None] * len(chosen)  # episode and tick of the last one
+
+    def draw(self, k: int) -> Image:
+        """The picture of the world that was chosen k-th."""
+        return draw(self.worlds, self.chosen[k], self.size, self.layers)
+
+    def just_ended(self) -> list[int]:
+        """Which of the chosen have come to the end of an episode in the last tick, if ends are shown."""
+        if not self.marked:
+            return []
+        end, clock, found = self.worlds[End], self.worlds[Clock], []
+        for k, w in enumerate(self.chosen):
+            place = int(clock.episode[w, 0]), int(clock.tick[w, 0])
+            if (end.terminated[w, 0] or end.truncated[w, 0]) and self.ends[k] != place:
+                self.ends[k] = place
+                found.append(k)
+        return found
+
+    def single(self, ticks: Iterable[object], every: int) -> Iterator[Image]:
+        """Frames of one world, which stands still at the ends of episodes."""
+        for k, _ in enumerate(ticks):
+            ended = self.just_ended()
+            if k % every == 0 or ended:
+                frame = self.draw(0)
+                yield frame
+                for _ in range(self.hold if ended else 0):
+                    yield frame.copy()
+
+    def mosaic(self, ticks: Iterable[object], every: int, grid: Grid, title: str) -> Iterator[Image]:
+        """Frames of several worlds, of which each shows the end of an episode for a while."""
+        held, pictures = [0] * len(self.chosen), [np.empty(0, np.uint8)] * len(self.chosen)
+        for tick, _ in enumerate(ticks):
+            for k in self.just_ended():
+                pictures[k], held[k] = self.draw(k), self.hold + 1
+            if tick % every == 0:
+                for k, left in enumerate(held):
+                    pictures[k] = pictures[k] if left else self.draw(k)
+                    held[k] = max(0, left - 1)
+                frame = _tiled(pictures, grid)
+                yield np.vstack([_header(self.worlds, frame.shape[1], title), frame]) if title else frame
 
 
-def _tiled(pictures: list[Image], size: int, grid: Grid) -> Image:
-    image = np.full((*mosaic_shape(size, grid), 3), BLACK, np.uint8)
-    step = size + _gutter(size)
+def _tiled(pictures: list[Image], grid: Grid) -> Image:
+    height, width = pictures[0].shape[:2]
+    gutter = _gutter(width)
+    image = np.full(((height + gutter) * grid[0] - gutter, (width + gutter) * grid[1] - gutter, 3), BLACK, np.uint8)
     for k, picture in enumerate(pictures):
-        top, left = k // grid[1] * step, k % grid[1] * step
-        image[top : top + size, left : left + size] = picture
+        top, left = k // grid[1] * (height + gutter), k % grid[1] * (width + gutter)
+        image[top : top + height, left : left + width] = picture
     return image
+
+
+def _header(worlds: Worlds, width: int, title: str) -> Image:
+    """The title of a mosaic."""
+    canvas = Canvas(width, width / 2, round(LINE * digit(width)))
+    canvas.clear(INK)
+    write_ends(canvas, prefixes(f"{title}, seed {worlds[Clock].seed[0, 0]}"), [])
+    return canvas.image
 
 
 def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: int) -> None:
@@ -105,7 +151,7 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
         )
     if not SMALLEST <= size <= LARGEST:
         raise FilmError(f"size = {size}: {SMALLEST} to {LARGEST} pixels for each world are needed")
-    if max(mosaic_shape(size, grid)) > WIDEST:
+    if (size + _gutter(size)) * max(grid) > WIDEST + _gutter(size):
         raise FilmError(
             f"a mosaic of {grid[0]}x{grid[1]} pictures of {size} pixels is wider than {WIDEST}: take a smaller size"
         )

@@ -25,12 +25,13 @@ from ...scenarios.scenario import Scenario
 Json = dict[str, Any]
 
 RECENT = 8  # events that a page gets, so that none is lost where it misses a tick
+SLOW, SLOWLY = 1.5, 0.5  # seconds at the start of an episode that run slowly, and how fast they do
 
 
 class GamePhase(StrEnum):
     """Whether the world runs, and if not, why."""
 
-    READY = "ready"  # a new episode; it begins with the first key
+    READY = "ready"  # a new episode; it begins with a key
     RUNNING = "running"
     PAUSED = "paused"
     OVER = "over"  # the episode has ended; restart begins the next one
@@ -75,19 +76,30 @@ class Game:
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
         self._last = dict.fromkeys(side(self.worlds, 0).tolist(), 0)  # the last tick after which each side was alive
-        world = {"name": self.env.scenario.name, "agent": self.agent, "actions": self.ranges}
+        game = self.env.scenario
+        world = {"name": game.name, "about": game.about, "agent": self.agent, "actions": self.ranges}
         self.world = describe(self.worlds, 0) | world
 
     def hold(self, held: Mapping[str, int], tapped: Mapping[str, int]) -> None:
         """Keys that are down from now on, and those that count for the next tick even if they are up by then.
 
-        The first key begins the episode. Keys that come while the world stands still are not kept for later.
+        The first key begins the episode, as `begin` does. Keys that come while the world stands still are not kept.
         """
-        if self.phase is GamePhase.READY and (any(held.values()) or any(tapped.values())):
-            self.phase = GamePhase.RUNNING
+        if any(held.values()) or any(tapped.values()):
+            self.begin()
         self._held = held
         if self.phase is GamePhase.RUNNING:
             self._tapped.update(tapped)
+
+    def begin(self) -> None:
+        """Begin the episode, without a key that does something in it."""
+        if self.phase is GamePhase.READY:
+            self.phase = GamePhase.RUNNING
+
+    @property
+    def pace(self) -> float:
+        """How fast the world runs, times its usual speed: the start of an episode is slow."""
+        return SLOWLY if self.worlds[Clock].tick[0, 0] * self.world["seconds"] < SLOW else 1
 
     def pause(self) -> None:
         """Stand still until `resume`."""
@@ -124,6 +136,7 @@ class Game:
         observation = {key: values[0, self.agent] for key, values in self.env.observe().items()}
         return {
             "phase": self.phase,
+            "slow": self.pace < 1,
             "snapshot": snapshot(self.worlds, 0),
             "text": observation_text(observation, self.env.fields),
             "death": self.death,

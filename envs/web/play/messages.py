@@ -8,7 +8,7 @@ from typing import Any
 from ...errors import MessageError
 
 LONGEST = 512  # bytes of a message: more than the longest valid one
-COMMANDS = ("pause", "resume", "restart")
+COMMANDS = ("begin", "pause", "resume", "restart")
 SPEEDS = (0.25, 0.5, 1, 2, 4)
 
 Choices = Mapping[str, int]

@@ -3,6 +3,7 @@
   const { $, make, write } = Dom;
   const VERDICTS = { won: "You won", lost: "You lost", drawn: "A draw", over: "The episode is over" };
   const SHOW = { lines: false, zone: true, ids: true, health: true, bags: true, trails: false, blind: false };
+  const MODIFIERS = new Set(["Shift", "Control", "Alt", "AltGraph", "Meta", "CapsLock", "Tab", "Escape"]);
   const HINTS = [["V", "what the agent sees, or all"], ["P", "pause"], ["R", "next episode"]];
 
   const socket = new WebSocket(new URL("live", location.href.replace(/^http/, "ws")));
@@ -69,16 +70,29 @@
 
   // What stands over the picture: title, lines, whether it offers the next episode; null: nothing.
   function card() {
-    if (state.phase === "ready") return [`You are agent ${world.agent}`, [matchMedia("(pointer: coarse)").matches ? "Touch the stick to begin." : "Press a key to begin."], false];
-    if (state.phase === "paused") return ["Paused", ["P goes on."], false];
+    const touched = matchMedia("(pointer: coarse)").matches;
+    if (state.phase === "ready") return [`You are agent ${world.agent}`, [...about(), touched ? "Touch the stick to begin." : "Press a key to begin."]];
+    if (state.phase === "paused") return ["Paused", [touched ? "Go on with the button below." : "P goes on, R begins the next episode."]];
     if (state.phase !== "over") return null;
     const { verdict, kills, length, truncated, return: sum } = state.result;
     const lines = [`${length} ticks (${Dom.seconds(length, world)}), ${kills} ${kills === 1 ? "kill" : "kills"}` +
       `${world.teams ? " of your team" : ""}, return ${sum}`];
     if (truncated) lines.unshift("Time is up.");
     if (state.death) lines.push(death());
-    return [VERDICTS[verdict], lines, state.steers];
+    return [VERDICTS[verdict], lines];
   }
+
+  // What the game is about, and who plays with whom.
+  function about() {
+    const { agents, agent, about: text } = world, mine = agents[agent].side;
+    const [friends, enemies] = [true, false].map((same) => agents.map((_, i) => i).filter((i) => i !== agent && (agents[i].side === mine) === same));
+    const lines = text ? [`${world.name}: ${text}.`] : [];
+    if (friends.length) lines.push(`With you: ${named(friends)}.`);
+    if (enemies.length) lines.push(`Against you: ${named(enemies)}.`);
+    return [...lines, "The first seconds run at half speed."];
+  }
+
+  const named = (agents) => (agents.length > 8 ? `${agents.length} agents` : `agent${agents.length > 1 ? "s" : ""} ${agents.join(", ")}`);
 
   function death() {
     const { kind, cause, by, side, tick } = state.death, killer = by >= 0 ? `Agent ${by}` : `Side ${side}`;
@@ -87,14 +101,17 @@
   }
 
   function showCard() {
-    const [title, lines, next] = card() || ["", [], false];
+    const [title, lines] = card() || ["", []];
     $("card").hidden = !title;
     $("card").dataset.phase = state.phase;
-    $("card").children[0].textContent = title;
-    $("card").children[1].textContent = lines.join("\n");
-    $("card").children[2].hidden = !next;
-    const badge = !state.steers ? "Another page steers; you watch." :
-      state.death && state.phase === "running" ? `${death()} The others play on.` : "";
+    const [heading, text, keys, begin, next] = $("card").children;
+    heading.textContent = title;
+    text.textContent = lines.join("\n");
+    keys.hidden = state.phase !== "ready";
+    begin.hidden = state.phase !== "ready" || !state.steers;
+    next.hidden = state.phase !== "over" || !state.steers;
+    const badge = !state.steers ? "Another page steers; you watch." : state.phase !== "running" ? "" :
+      state.death ? `${death()} The others play on.` : state.slow ? "Slow start: half speed." : "";
     $("badge").hidden = !badge;
     $("badge").textContent = badge;
     document.body.classList.toggle("watching", !state.steers);
@@ -110,7 +127,7 @@
     world = description;
     Keys.releaseAll();
     Keys.bind(world.actions, steer);
-    Keys.explain($("keys"), HINTS);
+    document.querySelectorAll(".keys").forEach((list) => Keys.explain(list, HINTS));
     Keys.buttons($("buttons"));
     document.title = `outlast: ${world.name}`;
   }
@@ -141,7 +158,9 @@
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     if (Keys.keydown(event)) event.preventDefault(); // the page must not scroll, nor a button be pressed by the space bar
-    else if (actions[event.code] && !event.repeat) actions[event.code]();
+    else if (event.repeat || MODIFIERS.has(event.key)) return;
+    else if (actions[event.code]) actions[event.code]();
+    else if (state && state.phase === "ready" && event.target.tagName !== "BUTTON") command("begin");
   });
   addEventListener("keyup", (event) => {
     if (Keys.keyup(event)) event.preventDefault();

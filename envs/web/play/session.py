@@ -16,7 +16,7 @@ POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and t
 
 
 class Session:
-    """`game`, `fps` ticks a second, times the speed that the person chose.
+    """`game`, `fps` ticks a second, times the speed that the person chose; an episode begins slowly: see Game.pace.
 
     The page that came first steers; those that came later watch, and the next of them steers when it leaves. Without
     pages the world stands still.
@@ -33,7 +33,7 @@ class Session:
         clock = asyncio.get_running_loop().time
         due = clock()
         while True:
-            period = 1 / (self.fps * self.speed)
+            period = 1 / (self.fps * self.speed * self.game.pace)
             due = max(due + period, clock())
             await asyncio.sleep(due - clock())
             if self.game.tick():
@@ -86,7 +86,7 @@ class Session:
             case Speed(times):
                 self.speed = times
             case Command(name):
-                {"pause": game.pause, "resume": game.resume, "restart": game.restart}[name]()
+                {"begin": game.begin, "pause": game.pause, "resume": game.resume, "restart": game.restart}[name]()
         self._notify()
 
     def _leave(self, page: ServerConnection) -> None:

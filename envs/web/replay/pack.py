@@ -1,9 +1,9 @@
-"""Packing: an episode as columns of integers, small enough for a page.
+"""Packing: an episode as columns of numbers, small enough for a page.
 
-A column has a row of numbers for each tick. It is kept as the differences from tick to tick, one entry of the row after
-the other, in as few bytes as they need (1, 2 or 4, little-endian); all columns of all episodes are then compressed
-together. Counts are exact; lengths are in millimetres, angles in tenths of a milliradian.
-recording.js is the reader.
+A column has a row of numbers for each tick. Integers are kept as the differences from tick to tick, one entry of the
+row after the other, in as few bytes as they need (1, 2 or 4, little-endian); rewards and values as float32. All columns
+of all episodes are then compressed together. Counts are exact; lengths are in millimetres, angles in tenths of a
+milliradian, probabilities and attention in percent (-1: unknown). recording.js is the reader.
 """
 
 import gzip
@@ -16,16 +16,20 @@ import numpy as np
 
 from ...inspect.trace import Json
 
-METRE, RADIAN = 1000, 10000  # units in them
+METRE, RADIAN, WHOLE = 1000, 10000, 100  # units in them, and in a probability of 1
 WORD = 16  # bodies in a number of a bitset
-PACKING = {"metre": METRE, "radian": RADIAN, "word": WORD}  # for recording.js
+PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # for recording.js
+FLOATS = ("agent.reward", "agent.value")  # columns of float32
 
 Array = np.ndarray[Any, Any]
 
 
 @dataclass
 class EpisodeTrack:
-    """What is recorded of one episode of one world. rows: a tick's numbers each, int32 in the order of `columns`."""
+    """What is recorded of one episode of one world.
+
+    rows: a tick's numbers each, int32 in the order of `columns`; those of FLOATS are the bits of float32.
+    """
 
     description: Json
     number: int
@@ -33,19 +37,33 @@ class EpisodeTrack:
     rows: list[Array] = field(default_factory=list)
     events: list[Json] = field(default_factory=list)  # with the index of their row as "at"
 
-    def add(self, snapshot: Json, events: Iterable[Json]) -> None:
-        """The state after one more tick, and what happened in it."""
+    def add(self, snapshot: Json, events: Iterable[Json], thoughts: Array | None = None) -> None:
+        """The state after one more tick, what happened in it, and what the policy thought ahead of it (agents,)."""
         self.events += [{"at": len(self.rows), **event} for event in events]
-        self.rows.append(flat(self.description, snapshot))
+        self.rows.append(flat(self.description, snapshot, thoughts))
+
+
+@dataclass
+class Room:
+    """A recording as a page shows it: a title, and episodes by world."""
+
+    title: str
+    recorded: dict[int, list[EpisodeTrack]]
 
 
 def columns(description: Json) -> list[tuple[str, int]]:
     """(name, numbers in a row) of every column of an episode."""
     agents, objects = len(description["agents"]), len(description["objects"])
+    actions, entities = description["actions"], description.get("entities")
     table = [("zone", 6 if description["zone"] else 0)]
     table += [(f"agent.{name}", agents) for name in ("x", "y", "angle", "alive", "health", "strike", "target")]
     table += [("agent.bag", agents * description["slots"]), ("agent.sees", agents * words(description))]
+    table += [("agent.action", agents * len(actions)), ("agent.reward", agents if description["rewards"] else 0)]
     table += [(f"object.{name}", objects) for name in ("x", "y", "angle", "here", "owner", "wound")]
+    if entities is not None:
+        values = sum(action["high"] - action["low"] + 1 for action in actions)
+        rows = sum(kind["rows"] for kind in entities)
+        table += [("agent.value", agents), ("agent.likely", agents * values), ("agent.attends", agents * rows)]
     return table
 
 
@@ -54,38 +72,53 @@ def words(description: Json) -> int:
     return -(-(len(description["agents"]) + len(description["objects"])) // WORD)
 
 
-def flat(description: Json, snapshot: Json) -> Array:
-    """A snapshot as int32 in the order of `columns`. Empty slots and bitsets of agents that see everything are -1."""
+def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Array:
+    """A snapshot as int32 in the order of `columns`. Empty slots and bitsets of agents that see everything are -1.
+
+    thoughts: policy_record.policy_dtype (agents,), if the description has `entities`.
+    """
     agents, objects, slots = snapshot["agents"], snapshot["objects"], description["slots"]
     numbers = [round(METRE * value) for value in snapshot["zone"] or ()]
     numbers += _places(agents)
     numbers += [int(agent[name]) for name in ("alive", "health", "strike", "target") for agent in agents]
     numbers += [item for agent in agents for item in (agent["bag"] + slots * [-1])[:slots]]
     numbers += [word for agent in agents for word in _bitset(agent["sees"], words(description))]
+    numbers += [number for agent in agents for number in agent["action"]]
+    numbers += _bits([agent["reward"] for agent in agents] if description["rewards"] else [])
     numbers += _places(objects)
     numbers += [int(body[name]) for name in ("here", "owner", "wound") for body in objects]
+    if thoughts is not None:
+        numbers += _bits(thoughts["value"])
+        numbers += _percent(thoughts["probabilities"]) + _percent(thoughts["attention"])
     return np.array(numbers, np.int32)
 
 
-def pack(title: str, recorded: dict[int, list[EpisodeTrack]]) -> bytes:
-    """Episodes by world as gzip: the length of a JSON header (uint32, little-endian), the header, the columns.
+def pack(rooms: Sequence[Room]) -> bytes:
+    """Recordings side by side as gzip: the length of a JSON header (uint32, little-endian), the header, the columns.
 
-    The header: {title, worlds: [{world, episodes: [{description, number, start, length, events, columns: [[name,
-    numbers in a row, bytes of each]]}]}]}.
+    The header: [{title, worlds: [{world, episodes: [{description, number, start, length, events, columns: [[name,
+    numbers in a row, bytes of each, 0: float32]]}]}]}].
     """
     blobs: list[bytes] = []
-    worlds = [{"world": w, "episodes": [_packed(e, blobs) for e in episodes]} for w, episodes in recorded.items()]
-    header = json.dumps({"title": title, "worlds": worlds}, separators=(",", ":")).encode()
-    return gzip.compress(len(header).to_bytes(4, "little") + header + b"".join(blobs), mtime=0)
+    header = [
+        {
+            "title": room.title,
+            "worlds": [{"world": w, "episodes": [_packed(e, blobs) for e in es]} for w, es in room.recorded.items()],
+        }
+        for room in rooms
+    ]
+    text = json.dumps(header, separators=(",", ":")).encode()
+    return gzip.compress(len(text).to_bytes(4, "little") + text + b"".join(blobs), mtime=0)
 
 
 def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
     """The header of an episode; its columns go to `blobs`."""
     matrix, first, table = np.stack(episode.rows, 1), 0, []
     for name, count in columns(episode.description):
-        steps = np.diff(matrix[first : first + count].astype(np.int64), axis=1, prepend=0)
-        kind = _narrowest(steps)
-        table.append((name, count, kind.itemsize))
+        values, floats = matrix[first : first + count], name in FLOATS
+        steps = values if floats else np.diff(values.astype(np.int64), axis=1, prepend=0)
+        kind = np.dtype("<i4") if floats else _narrowest(steps)
+        table.append((name, count, 0 if floats else kind.itemsize))
         blobs.append(steps.astype(kind).tobytes())
         first += count
     kept = {"description": episode.description, "number": episode.number, "start": episode.start}
@@ -102,6 +135,19 @@ def _narrowest(values: Array) -> np.dtype[Any]:
 def _places(bodies: Sequence[Json]) -> list[int]:
     scales = (("x", METRE), ("y", METRE), ("angle", RADIAN))
     return [round(scale * body[name]) for name, scale in scales for body in bodies]
+
+
+def _bits(values: Any) -> list[int]:
+    """Those of float32."""
+    bits: list[int] = np.asarray(values, np.float32).view(np.int32).tolist()
+    return bits
+
+
+def _percent(shares: Array) -> list[int]:
+    """Shares in percent, -1 for those that are unknown. Files may hold any number."""
+    known = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1)
+    percent: list[int] = known.clip(-1, WHOLE).astype(int).ravel().tolist()
+    return percent
 
 
 def _bitset(bodies: list[int] | None, count: int) -> list[int]:

@@ -1,59 +1,71 @@
-// Player.start(recording): goes through a recording in time. State is where it is; everything on the page is drawn from that.
-const Player = { start: async (base64) => {
+// Player.start(recordings): goes through them in time. State is where it is; everything on the page is drawn from that.
+// linked: whether the address says what is shown, and leads there.
+const Player = { start: async (base64, { linked = false } = {}) => {
   const SPEEDS = [1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16, 32];
-  const KEYS = [
-    ["space", "play or pause"], ["← →", "a tick back or forward; with shift a second"],
-    ["P N", "to the event before or after"], ["Home End", "to the start or the end"], ["[ ]", "episode before or after"],
-    ["− +", "slower or faster"], ["0 – 9", "follow an agent, or let it go"], ["?", "this list"],
-  ];
   const FRACTIONS = { 0.125: "⅛", 0.25: "¼", 0.5: "½" };
+  const EVERY = 1000; // milliseconds between changes of the address while it plays
   const { $ } = Dom;
-  const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1 };
+  const state = { world: 0, episode: 0, at: 0, playing: false, speed: 3, follow: -1, focus: 0 };
 
-  let recording = await Recording.open(base64);
-  const viewport = Viewport.build($("stage"), () => { timeline.show(episode(), Viewport.theme()); redraw(); });
+  const recordings = await Recording.open(base64);
+  const rooms = recordings.map((_, n) => Room.build(n, recordings.length, {
+    seek: (k) => seek(k), focus: () => focus(n), theme: () => { lines(); redraw(); },
+  }));
+  document.body.classList.toggle("beside", rooms.length > 1);
   const views = Views.build($("views"), () => redraw());
-  const tip = $("tip");
-  tip.show = (event, x, y) => {
-    Dom.write(tip, `${episode().start + event.at}: ${Events.text(event, episode().description)}`);
-    const half = tip.offsetWidth / 2;
-    tip.style.left = `${Math.min(Math.max(x, half), tip.parentElement.clientWidth - half)}px`;
-    tip.style.top = `${y}px`;
-  };
-  const timeline = Timeline.build($("timeline"), tip, (k) => seek(k));
   const eventList = EventList.build($("events"), (k) => seek(k));
-  let updateCards = null, waiting = 0, before = 0, rest = 0;
+  const updateMind = Mind.build($("mind"));
+  let updateCards = null, waiting = 0, before = 0, rest = 0, addressed = 0;
 
-  const world = () => recording.worlds[state.world];
-  const episode = () => world().episodes[state.episode];
+  const room = () => rooms[state.focus];
+  const episode = () => room().episode;
   const row = () => Math.floor(state.at);
+  const count = () => Math.max(...rooms.map(({ worlds }) => worlds[state.world].episodes.length));
+  const ticks = () => Math.max(...rooms.map(({ episode, missing }) => (missing ? 0 : episode.length)));
 
   // ---- where we are
 
   function choose(w, e, at = 0) {
-    episode().forget();
-    Object.assign(state, { world: w, episode: Math.min(Math.max(e, 0), recording.worlds[w].episodes.length - 1) });
-    state.at = Math.min(Math.max(at, 0), episode().length - 1);
-    const { description } = episode();
-    if (state.follow >= description.agents.length) state.follow = -1;
-    updateCards = Panel.build($("cards"), description, follow);
-    count(description);
-    eventList.show(episode());
+    state.world = w;
+    state.episode = Math.min(Math.max(e, 0), count() - 1);
+    for (const each of rooms) each.choose(w, state.episode);
+    state.at = Math.min(Math.max(at, 0), ticks() - 1);
+    if (state.follow >= most()) state.follow = -1;
     selectors();
-    timeline.show(episode(), Viewport.theme());
+    lines();
+    focus(state.focus);
+  }
+
+  const most = () => Math.max(...rooms.map(({ episode }) => episode.description.agents.length));
+
+  // The room whose agents and events are listed.
+  function focus(n) {
+    state.focus = n;
+    updateCards = Panel.build($("cards"), episode().description, follow);
+    Facts.build(episode().description);
+    eventList.show(episode());
     redraw();
   }
 
+  // Timelines, to one scale.
+  function lines() {
+    const paid = rooms.flatMap(({ episode }) => (episode.description.rewards ? episode.returns() : []));
+    const [low, high] = paid.reduce(([low, high], values) => values.reduce(
+      ([least, most], value) => [Math.min(least, value), Math.max(most, value)], [low, high]), [0, 0]);
+    const scale = { ticks: ticks(), low, high, dense: rooms.length > 1 };
+    for (const { timeline, episode } of rooms) timeline.show(episode, Viewport.theme(), scale);
+  }
+
   function seek(k) {
-    state.at = Math.min(Math.max(k, 0), episode().length - 1);
+    state.at = Math.min(Math.max(k, 0), ticks() - 1);
     rest = 0;
     redraw();
   }
 
-  function step(ticks) {
+  function step(steps) {
     pause();
-    const k = row() + ticks;
-    if (k >= episode().length && state.episode + 1 < world().episodes.length) choose(state.world, state.episode + 1);
+    const k = row() + steps;
+    if (k >= ticks() && !last()) choose(state.world, state.episode + 1);
     else if (k < 0 && state.episode > 0) choose(state.world, state.episode - 1, Infinity);
     else seek(k);
   }
@@ -65,16 +77,16 @@ const Player = { start: async (base64) => {
   }
 
   function follow(i) {
-    state.follow = i < 0 || i === state.follow || i >= episode().description.agents.length ? -1 : i;
+    state.follow = i < 0 || i === state.follow || i >= most() ? -1 : i;
     redraw();
   }
 
   // ---- time
 
-  const last = () => state.episode + 1 === world().episodes.length;
+  const last = () => state.episode + 1 === count();
 
   function play() {
-    if (state.at >= episode().length - 1 && last()) state.at = 0;
+    if (state.at >= ticks() - 1 && last()) state.at = 0;
     state.playing = true;
     before = performance.now();
     redraw();
@@ -92,7 +104,7 @@ const Player = { start: async (base64) => {
   }
 
   function advance(now) {
-    const seconds = Math.min(0.25, (now - before) / 1000), end = episode().length - 1;
+    const seconds = Math.min(0.25, Math.max(0, now - before) / 1000), end = ticks() - 1;
     before = now;
     state.at = Math.min(end, state.at + seconds * SPEEDS[state.speed] / episode().description.seconds);
     if (state.at < end) return;
@@ -112,57 +124,29 @@ const Player = { start: async (base64) => {
   function paint(now) {
     waiting = 0;
     if (state.playing) advance(now);
-    const shown = episode(), k = row(), { description } = shown, exact = shown.snapshot(k);
-    const share = Viewport.still() ? 0 : state.at - k, moved = share && k + 1 < shown.length;
-    const snapshot = moved ? Recording.blend(exact, shown.snapshot(k + 1), share) : exact;
-    const view = { show: views.show, close: views.show.close, follow: state.follow, marks: Events.marks(shown, state.at) };
-    if (views.show.trails) view.trails = Events.trails(shown, k);
-    const moving = viewport.draw(description, snapshot, view);
-    timeline.draw(state.at);
+    const k = room().row(state.at), exact = room().exact(state.at), { description } = episode();
     views.fit(description, state.follow);
-    updateCards(exact, state.follow, Events.tallies(shown, k));
-    facts(exact, description);
-    eventList.mark(k);
-    if (state.playing || moving) redraw();
-  }
-
-  function facts({ tick, agents, objects, zone }, description) {
-    Dom.write($("tick"), tick);
-    Dom.write($("length"), episode().start + episode().length - 1);
-    Dom.write($("seconds"), Dom.seconds(tick, description));
+    const moving = rooms.map((each, n) => each.paint(state.at, views.show, state.follow, n === state.focus)).some(Boolean);
+    updateCards(exact, state.follow, Events.tallies(episode(), k));
+    updateMind(episode(), state.follow, k);
+    Facts.show(exact, episode());
     Dom.write($("speed"), `${FRACTIONS[SPEEDS[state.speed]] || SPEEDS[state.speed]}×`);
     $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
-    Dom.write($("alive"), agents.filter(({ alive }) => alive).length);
-    Dom.write($("agents"), agents.length);
-    Dom.write($("zone"), zone ? zone[2].toFixed(1) : "–");
-    for (const fact of $("facts").querySelectorAll("[data-role]")) {
-      Dom.write(fact, objects.filter(({ here }, j) => here && description.objects[j].role === fact.dataset.role).length);
-    }
-    $("timeline").setAttribute("aria-valuenow", tick);
-    $("timeline").setAttribute("aria-valuetext", `tick ${tick}`);
-  }
-
-  // Objects in the world by kind, as far as this scenario has them.
-  function count({ objects, zone }) {
-    const roles = [["heal", "Heals"], ["box", "Boxes"], ["box_item", "Broken"], ["item", "Items"]];
-    $("facts").querySelectorAll("[data-role]").forEach((fact) => fact.closest("div").remove());
-    for (const [role, name] of roles.filter(([role]) => objects.some((object) => object.role === role))) {
-      const fact = Dom.make("div", "", $("facts"));
-      Dom.make("dt", "", fact, name);
-      Dom.make("b", "", Dom.make("dd", "", fact)).dataset.role = role;
-    }
-    $("zone").closest("div").hidden = !zone;
+    eventList.mark(k);
+    if (linked && (!state.playing || now - addressed > EVERY)) [addressed] = [now, Address.write(place())];
+    if (state.playing || moving) redraw();
   }
 
   // ---- choosing a world and an episode
 
   function selectors() {
-    options($("world"), recording.worlds.map(({ world }) => `World ${world}`), state.world);
-    options($("episode"), world().episodes.map(({ number }) => `Episode ${number}`), state.episode);
-    const many = world().episodes.length > 1;
-    $("episodes").hidden = !many;
+    const { worlds } = rooms[0], longest = rooms.map(({ worlds }) => worlds[state.world].episodes)
+      .reduce((most, episodes) => (episodes.length > most.length ? episodes : most));
+    options($("world"), worlds.map(({ world }) => `World ${world}`), state.world);
+    options($("episode"), longest.map(({ number }) => `Episode ${number}`), state.episode);
+    $("episodes").hidden = longest.length < 2;
     $("episodes").replaceChildren();
-    world().episodes.forEach(({ length, number }, e) => {
+    longest.forEach(({ length, number }, e) => {
       const button = Dom.make("button", "", $("episodes"));
       button.style.flexGrow = length;
       button.title = `Episode ${number}, ${length - 1} ticks`;
@@ -170,8 +154,6 @@ const Player = { start: async (base64) => {
       button.setAttribute("aria-current", e === state.episode);
       button.addEventListener("click", () => choose(state.world, e));
     });
-    $("timeline").setAttribute("aria-valuemin", episode().start);
-    $("timeline").setAttribute("aria-valuemax", episode().start + episode().length - 1);
   }
 
   function options(select, names, chosen) {
@@ -180,59 +162,46 @@ const Player = { start: async (base64) => {
     select.hidden = names.length < 2;
   }
 
-  // ---- keys and buttons
+  // ---- the address of what is shown
 
-  const toggle = () => state.playing ? pause() : play();
-  const second = () => Math.round(1 / episode().description.seconds);
-  const actions = {
-    " ": toggle, "k": toggle,
-    "ArrowLeft": (event) => step(event.shiftKey ? -second() : -1),
-    "ArrowRight": (event) => step(event.shiftKey ? second() : 1),
-    "Home": () => seek(0), "End": () => seek(Infinity), "n": () => jump(1), "p": () => jump(-1),
-    "[": () => choose(state.world, state.episode - 1), "]": () => choose(state.world, state.episode + 1),
-    "+": () => faster(1), "=": () => faster(1), "-": () => faster(-1), "_": () => faster(-1),
-    "Escape": () => follow(-1), "?": () => $("keys").showModal(),
-  };
-
-  document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || $("keys").open || event.target.matches("select")) return;
-    if (event.key === " " && event.target.matches("button")) return; // it presses the button
-    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (key in actions) actions[key](event);
-    else if (key in views.byKey) views.toggle(views.byKey[key]);
-    else if (key >= "0" && key <= "9") follow(Number(key));
-    else return;
-    event.preventDefault();
-  });
-
-  // A pointer leaves no focus behind on buttons: the next space is meant to play.
-  document.addEventListener("click", (event) => {
-    if (event.detail && event.target.closest("button")) document.activeElement.blur();
-  });
-
-  for (const [id, action] of [["play", toggle], ["first", () => seek(0)], ["back", () => step(-1)], ["forward", () => step(1)],
-    ["next", () => jump(1)], ["slower", () => faster(-1)], ["faster", () => faster(1)], ["help", actions["?"]]]) {
-    $(id).addEventListener("click", action);
+  function place() {
+    const { world } = room().worlds[state.world], { number, start } = episode();
+    const agent = state.follow < 0 ? {} : { agent: state.follow };
+    return { tick: start + room().row(state.at), world, episode: number, ...agent };
   }
-  $("stage").addEventListener("click", ({ clientX, clientY }) => {
-    follow(viewport.agentAt(episode().description, episode().snapshot(row()), clientX, clientY));
-  });
-  $("world").addEventListener("change", ({ target }) => choose(Number(target.value), 0));
-  $("episode").addEventListener("change", ({ target }) => choose(state.world, Number(target.value)));
-  new ResizeObserver(() => { timeline.resize(); redraw(); }).observe(document.body);
-  Views.explain($("keys"), KEYS);
-  choose(0, 0);
-  if (!Viewport.still()) play();
+
+  function go(address) {
+    const { w, e, at, missing } = Address.find(rooms[0], address);
+    pause();
+    choose(w, e, at);
+    state.follow = address.agent < most() ? address.agent : -1;
+    const absent = [missing, address.agent >= most() ? `agent ${address.agent}` : ""].filter(Boolean).join(", ");
+    if (absent) Dom.say(`This page does not have ${absent}.`);
+  }
+
+  async function link() {
+    const copied = await Address.copy(place());
+    Dom.say(copied ? "The link to this tick is copied." : "This browser copies nothing here: the address bar has the link.");
+  }
 
   // Another recording in place of this one; speed, views and the followed agent stay.
   async function load(base64) {
-    recording = await Recording.open(base64);
-    Object.assign(state, { world: 0, episode: 0 });
+    const others = await Recording.open(base64);
+    rooms.forEach((each, n) => each.load(others[n]));
     choose(0, 0);
     play();
   }
 
-  const atEnd = () => !state.playing && last() && row() === episode().length - 1;
-  window.outlast = { state, seek, play, pause, follow, choose, load, atEnd };
+  const atEnd = () => !state.playing && last() && row() === ticks() - 1;
+  const swap = () => focus((state.focus + 1) % rooms.length);
+  window.outlast = { state, rooms, seek, play, pause, follow, choose, load, atEnd };
+  rooms.forEach((each, n) => each.load(recordings[n]));
+  Controls.build({ ...window.outlast, views, linked, step, jump, faster, link, swap, episode });
+  new ResizeObserver(() => { for (const { timeline } of rooms) timeline.resize(); redraw(); }).observe(document.body);
+  choose(0, 0);
+  const address = linked && Address.read();
+  if (address) go(address);
+  else if (!Viewport.still()) play();
+  if (linked) window.addEventListener("hashchange", () => { if (Address.read()) go(Address.read()); });
   return window.outlast;
 } };

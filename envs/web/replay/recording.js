@@ -1,23 +1,28 @@
 // Recording.open reads what pack.py wrote; an episode then gives back the snapshots of trace.py, tick by tick.
 const Recording = (() => {
-  const { metre: METRE, radian: RADIAN, word: WORD } = PACKING;
-  const ARRAYS = { 1: Int8Array, 2: Int16Array, 4: Int32Array };
+  const { metre: METRE, radian: RADIAN, whole: WHOLE, word: WORD } = PACKING;
+  const ARRAYS = { 0: Float32Array, 1: Int8Array, 2: Int16Array, 4: Int32Array };
+  const STATE = ["zone", ...["alive", "health", "strike", "target", "bag", "sees"].map((name) => `agent.${name}`),
+    ...["here", "owner", "wound"].map((name) => `object.${name}`)];
 
+  const bytes = (width) => ARRAYS[width].BYTES_PER_ELEMENT;
+
+  // The recordings of a page, [{title, worlds: [{world, episodes}]}].
   async function open(base64) {
     const packed = Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
     const buffer = await new Response(stream).arrayBuffer();
     const size = new DataView(buffer).getUint32(0, true);
-    const { title, worlds } = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+    const rooms = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
     let at = 4 + size;
-    for (const world of worlds) {
+    for (const world of rooms.flatMap(({ worlds }) => worlds)) {
       world.episodes = world.episodes.map((header) => {
         const episode = new Episode(header, buffer, at);
-        at += header.length * header.columns.reduce((sum, [, count, width]) => sum + count * width, 0);
+        at += header.length * header.columns.reduce((sum, [, count, width]) => sum + count * bytes(width), 0);
         return episode;
       });
     }
-    return { title, worlds };
+    return rooms;
   }
 
   class Episode {
@@ -34,16 +39,51 @@ const Recording = (() => {
         this.tables = {};
         let at = this.offset;
         for (const [column, count, width] of this.columns) {
-          const bytes = count * width * this.length;
-          const steps = new ARRAYS[width](this.buffer.slice(at, at + bytes));
-          this.tables[column] = { count, values: summed(steps, this.length) };
-          at += bytes;
+          const size = count * bytes(width) * this.length;
+          const steps = new ARRAYS[width](this.buffer.slice(at, at + size));
+          this.tables[column] = { count, values: width ? summed(steps, this.length) : steps };
+          at += size;
         }
       }
       return this.tables[name];
     }
 
-    forget() { this.tables = null; }
+    forget() { this.tables = this.returned = null; }
+
+    // What each agent was paid from the first row to each row: a Float64Array over all ticks for each agent.
+    returns() {
+      this.returned ||= this.description.agents.map((_, i) => {
+        let sum = 0;
+        return Float64Array.from(this.history("agent.reward", i), (reward) => { sum += reward; return sum; });
+      });
+      return this.returned;
+    }
+
+    // What agent i was told to do in the tick that led to row k, by number of the action; null: nothing.
+    action(i, k) {
+      const count = this.description.actions.length;
+      const acts = this.start + k > 0 && this.history("agent.alive", i)[Math.max(0, k - 1)];
+      return acts ? Array.from({ length: count }, (_, n) => this.history("agent.action", i * count + n)[k]) : null;
+    }
+
+    // What the policy of agent i thought ahead of that tick: {value, likely: [[share of each value] of each action],
+    // attends: [{key, row, body, share}]}; null: not recorded.
+    thought(i, k) {
+      const { actions, entities } = this.description;
+      if (!entities || !this.action(i, k)) return null;
+      const sizes = actions.map(({ low, high }) => high - low + 1), values = sizes.reduce((sum, size) => sum + size, 0);
+      const share = (name, n) => this.history(name, n)[k] / WHOLE;
+      let at = i * values;
+      const likely = sizes.map((size) => Array.from({ length: size }, () => share("agent.likely", at++)));
+      if (likely[0]?.[0] < 0) return null; // not an agent of this policy
+      const rows = entities.reduce((sum, kind) => sum + kind.rows, 0);
+      at = i * rows;
+      const attends = entities.flatMap(({ key, rows, others, first }) => Array.from({ length: rows }, (_, row) => {
+        const other = row + (row >= i ? 1 : 0);
+        return { key, row, body: others ? other : first < 0 ? -1 : first + row, share: share("agent.attends", at++) };
+      }));
+      return { value: this.history("agent.value", i)[k], likely, attends };
+    }
 
     // The numbers of a column after tick k.
     row(name, k) {
@@ -64,8 +104,7 @@ const Recording = (() => {
 
     snapshot(k) {
       const { agents, objects, slots, zone } = this.description;
-      const get = {};
-      for (const [name] of this.columns) get[name] = this.row(name, k);
+      const get = Object.fromEntries(STATE.map((name) => [name, this.row(name, k)]));
       const words = get["agent.sees"].length / (agents.length || 1);
       return {
         episode: this.number,

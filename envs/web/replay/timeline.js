@@ -1,39 +1,45 @@
-// Timeline: how the zone shrinks, a strip for each agent's health, and signs where something happened.
+// Timeline: how the zone shrinks, a strip for each agent's health, signs where something happened, and returns.
 const Timeline = (() => {
   const ZONE = 12, AXIS = 16, SNAP = 7; // pixels: height of the zone's strip and of the axis, reach of a click on a sign
+  const CURVES = 48, FLAT = 32, GAP = 5; // pixels: height of the curves of returns, on small screens, and free above them
+  const STRIPS = 150, DENSE = 84; // pixels for all strips together, and with another recording beside
   const SIGNS = { kill: 4, death: 4, heal: 3, use: 2, place: 1, break: 0 }; // later ones lie on top
   const LEFT = 30, RIGHT = 10;
 
   // onSeek(k) is called with the row that was clicked or dragged to. Returns {resize, show, draw}.
   function build(canvas, tip, onSeek) {
     const context = canvas.getContext("2d");
-    let episode = null, colors = null, at = 0, ratio = 1, width = 0, height = 0, still = null, dragging = false;
+    let episode = null, colors = null, scale = null, follow = -1, at = 0, ratio = 1, width = 0, height = 0, still = null, dragging = false;
 
-    const strip = () => Math.max(3, Math.min(18, Math.floor(150 / Math.max(1, episode.description.agents.length))));
+    const strip = () => Math.max(3, Math.min(18, Math.floor((scale.dense ? DENSE : STRIPS) / Math.max(1, episode.description.agents.length))));
     const top = (i) => (episode.description.zone ? ZONE + 4 : 0) + i * (strip() + (strip() < 8 ? 1 : 3));
-    const last = () => Math.max(1, episode.length - 1);
+    const curves = () => top(episode.description.agents.length) + GAP;
+    const tall = () => (scale.dense || window.innerHeight < 700 || width < 500 ? FLAT : CURVES);
+    const last = () => Math.max(1, scale.ticks - 1);
     const place = (k) => LEFT + (width - LEFT - RIGHT) * k / last();
+    const paid = () => scale.high > scale.low;
     const index = (x) => Math.min(last(), Math.max(0, Math.round((x - LEFT) / (width - LEFT - RIGHT) * last())));
 
-    function show(shown, theme) {
-      episode = shown;
-      colors = theme;
+    // size: {ticks, low, high, dense}, how many rows there is room for and the range of returns, which recordings side
+    // by side have in common; low and high are 0 where nobody is paid; dense: whether there are two.
+    function show(shown, theme, size) {
+      [episode, colors, scale] = [shown, theme, size];
       resize();
     }
 
     function resize() {
       if (!episode) return;
-      height = top(episode.description.agents.length) + AXIS;
+      width = canvas.clientWidth;
+      height = top(episode.description.agents.length) + (paid() ? GAP + tall() + GAP : 0) + AXIS;
       canvas.style.height = `${height}px`;
       ratio = window.devicePixelRatio || 1;
-      width = canvas.clientWidth;
       canvas.width = Math.round(width * ratio);
       canvas.height = Math.round(height * ratio);
       still = document.createElement("canvas");
       still.width = canvas.width;
       still.height = canvas.height;
       paint(still.getContext("2d"));
-      draw(at);
+      draw(at, follow);
     }
 
     // ---- all that stays, painted once
@@ -43,6 +49,7 @@ const Timeline = (() => {
       if (episode.description.zone) zone(pen);
       episode.description.agents.forEach((_, i) => health(pen, i));
       axis(pen);
+      if (paid()) returns(pen);
       const events = episode.events.filter(({ kind }) => kind in SIGNS);
       events.sort((a, b) => SIGNS[a.kind] - SIGNS[b.kind]).forEach((event) => sign(pen, event));
     }
@@ -70,6 +77,35 @@ const Timeline = (() => {
       write(pen, i, LEFT - 8, y + tall / 2, "right", color, 700);
     }
 
+    // Of every agent, in the colour of its side; zero is a line.
+    function returns(pen) {
+      pen.fillStyle = pen.strokeStyle = colors.ink;
+      pen.globalAlpha = 0.07;
+      pen.fillRect(LEFT, curves(), width - LEFT - RIGHT, tall());
+      pen.globalAlpha = 0.25;
+      Brush.line({ context: pen }, LEFT, level(0), width - RIGHT, level(0));
+      pen.lineJoin = "round";
+      episode.description.agents.forEach((_, i) => curve(pen, i, 1.5, follow < 0 || follow === i ? 0.9 : 0.35));
+      if (follow >= 0 && follow < episode.description.agents.length) curve(pen, follow, 2.5, 1);
+      pen.globalAlpha = 0.6;
+      write(pen, `return, ${short(scale.low)} to ${short(scale.high)}`, LEFT + 5, curves() + 8, "left", colors.ink, 400);
+      pen.globalAlpha = 1;
+    }
+
+    const level = (value) => curves() + tall() * (scale.high - value) / (scale.high - scale.low);
+
+    function curve(pen, i, wide, alpha) {
+      const { description } = episode, values = episode.returns()[i];
+      pen.strokeStyle = description.sides[description.agents[i].side].color;
+      pen.lineWidth = wide;
+      pen.globalAlpha = alpha;
+      pen.beginPath();
+      values.forEach((value, k) => pen[k ? "lineTo" : "moveTo"](place(k), level(value)));
+      pen.stroke();
+    }
+
+    const short = (value) => String(+value.toPrecision(2)).replace("-", "−");
+
     function area(pen, y, tall, share, color, alpha, stop = episode.length) {
       pen.fillStyle = color;
       pen.globalAlpha = alpha;
@@ -85,9 +121,9 @@ const Timeline = (() => {
     }
 
     function axis(pen) {
-      const y = height - AXIS + 8, most = episode.length / Math.max(2, Math.floor((width - LEFT) / 90));
+      const y = height - AXIS + 8, most = scale.ticks / Math.max(2, Math.floor((width - LEFT) / 90));
       const step = [10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 1e5, 1e6].find((size) => size >= most) || 1e7;
-      for (let tick = Math.ceil(episode.start / step) * step; tick < episode.start + episode.length; tick += step) {
+      for (let tick = Math.ceil(episode.start / step) * step; tick < episode.start + scale.ticks; tick += step) {
         pen.globalAlpha = 0.6;
         write(pen, tick, Math.max(LEFT + 3, place(tick - episode.start)), y, "center", colors.ink, 400);
       }
@@ -122,7 +158,11 @@ const Timeline = (() => {
 
     // ---- what moves
 
-    function draw(k) {
+    function draw(k, followed) {
+      if (followed !== follow) {
+        follow = followed;
+        resize();
+      }
       at = k;
       if (!still) return;
       context.setTransform(1, 0, 0, 1, 0, 0);

@@ -9,10 +9,11 @@ const Views = (() => {
     ["bags", "b", "Bags", "what agents carry"],
     ["trails", "t", "Trails", "where agents came from"],
     ["blind", "x", "As seen", "fade what the followed agent does not see"],
+    ["attention", "a", "Attention", "what the policy of the followed agent attends to"],
     ["close", "c", "Close-up", "stay near the followed agent"],
   ];
-  const AT_FIRST = ["cones", "zone", "ids", "health", "bags", "close"];
-  const NEEDS = { cones: "cone", lines: "cone", blind: "cone", zone: "zone", health: "health", bags: "slots" };
+  const AT_FIRST = ["cones", "zone", "ids", "health", "bags", "attention", "close"];
+  const NEEDS = { cones: "cone", lines: "cone", blind: "cone", zone: "zone", health: "health", bags: "slots", attention: "entities" };
 
   // Returns {show, toggle(name), fit(description, follow), byKey}; onChange() is called after every change.
   function build(root, onChange) {
@@ -39,7 +40,8 @@ const Views = (() => {
 
     function fit(description, follow) {
       for (const [name] of ALL) buttons[name].disabled = name in NEEDS && !description[NEEDS[name]];
-      for (const name of ["blind", "close"]) buttons[name].disabled ||= follow < 0;
+      buttons.attention.hidden = !description.entities;
+      for (const name of ["blind", "attention", "close"]) buttons[name].disabled ||= follow < 0;
     }
 
     update();

@@ -10,12 +10,16 @@ from outlast.ecs import Clock, Worlds
 
 from ...errors import PageError
 from ...inspect.events import events
-from ...inspect.trace import describe, snapshot
+from ...inspect.trace import Json, bodies_of, describe, snapshot
+from ...recording import Replay
 from ...storage.atomic_write import atomic_write
 from ..assets import SHARED, assemble
-from .pack import PACKING, EpisodeTrack, pack
+from .pack import PACKING, EpisodeTrack, Room, pack
 
-PLAYING = ("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "player.js")
+PLAYING = (
+    *("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "mind.js"),
+    *("facts.js", "room.js", "address.js", "controls.js", "player.js"),
+)
 SCRIPTS = (*SHARED, *PLAYING, "replay.js")
 
 
@@ -35,27 +39,35 @@ def write_page(
     Raises:
         PageError: For worlds or folders that are not there, if there are no ticks, and if the disk is full.
     """
-    target = _checked(path)
-    recorded = record_ticks(worlds, ticks, chosen)
-    if not any(recorded.values()):
+    target = checked(path)
+    save(target, [Room(title, record_ticks(worlds, ticks, chosen))], title)
+
+
+def save(target: Path, rooms: Sequence[Room], title: str) -> None:
+    """Write a page of recordings side by side. Raises PageError."""
+    if not all(any(room.recorded.values()) for room in rooms):
         raise PageError("there is nothing to show: not one tick")
+    page = page_html(rooms, title)
     try:
         with atomic_write(target) as place:
-            place.write_text(page_html(recorded, title), encoding="utf-8", newline="\n")
+            place.write_text(page, encoding="utf-8", newline="\n")
     except OSError as error:
         raise PageError(f"{target} cannot be written: {error.strerror}") from error
 
 
-def page_html(recorded: dict[int, list[EpisodeTrack]], title: str) -> str:
+def page_html(rooms: Sequence[Room], title: str) -> str:
     """The page itself, as HTML."""
-    data = base64.b64encode(pack(title, recorded)).decode()
+    data = base64.b64encode(pack(rooms)).decode()
     return assemble("replay", "page.html", title, SCRIPTS, data, PACKING=PACKING)
 
 
-def record_ticks(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int]) -> dict[int, list[EpisodeTrack]]:
+def record_ticks(
+    worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int], replay: Replay | None = None
+) -> dict[int, list[EpisodeTrack]]:
     """The episodes of each of the `chosen` worlds, as far as the ticks go.
 
     A world whose clock stands still was not run and is not recorded again; where the clock jumps, an episode starts.
+    replay: what runs them, if the policy that it has recorded is to be shown.
     """
     recorded: dict[int, list[EpisodeTrack]] = {int(w): [] for w in chosen}
     _check(worlds, recorded)
@@ -68,10 +80,29 @@ def record_ticks(worlds: Worlds, ticks: Iterable[object], chosen: Sequence[int])
                 continue
             if before is None or clock != (*before[:-1], before[-1] + 1):
                 *_, number, tick = clock
-                episodes.append(EpisodeTrack(describe(worlds, w), number, tick))
+                episodes.append(EpisodeTrack(describe(worlds, w) | _entities(worlds, replay), number, tick))
             clocks[w] = clock
-            episodes[-1].add(snapshot(worlds, w), events(worlds, w))
+            thoughts = None if replay is None or replay.policy is None else replay.policy[w]
+            episodes[-1].add(snapshot(worlds, w), events(worlds, w), thoughts)
     return recorded
+
+
+def _entities(worlds: Worlds, replay: Replay | None) -> Json:
+    """What the recorded policy attends to: {entities: [{key, rows, others, first}]}; {} if there is no policy.
+
+    others: whether its rows are the other agents, in order. first: the body that its first row is, -1: unknown; rows
+    that are called as a kind of entity, in the plural, are its bodies in order.
+    """
+    if replay is None or replay.policy is None:
+        return {}
+    numbers, found = bodies_of(worlds.layout).numbers, []
+    for key, rows in replay.recording.entities:
+        spans = [
+            span for kind, span in worlds.layout.spans.items() if key in (f"{kind}s", f"{kind}es") and len(span) == rows
+        ]
+        first = numbers[spans[0].start] if spans else -1
+        found.append({"key": key, "rows": rows, "others": key == "others", "first": first})
+    return {"entities": found}
 
 
 def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
@@ -82,8 +113,8 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
         raise PageError("there is nothing to show: this scenario has no agents")
 
 
-def _checked(path: str | os.PathLike[str]) -> Path:
-    """Refused before anything is run."""
+def checked(path: str | os.PathLike[str]) -> Path:
+    """The path of a page; PageError if no page can be written there, before anything is run."""
     target = Path(path)
     if target.is_dir() or not target.parent.is_dir():
         raise PageError(f"{target} cannot be written: give a file name in a folder that is there")

@@ -1,0 +1,238 @@
+"""outlast.film: worlds as a film in one call, of which `outlast frames` and `outlast replay --out` are forms."""
+
+import contextlib
+import logging
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from outlast.ecs import Worlds
+
+from .adapters.opponents import Other, Others, checked_others
+from .core.make import make_vec
+from .core.vector_env import SurvivalVectorEnv
+from .errors import FilmError
+from .recording import Recording, Replay
+from .rendering.layers import Layer, select
+from .rendering.video import footage, write_film
+from .rollout.against import Against
+from .rollout.loading import load_policies, maker
+from .rollout.local import ticks
+from .rollout.mixture import Mixture, checked_entries
+from .rollout.policies import Policy
+from .scenarios.naming import resolve
+from .scenarios.scenario import Number, Scenario
+
+LOGGER = logging.getLogger(__name__)
+STEPS, REPLAYED = 300, 16  # steps if nothing else is asked for; and at most so many worlds of a recording
+HOLD = 0.8  # seconds for which the end of an episode is shown
+SOURCES = (".py", ".json")  # what scenarios' files end in; all other files are taken for recordings
+
+Progress = Callable[[int], object]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """How a film looks.
+
+    Attributes:
+        size: Pixels along a side of one world's picture.
+        mosaic: Rows and columns of worlds in a frame; None: nearly a square.
+        views: Changes of what is shown, as "+vision,-scores": see envs.rendering.layers.FILM_LAYERS_BY_NAME.
+        every: Every how many ticks are drawn.
+        fps: Frames a second.
+    """
+
+    size: int = 512
+    mosaic: tuple[int, int] | None = None
+    views: str = ""
+    every: int = 1
+    fps: int = 30
+
+
+def film(
+    game: str | os.PathLike[str] | Scenario | Recording,
+    out: str | os.PathLike[str],
+    *,
+    policy: Other | None = None,
+    others: Others | None = None,
+    steps: int | None = None,
+    worlds: int | Sequence[int] | None = None,
+    seed: int | None = None,
+    size: int = 512,
+    mosaic: tuple[int, int] | None = None,
+    views: str = "",
+    layers: Iterable[Layer] = (),
+    every: int = 1,
+    fps: int = 30,
+    progress: Progress = lambda count: None,
+    **numbers: Number,
+) -> Path:
+    """Play worlds, or replay a recording, and write what happens as a film or as a folder of pictures.
+
+    >>> outlast.film("ffa_2", "duel.webm")
+    >>> outlast.film("mygame.py:arena", "arena.apng", policy="random", mosaic=(2, 2), size=256, n_agents=6)
+    >>> outlast.film("fights.rec", "fights.webm", worlds=[0, 3])
+
+    There is a whole film or none, also after Ctrl-C or when the disk is full.
+
+    Args:
+        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
+            outlast.Recording, or the path of one, which is replayed and compared with its digests.
+        out: NAME.webm, .apng, .mp4 or .gif; without an ending a folder of numbered PNGs.
+        policy: "scripted", if nothing else is given, "random", "noop", the path of a saved policy (FILE.zip), or a
+            function from the observations to the actions of all worlds.
+        others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
+            several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}.
+        steps: Ticks after the first reset; without it 300, or all that were recorded.
+        worlds: How many, or of a recording the numbers of those to show. Without it, as many as the mosaic has room
+            for, or one; of a recording, at most the first 16.
+        seed: Keys worlds and policies; the same seed gives the same film. Without it, 0.
+        size: Pixels along a side of one world's picture, 64 to 4096. Frames are higher: a title, a scoreboard and
+            the last deaths are beside it.
+        mosaic: Rows and columns of worlds in a frame; None: nearly a square.
+        views: What else to show, and what not, as "+vision,-scores".
+        layers: Layers of your own that are shown, too; see docs/mechanic.md.
+        every: Show every `every`-th tick, and the ends of episodes.
+        fps: Frames a second; 30 is real time.
+        progress: Called after each frame with the number of frames so far.
+        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+
+    Returns:
+        The path of the film.
+
+    Raises:
+        ScenarioError: There is no such scenario.
+        NumberError: There is no such number, or it is out of its range.
+        UsageError: A policy that does not exist or cannot play there.
+        RecordingError: The recording is broken or cannot be replayed.
+        ReplayError: A tick of the recording is not what it was.
+        FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
+    """
+    looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
+    if (recording := _recording(game)) is not None:
+        _refuse(policy=policy, others=others, seed=seed, **numbers)
+        with contextlib.closing(Replay(recording)) as replay:
+            shown, played = _replayed(replay, steps, worlds, looks)
+            return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
+    asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, OPTIONS)  # type: ignore[arg-type]
+    count = _count(worlds, looks)
+    with _played(asked, count, policy or "scripted", others, seed or 0) as (env, act):
+        played = ticks(env, act, STEPS if steps is None else steps)
+        title = ", ".join([env.scenario.name, _players(policy or "scripted", others)])
+        return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
+
+
+OPTIONS = tuple(film.__kwdefaults__ or ())  # its keywords
+
+
+def write_film_of(
+    out: str | os.PathLike[str],
+    worlds: Worlds,
+    played: Iterable[object],
+    shown: Sequence[int],
+    looks: Looks,
+    title: str,
+    progress: Progress = lambda count: None,
+    layers: Iterable[Layer] = (),
+) -> Path:
+    """Write the film of the worlds `shown` while `played` runs them; see `film` and envs.rendering.video.footage.
+
+    Args:
+        out: Where it goes.
+        worlds: All worlds.
+        played: Each item runs them for a tick; the first one has reset them.
+        shown: Numbers of the worlds to show; those that a mosaic has no room for are left out, with a message.
+        looks: How it looks.
+        title: The game and who plays.
+        progress: Called after each frame with the number of frames so far.
+        layers: What is shown beside what `looks` asks for.
+
+    Returns:
+        The path.
+
+    Raises:
+        FilmError: Something cannot be as asked, or the film could not be written.
+    """
+    if looks.mosaic is not None and len(shown) > (room := looks.mosaic[0] * looks.mosaic[1]):
+        LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))
+        shown = shown[:room]
+    settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
+    rate: Any = looks.fps
+    hold = round(HOLD * rate) if isinstance(rate, int) else 0  # what is no number is refused below
+    settings["layers"] = [*select(looks.views), *layers]
+    frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
+    write_film(out, _counted(frames, progress), looks.fps)
+    return Path(out)
+
+
+def _counted(frames: Iterable[Any], progress: Progress) -> Iterator[Any]:
+    for count, frame in enumerate(frames, 1):
+        yield frame
+        progress(count)
+
+
+@contextlib.contextmanager
+def _played(
+    asked: Scenario, count: int, policy: Other, others: Others | None, seed: int
+) -> Iterator[tuple[SurvivalVectorEnv, Policy]]:
+    """Worlds in which all of the policies can play, and who acts for all agents there."""
+    entries = [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
+    fitting, players = load_policies([each for each, _ in entries], asked, seed)
+    foreign = any(callable(each) for each, _ in entries)  # nobody knows what these return
+    with contextlib.closing(make_vec(fitting, count, seed=seed, copy=foreign, check_actions=foreign)) as env:
+        act = maker(players[0])(env, seed)
+        if len(players) > 1:
+            weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
+            act = Against(env, act, Mixture(weighted, env, range(env.num_agents)))
+        yield env, act
+
+
+def _players(policy: Other, others: Others | None) -> str:
+    """Who plays, in words."""
+    names = [_name(each) for each, _ in checked_others(others)] if others is not None else []
+    return f"{_name(policy)} policy" + (f" against {' or '.join(names)}" if names else "")
+
+
+def _name(policy: Any) -> str:
+    if isinstance(policy, (str, os.PathLike)):
+        return Path(policy).stem
+    return getattr(policy, "__name__", type(policy).__name__)
+
+
+def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
+    """How many worlds to play. Raises FilmError."""
+    if worlds is None:
+        rows, columns = looks.mosaic or (1, 1)
+        return max(1, rows * columns)
+    if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
+        raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
+    return worlds
+
+
+def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
+    """The recording, also by the path of its file; None for what names a scenario."""
+    if isinstance(game, Scenario | Recording):
+        return game if isinstance(game, Recording) else None
+    named = os.fspath(game).endswith(SOURCES) or (isinstance(game, str) and not os.path.isfile(game))
+    return None if named else Recording.open(game)
+
+
+def _refuse(**given: object) -> None:
+    """FilmError for what a recording has decided."""
+    if decided := [name for name, value in given.items() if value is not None]:
+        raise FilmError(f"{', '.join(decided)}: the recording has that already; leave it out, or give a scenario")
+
+
+def _replayed(
+    replay: Replay, steps: int | None, worlds: int | Sequence[int] | None, looks: Looks
+) -> tuple[Sequence[int], Iterator[int]]:
+    """The worlds to show, and what replays them."""
+    most = replay.worlds.count
+    room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
+    shown = range(min(room, most)) if worlds is None else range(worlds) if isinstance(worlds, int) else list(worlds)
+    if strange := [w for w in shown if not 0 <= w < most]:
+        raise FilmError(f"there is no world {strange[0]}: the recording has {most}, from 0 on")
+    return shown, replay.ticks(last=steps, worlds=shown)

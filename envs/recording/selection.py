@@ -1,0 +1,30 @@
+"""Which ticks and worlds of a recording are asked for."""
+
+from collections.abc import Sequence
+
+from ..errors import RecordingError
+from .reader import Recording
+
+
+def last_tick(recording: Recording, first: int, last: int | None, worlds: Sequence[int] | None) -> int:
+    """The number of the last tick that is asked for. Raises RecordingError if there are no such ticks or worlds.
+
+    Args:
+        recording: Of which.
+        first: Number of the first tick, from 0 on.
+        last: Number of the last one; None: the last there is.
+        worlds: Numbers of worlds; None: all.
+    """
+    if not len(recording):
+        raise RecordingError(f"{recording.path}: there is no tick in it")
+    most = len(recording) - 1
+    end = most if last is None else last
+    if not 0 <= first <= end <= most:
+        raise RecordingError(
+            f"ticks {first} to {end}: 0 <= from <= to <= {most} is needed, the last tick of {recording.path}"
+        )
+    if worlds is not None and (unknown := [w for w in worlds if not 0 <= w < recording.num_worlds]):
+        raise RecordingError(
+            f"{recording.path}: there is no world {unknown[0]}; they are 0 to {recording.num_worlds - 1}"
+        )
+    return end

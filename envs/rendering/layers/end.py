@@ -1,0 +1,83 @@
+"""The end of an episode: who won, and why it ended."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import End, Health, Score, Side, Sides
+from outlast.ecs import Clock
+
+from ..canvas import Canvas
+from ..scene import Scene
+from ..style import INK, PAPER, Color, of_side
+from .layer import Layer, ZOrder
+from .title import LINE, digit
+
+OPACITY = 0.85
+PLACE = 0.55  # of the middle of the banner, in halves of the picture
+MOST = 1.9  # halves of the picture that words take
+
+
+@dataclass(frozen=True)
+class EndLayer(Layer):
+    """A banner across the last picture of an episode: the side that lived longest, and why it ended.
+
+    In pictures that are too small for its words there is none.
+    """
+
+    zorder = ZOrder.WORDS + 1
+    needs = (End,)
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """In the upper part, where the fewest episodes end."""
+        if not (scene[End].terminated[0] or scene[End].truncated[0]):
+            return
+        height, wide, y = digit(canvas.size) / canvas.scale, 2 * canvas.half, PLACE * canvas.half
+        words, color = _verdict(scene)
+        if canvas.length(words, 1.3 * height) + 2.6 * height > MOST * canvas.half:
+            return
+        upper, lower = y + 1.4 * LINE * height, y - 1.4 * LINE * height
+        canvas.area(np.array([(-wide, lower), (wide, lower), (wide, upper), (-wide, upper)]), INK, OPACITY)
+        _write(canvas, y + 0.5 * LINE * height, words, 1.3 * height, color)
+        _write(canvas, y - 0.6 * LINE * height, _reason(scene), height, None)
+
+
+def winner(scene: Scene) -> int | None:
+    """The side that lived longer than all others, after the last tick of an episode; None if there is none."""
+    alive = scene[Score].alive if Score in scene else []
+    if len(alive) < 2:
+        return None
+    lived = [2**63 if count else -1 for count in alive]
+    for e in scene.rows(Health, Side) if Health in scene else ():
+        side = scene[Side].side[e]
+        lived[side] = max(lived[side], scene[Health].fatal_tick[e])
+    best = max(lived)
+    return lived.index(best) if lived.count(best) == 1 else None
+
+
+def _verdict(scene: Scene) -> tuple[str, Color | None]:
+    """In words, and in the colour of the winner."""
+    side = winner(scene)
+    if side is not None:
+        teams = Sides in scene and scene[Sides].teams[0]
+        return f"{'side' if teams else 'agent'} {side} wins", of_side(side)
+    return "a draw" if Score in scene and len(scene[Score].alive) > 1 else "the episode is over", None
+
+
+def _reason(scene: Scene) -> str:
+    if scene[End].truncated[0]:
+        reason = "time is up"
+    else:
+        left = sum(count > 0 for count in scene[Score].alive) if Score in scene else 2
+        reason = ("all are dead", "the others are dead", "the end")[min(left, 2)]
+    return f"{reason}, tick {scene[Clock].tick[0]}"
+
+
+def _write(canvas: Canvas, y: float, words: str, height: float, disc: Color | None) -> None:
+    """Words in the middle, behind a disc; left out where they do not fit."""
+    length = canvas.length(words, height) + (0 if disc is None else 2 * height)
+    if length > MOST * canvas.half:
+        return
+    if disc is not None:
+        canvas.circle(0.7 * height - length / 2, y, 0.7 * height, disc)
+    canvas.text(length / 2, y, words, height, PAPER, anchor=1)

@@ -1,0 +1,93 @@
+"""Items and bodies of mechanics that have no layer of their own, by what their components say."""
+
+import functools
+from dataclasses import dataclass
+
+from outlast.components import Body, Box, BoxItem, Heal, Side, Solid
+from outlast.ecs import Component, Layout
+
+from ..canvas import Canvas
+from ..scene import Scene
+from ..style import INK, KINDS, SIZES, Color, mix
+from .layer import Layer, ZOrder
+from .room import walls
+from .title import digit, printable
+
+KNOWN = (Side, Box, BoxItem, Heal)  # what outlast's own layers draw, shown or not
+POINT = 0.2  # metres, radius of a body without a size
+
+
+@dataclass(frozen=True)
+class OthersLayer(Layer):
+    """Items and bodies that no other layer shows: their shapes in the colour of their kind, and its name.
+
+    A layer that draws entities itself names one of their components in `shows`.
+    """
+
+    zorder = ZOrder.ITEMS
+    rim: float = SIZES.outline
+    height: float = 0.45  # metres, of a digit in names; 0: no names
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """All bodies, then the names that overlap with no other one."""
+        rows = others(scene)
+        for e in rows:
+            self._draw(canvas, scene, e)
+        height, taken = min(self.height, digit(canvas.size) / canvas.scale), list[tuple[float, float, float]]()
+        for e in rows if canvas.readable(height) else ():
+            _name(canvas, scene, e, height, taken)
+
+    def _draw(self, canvas: Canvas, scene: Scene, e: int) -> None:
+        body, shape, color = scene.body, scene.shape, of_kind(scene, e)
+        if max(shape.radius[e], shape.half_width[e], shape.half_height[e]) <= 0:
+            canvas.circle(body.x[e], body.y[e], POINT, mix(color, INK, 0.6))
+            canvas.circle(body.x[e], body.y[e], POINT - self.rim, color)
+            return
+        canvas.body(scene, e, mix(color, INK, 0.6))
+        if (shape.radius[e] or min(shape.half_width[e], shape.half_height[e])) > 2 * self.rim:
+            canvas.body(scene, e, color, -self.rim)
+
+
+def _name(canvas: Canvas, scene: Scene, e: int, height: float, taken: list[tuple[float, float, float]]) -> None:
+    """Below the body, or above it where walls are below. taken: middle and length of the names that are written."""
+    x, y, gap = scene.body.x[e], scene.body.y[e], (scene.shape.bound[e] or POINT) + height
+    name = printable(kinds(scene.worlds.layout)[e].replace("_", " "))
+    length, y = canvas.length(name, height), y - gap if y - gap > height - scene.room else y + gap
+    x = min(max(x, length / 2 - scene.room), scene.room - length / 2)
+    if all(abs(y - b) > 1.5 * height or abs(x - a) > (length + other) / 2 for a, b, other in taken):
+        canvas.text(x, y, name, height, INK)
+        taken.append((x, y, length + height))
+
+
+def others(scene: Scene) -> list[int]:
+    """Rows of the bodies in the world that neither outlast's own layers nor one that says so in `shows` draws."""
+    rows = _unknown(scene.worlds.layout, frozenset(scene.shown))
+    fixed = {*walls(scene)} if rows and Solid in scene else {}
+    living = {*scene.living(Body)} if rows else {}
+    return [e for e in rows if e in living and e not in fixed]
+
+
+def of_kind(scene: Scene, e: int) -> Color:
+    """The colour of the kind of entity in this row; kinds get theirs in the order of their rows."""
+    layout = scene.worlds.layout
+    return KINDS[own_kinds(layout).index(kinds(layout)[e]) % len(KINDS)]
+
+
+@functools.lru_cache(maxsize=64)
+def _unknown(layout: Layout, shown: frozenset[type[Component]]) -> list[int]:
+    """Rows of bodies, in the world or not, without the components of layers that show them."""
+    known = {e for component in shown.union(KNOWN) for e in layout.rows(component).tolist()}
+    return [e for e in layout.rows(Body).tolist() if e not in known]
+
+
+@functools.lru_cache(maxsize=64)
+def kinds(layout: Layout) -> tuple[str, ...]:
+    """The name of the kind of each row."""
+    return tuple(kind for kind, span in layout.spans.items() for _ in span)
+
+
+@functools.lru_cache(maxsize=64)
+def own_kinds(layout: Layout) -> tuple[str, ...]:
+    """The kinds without a component of outlast's own layers."""
+    known = {e for component in KNOWN for e in layout.rows(component).tolist()}
+    return tuple(kind for kind, span in layout.spans.items() if not known.intersection(span))

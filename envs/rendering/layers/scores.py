@@ -1,0 +1,172 @@
+"""The scoreboard of a film: what every agent has left, below the picture."""
+
+import functools
+from dataclasses import dataclass
+
+from outlast.components import Bag, Episode, Health, Side, Sides
+from outlast.ecs import Layout
+
+from ..canvas import Canvas
+from ..scene import Scene
+from ..style import EXTRA, INK, PAPER, WALL, ink_on, mix, of_health, of_side
+from .inventory import draw_item
+from .layer import Strip, ZOrder
+from .title import LINE, digit
+
+DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
+MOST = 6  # items of a bag that are shown
+HIGHEST = 0.75  # of the strip's length: more lines are left out
+
+
+@dataclass(frozen=True)
+class Board:
+    """Where everything stands on a scoreboard: agents in columns, in order of their numbers, below a line of teams.
+
+    Attributes:
+        parts: What is shown of each agent, with the place where it begins, in heights of a digit.
+        width: Of a column, in heights of a digit.
+        rows: Agents of a column.
+        shown: How many agents there is room for.
+        lines: How many there are, of teams, agents, and how many agents are left out.
+    """
+
+    parts: dict[str, float]
+    width: float
+    rows: int
+    shown: int
+    lines: int
+
+
+@dataclass(frozen=True)
+class ScoresStrip(Strip):
+    """Agents in the colours of their sides, with hit points, kills and what they carry, as far as there is room."""
+
+    needs = (Side,)
+    zorder = ZOrder.WORDS + 1
+
+    def pixels(self, scene: Scene, size: int) -> int:
+        """The same whatever sides agents are on."""
+        return round((_board(scene, size).lines * LINE + GAP) * digit(size))
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """Agents below and beside each other; what they say of themselves is as `Entry` has it."""
+        board, unit, alive = _board(scene, canvas.size), digit(canvas.size), {*scene.living(Side)}
+        left, top = unit - canvas.half, canvas.height / 2 - 0.5 * (LINE + GAP) * unit
+        if _teams(scene):
+            _write_teams(canvas, scene, left, top, unit)
+        for i, e in enumerate(scene.rows(Side)[: board.shown]):
+            column, row = divmod(i, board.rows)
+            y = top - (row + _teams(scene)) * LINE * unit
+            Entry(canvas, scene, board, i, e, e in alive).draw(left + column * board.width * unit, y)
+        if hidden := len(scene.rows(Side)) - board.shown:
+            y = top - (board.lines - 1) * LINE * unit
+            canvas.text(left, y, f"and {hidden} more", unit, PAPER, anchor=0)
+
+
+def _teams(scene: Scene) -> bool:
+    """Whether there is a line of teams: their kills are counted together."""
+    return bool(Sides in scene and scene[Sides].teams[0]) and Episode in scene
+
+
+def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
+    """Kills of the teams, as many as fit."""
+    for side in range(len(scene[Episode].kills)):
+        words = f"side {side}: {_kills(scene, side)}"
+        end = x + DISC * unit + canvas.length(words, unit)
+        if end > canvas.half:
+            return
+        canvas.circle(x + 0.5 * unit, y, 0.5 * unit, of_side(side))
+        canvas.text(x + DISC * unit, y, words, unit, PAPER, anchor=0)
+        x = end + 2 * unit
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Agent `i` in row `e` on a scoreboard."""
+
+    canvas: Canvas
+    scene: Scene
+    board: Board
+    i: int
+    e: int
+    alive: bool
+
+    def draw(self, x: float, y: float) -> None:
+        """From x to the right, pixels."""
+        unit = digit(self.canvas.size)
+        for part, start in self.board.parts.items():
+            getattr(self, f"_{part}")(x + start * unit, y, unit)
+
+    def _disc(self, x: float, y: float, unit: int) -> None:
+        color = of_side(self.scene[Side].side[self.e])
+        color = color if self.alive else mix(color, INK, 0.7)
+        self.canvas.circle(x + DISC / 2 * unit, y, DISC / 2 * unit, color)
+        height = unit if self.i < 10 else 0.8 * unit
+        self.canvas.text(x + DISC / 2 * unit, y, str(self.i), height, ink_on(color) if self.alive else PAPER)
+
+    def _bar(self, x: float, y: float, unit: int) -> None:
+        points, whole = self.scene[Health].points[self.e], self.scene.prefab(Health).points[self.e]
+        share, full = points / max(whole, 1), BAR / 2 * unit  # the other half is for more
+        if not self.alive:
+            return
+        self.canvas.rectangle(x, y - 0.4 * unit, x + full, y + 0.4 * unit, WALL)
+        self.canvas.rectangle(x, y - 0.4 * unit, x + full * min(max(share, 0), 1), y + 0.4 * unit, of_health(share))
+        if share > 1:
+            self.canvas.rectangle(x + full, y - 0.4 * unit, x + full * min(share, 2), y + 0.4 * unit, EXTRA)
+
+    def _points(self, x: float, y: float, unit: int) -> None:
+        words = _short(self.scene[Health].points[self.e]) if self.alive else "dead"
+        self.canvas.text(x, y, words, unit, PAPER, anchor=0)
+
+    def _kills(self, x: float, y: float, unit: int) -> None:
+        self.canvas.text(x, y, _kills(self.scene, self.scene[Side].side[self.e]), unit, PAPER, anchor=0)
+
+    def _return(self, x: float, y: float, unit: int) -> None:
+        self.canvas.text(x, y, f"return {_short(self.scene[Episode].returns[self.i])}", unit, PAPER, anchor=0)
+
+    def _bag(self, x: float, y: float, unit: int) -> None:
+        bag = self.scene[Bag]
+        for k, item in enumerate(bag.items[self.e][: min(bag.count[self.e], MOST)]):
+            draw_item(self.canvas, self.scene, item, x + (k + 0.5) * ITEM * unit, y, 0.45 * unit)
+
+
+def _short(number: float) -> str:
+    """The number in a few characters: 100, 0.25, 1e+06."""
+    return f"{number:.4g}" if abs(number) < 10_000 else f"{number:.0e}"
+
+
+def _kills(scene: Scene, side: int) -> str:
+    kills = scene[Episode].kills[side]
+    return f"{kills} kill{'' if kills == 1 else 's'}"
+
+
+def _board(scene: Scene, size: int) -> Board:
+    return _planned(scene.worlds.layout, len(scene.rows(Side)), _teams(scene), size)
+
+
+@functools.lru_cache(maxsize=64)
+def _planned(layout: Layout, agents: int, teams: bool, size: int) -> Board:
+    units = size / digit(size) - 1
+    parts, width = _parts(layout, teams, units)
+    columns = min(max(1, int(units / width)), agents)
+    rows, most = -(-agents // columns), max(1, int(HIGHEST * units / LINE) - teams)
+    if rows <= most:
+        return Board(parts, units / columns, rows, agents, teams + rows)
+    return Board(parts, units / columns, max(1, most - 1), columns * (most - 1), teams + most)
+
+
+def _parts(layout: Layout, teams: bool, units: float) -> tuple[dict[str, float], float]:
+    """What is shown of an agent, with the places where it begins, and the entry's width: as much as there is room."""
+
+    def has(component: type) -> bool:
+        return component in layout.components
+
+    fights = has(Episode) and bool(layout.damage_types)
+    wanted = [("disc", DISC, True), ("points", POINTS, has(Health)), ("bar", BAR, has(Health))]
+    wanted += [("kills", KILLS, fights and not teams), ("return", RETURN, has(Episode) and not fights)]
+    wanted += [("bag", min(MOST, layout.dims.get("slots", 0)) * ITEM, has(Bag))]
+    parts, at = dict[str, float](), 0.0
+    for name, width, there in wanted:
+        if there and at + width <= units:
+            parts[name], at = at, at + width + GAP
+    return parts, at

@@ -1,0 +1,81 @@
+"""The title of a film: what is played, and where in it the picture is."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from outlast.ecs import Clock
+
+from ..canvas import Canvas
+from ..scene import Scene
+from ..style import PAPER
+from .layer import Strip, ZOrder
+
+LEAST, MOST, SHARE = 8, 40, 46  # pixels of a digit: the limits, and one in so many of the strip's length
+LINE = 2.0  # heights of a digit, from line to line
+FIGURE = 0.75  # heights of a digit, its width
+
+
+@dataclass(frozen=True)
+class TitleStrip(Strip):
+    """What is played, seed and world; episode and tick on the right. What has no room is left out.
+
+    text: the game and who plays; "" beside other worlds, where the mosaic has a title of its own.
+    """
+
+    above = True
+    zorder = ZOrder.WORDS
+    text: str = ""
+
+    def pixels(self, scene: Scene, size: int) -> int:
+        """One line."""
+        return round(LINE * digit(size))
+
+    def draw(self, canvas: Canvas, scene: Scene) -> None:
+        """The tick comes first, then the game, then the rest."""
+        clock = scene[Clock]
+        seed, world, episode, tick = (column[0] for column in (clock.seed, clock.world, clock.episode, clock.tick))
+        ends = [f"tick {tick}", f"episode {episode}, tick {tick}"]
+        starts = ["", f"world {world}"]
+        if self.text:
+            starts = prefixes(f"{self.text}, seed {seed}, world {world}")
+        write_ends(canvas, starts, ends)
+
+
+def write_ends(canvas: Canvas, starts: Iterable[str], ends: Iterable[str]) -> None:
+    """Write on a strip: to the right the longest of `ends`, to the left the longest of `starts` that fit.
+
+    Ends but the first take at most half of it. The first start is cut if there is no room for it. Numbers are taken
+    for figures of four digits, so that nothing comes and goes while they grow.
+    """
+    height = edge = digit(canvas.size)
+    room = canvas.size - 2 * edge
+
+    def length(words: str) -> float:
+        figures = sum(map(str.isdigit, words.rpartition(" ")[2]))
+        return canvas.length(words, height) + FIGURE * height * max(0, 4 - figures)
+
+    fitting = (words for k, words in enumerate(ends) if length(words) <= (0.5 * room if k else room))
+    right = max(fitting, key=len, default="")
+    gap = 2 * height if right else 0
+    left, *longer = map(printable, starts)
+    left = max((words for words in longer if length(words) + gap + length(right) <= room), key=len, default=left)
+    while left and canvas.length(left, height) + gap + length(right) > room:
+        left = left[:-1]
+    canvas.text(-canvas.half + edge, 0, left, height, PAPER, anchor=0)
+    canvas.text(canvas.half - edge, 0, right, height, PAPER, anchor=1)
+
+
+def prefixes(words: str) -> list[str]:
+    """The words up to each of their commas, and all of them."""
+    parts = words.split(", ")
+    return [", ".join(parts[: k + 1]) for k in range(len(parts))]
+
+
+def printable(words: str) -> str:
+    """The words with "?" for what the fonts of pictures lack."""
+    return words.encode("ascii", "replace").decode()
+
+
+def digit(size: int) -> int:
+    """Pixels of a digit on a strip of `size` pixels."""
+    return min(max(LEAST, round(size / SHARE)), MOST)

@@ -1,0 +1,106 @@
+"""What a camera sees of the floor: its vision cone up to the first body that blocks sight on each ray.
+
+The reference for pictures and pages. It means what the mechanic `cameras` means: a ray ends where it enters a disc or a
+rectangle, a shape that holds the camera itself hides nothing, and a kite is bounded by the chords of its arc.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, Any]
+
+STEP = math.radians(1)  # between rays
+ASIDE = 1e-5  # radians: beside an edge one ray passes it and one meets it
+TINY = 1e-12  # metres: in place of a zero that would be divided by
+BLOCKER = ("x", "y", "cosine", "sine", "radius", "half_width", "half_height")
+
+
+def visible_corners(
+    x: float, y: float, angle: float, fov: float, depth: float, kite: bool, blockers: Sequence[Sequence[float]] | Array
+) -> Array:
+    """The part of a vision cone that nothing hides.
+
+    Args:
+        x: The camera's place, metres.
+        y: The same.
+        angle: Where it looks, radians.
+        fov: The cone's opening angle, radians, up to pi.
+        depth: How far it reaches, metres.
+        kite: Whether the far rim is the two chords of the arc's halves instead of the arc.
+        blockers: The bodies that block sight, without the camera's own, numbers (bodies, 7): x, y, cosine and sine of
+            the angle, radius (0: a rectangle), half width, half height; see BLOCKER. What is no number hides nothing.
+
+    Returns:
+        Corners of a polygon, float64 (corners, 2), metres: first the camera's place, then the far rim,
+        counter-clockwise. Every point of the polygon can be seen from its first corner.
+    """
+    half, bodies = fov / 2, np.asarray(blockers, float).reshape(-1, len(BLOCKER))
+    bodies = _near(bodies[np.isfinite(bodies).all(1)], x, y, angle, half, depth)
+    fan = np.linspace(-half, half, 2 * math.ceil(half / STEP) + 1)
+    edges = _edges(bodies, x, y) - angle
+    edges = (edges + math.pi) % (2 * math.pi) - math.pi
+    bearings = np.sort(np.concatenate([fan, edges[np.abs(edges) < half]]))
+    rays = np.stack([np.cos(bearings + angle), np.sin(bearings + angle)], 1)
+    rim = depth * math.cos(half / 2) / np.cos(np.abs(bearings) - half / 2) if kite else np.full(len(bearings), depth)
+    reach = np.minimum(rim, _first_hit(rays, bodies, x, y))
+    return np.concatenate([[(x, y)], (x, y) + reach[:, None] * rays])
+
+
+def _near(bodies: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
+    """Those that may reach into the cone."""
+    to_x, to_y = bodies[:, 0] - x, bodies[:, 1] - y
+    bound = np.maximum(bodies[:, 4], np.hypot(bodies[:, 5], bodies[:, 6]))
+    ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x
+    beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres from the nearer edge, outwards
+    near: Array = bodies[(beside <= bound) & (np.hypot(to_x, to_y) <= depth + bound)]
+    return near
+
+
+def _edges(bodies: Array, x: float, y: float) -> Array:
+    """Bearings, world frame, of rays just before, at and just behind the edges of bodies as the camera sees them."""
+    discs, boxes = bodies[bodies[:, 4] > 0], bodies[bodies[:, 4] <= 0]
+    middle = np.arctan2(discs[:, 1] - y, discs[:, 0] - x)
+    far = np.maximum(np.hypot(discs[:, 0] - x, discs[:, 1] - y), discs[:, 4])
+    width = np.arcsin(np.minimum(discs[:, 4] / np.maximum(far, TINY), 1))
+    across, up = boxes[:, 5, None] * (1, 1, -1, -1), boxes[:, 6, None] * (1, -1, 1, -1)
+    corner_x = boxes[:, 0, None] - x + across * boxes[:, 2, None] - up * boxes[:, 3, None]
+    corner_y = boxes[:, 1, None] - y + across * boxes[:, 3, None] + up * boxes[:, 2, None]
+    edges = np.concatenate([middle - width, middle + width, np.arctan2(corner_y, corner_x).ravel()])
+    return np.concatenate([edges - ASIDE, edges, edges + ASIDE])
+
+
+def _first_hit(rays: Array, bodies: Array, x: float, y: float) -> Array:
+    """Metres along each ray to the first body that it enters, float64 (rays,); infinite where it enters none."""
+    if not len(bodies):
+        return np.full(len(rays), math.inf)
+    discs, boxes = bodies[bodies[:, 4] > 0], bodies[bodies[:, 4] <= 0]
+    hits = np.concatenate([_disc_hits(rays, discs, x, y), _box_hits(rays, boxes, x, y)], 1)
+    nearest: Array = hits.min(1)
+    return nearest
+
+
+def _disc_hits(rays: Array, discs: Array, x: float, y: float) -> Array:
+    """float64 (rays, discs)."""
+    to_x, to_y = discs[:, 0] - x, discs[:, 1] - y
+    along = rays[:, :1] * to_x + rays[:, 1:] * to_y
+    inside = along**2 - (to_x**2 + to_y**2 - discs[:, 4] ** 2)  # the square of half the chord
+    enter = along - np.sqrt(np.maximum(inside, 0))
+    return np.where((inside >= 0) & (enter >= 0), enter, math.inf)
+
+
+def _box_hits(rays: Array, boxes: Array, x: float, y: float) -> Array:
+    """float64 (rays, boxes), by the slabs of each box in its own frame."""
+    cosine, sine = boxes[:, 2], boxes[:, 3]
+    from_x, from_y = x - boxes[:, 0], y - boxes[:, 1]
+    enter, leave = np.full((len(rays), len(boxes)), -math.inf), np.full((len(rays), len(boxes)), math.inf)
+    for place, speed, half in (
+        (cosine * from_x + sine * from_y, rays[:, :1] * cosine + rays[:, 1:] * sine, boxes[:, 5]),
+        (cosine * from_y - sine * from_x, rays[:, 1:] * cosine - rays[:, :1] * sine, boxes[:, 6]),
+    ):
+        speed = np.where(np.abs(speed) < TINY, TINY, speed)
+        one, other = (-half - place) / speed, (half - place) / speed
+        enter, leave = np.maximum(enter, np.minimum(one, other)), np.minimum(leave, np.maximum(one, other))
+    return np.where((enter > 0) & (enter <= leave), enter, math.inf)

@@ -1,0 +1,92 @@
+"""outlast.play: a game against policies in one call, of which `outlast play` is a form."""
+
+import asyncio
+import contextlib
+import os
+from typing import Any
+
+from ...adapters.opponents import Others, checked_others
+from ...errors import PlayError, install
+from ...rollout.loading import load_policies
+from ...scenarios.naming import resolve
+from ...scenarios.scenario import Number, Scenario
+from ..announce import announce
+
+FASTEST = 1000  # ticks a second
+
+
+def play(
+    game: str | Scenario,
+    *,
+    agent: int = 0,
+    others: Others = "scripted",
+    seed: int = 0,
+    fps: float | None = None,
+    port: int = 0,
+    browser: bool = True,
+    record: str | os.PathLike[str] | None = None,
+    **numbers: Number,
+) -> None:
+    """Serve a page in which a person steers an agent, until Ctrl-C. Needs `pip install 'outlast[play]'`.
+
+    >>> outlast.play("teams_3", others="runs/teams_3-fast-0/steps_0010000000.zip", record="game.rec")
+
+    The address is printed. Only this machine can open it, and only with the token in it.
+
+    Args:
+        game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME.
+        agent: Number of the agent that the person steers.
+        others: Who plays all other agents: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or
+            {policy: weight}, of which one is drawn for each episode.
+        seed: The same seed gives the same episodes.
+        fps: Ticks a second, above 0, up to 1000; None: in real time. An episode begins at half of it.
+        port: Of 127.0.0.1; 0: one that is free.
+        browser: Whether to open the page in a browser.
+        record: Record the game in this new file, see outlast.record.
+        **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
+
+    Raises:
+        ScenarioError: There is no such scenario.
+        NumberError: There is no such number, or it is out of its range.
+        UsageError: One of the others does not exist, or cannot play there.
+        RecordingError: The recording cannot be written.
+        PlayError: There is no such agent, the port is taken, websockets are not installed, or an event loop runs here
+            already, as in a notebook.
+    """
+    try:
+        from .game import Game  # here, as these need websockets
+        from .server import play as serve
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
+        raise PlayError(f"outlast play needs {package}: {install('play')}") from error
+    _check(fps)
+    entries = checked_others(others)
+    world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, OPTIONS), seed)
+    players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
+    made = Game(world, agent=agent, others=players, seed=seed, record=record)
+
+    def opened(address: str) -> None:
+        announce(f"{world.name}: you are agent {agent} at {address}\nCtrl-C ends the game.", address, browser)
+
+    with contextlib.closing(made), contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serve(made, fps or 1 / made.world["seconds"], port, opened))
+
+
+OPTIONS = tuple(play.__kwdefaults__ or ())  # its keywords
+
+
+def _check(fps: Any) -> None:
+    """PlayError for a rate that cannot be, and where an event loop runs."""
+    if fps is not None and not (isinstance(fps, int | float) and 0 < fps <= FASTEST):
+        raise PlayError(f"fps = {fps!r}: a number above 0, up to {FASTEST}, is needed")
+    if _in_loop():
+        raise PlayError("an event loop runs here already, as in a notebook: run `outlast play` in a terminal")
+
+
+def _in_loop() -> bool:
+    """Whether an event loop runs in this thread."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True

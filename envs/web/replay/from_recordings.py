@@ -1,0 +1,75 @@
+"""Pages of recordings, in one call; `outlast replay --html` is this function."""
+
+import contextlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ...recording import Recording, Replay
+from ...recording.selection import last_tick
+from .pack import Room
+from .write import checked, record_ticks, save
+
+Source = Recording | str | os.PathLike[str]
+
+
+def replay_page(
+    recording: Source,
+    out: str | os.PathLike[str],
+    *,
+    beside: Source | None = None,
+    worlds: Sequence[int] | None = None,
+    first: int = 0,
+    last: int | None = None,
+    title: str | None = None,
+    verify: bool = True,
+    threads: int = 1,
+    quiet: bool = True,
+) -> Path:
+    """Write a page that plays a recording in a browser, without a network; or two of them side by side.
+
+    >>> outlast.replay_page("fights.rec", "fights.html", worlds=[0, 3], last=400)
+
+    Args:
+        recording: A Recording, or the path of one; for a game of one's own, Recording.open(path, scenario).
+        out: Of the page, an HTML file; one that is there is replaced.
+        beside: Another recording, of the same scenario or of another, which plays beside it in step.
+        worlds: Numbers of the worlds to show, of both recordings; None: the first.
+        first: First tick to show, counted from the beginning of the recording.
+        last: Last tick to show; None: the last there is, of each recording.
+        title: Of the page; None: names of scenario and file.
+        verify: Compare every tick with its recorded digest.
+        threads: How many threads share the worlds of a recording.
+        quiet: Show no progress.
+
+    Returns:
+        The path of the page, which is whole.
+
+    Raises:
+        RecordingError: A file is no recording or damaged, or has no such worlds or ticks.
+        ReplayError: A replay is not what was recorded.
+        PageError: The page cannot be written.
+        OSError: A recording cannot be read.
+    """
+    target, shown = checked(out), [0] if worlds is None else worlds
+    opened = [
+        source if isinstance(source, Recording) else Recording.open(source)
+        for source in (recording, beside)
+        if source is not None
+    ]
+    ends = [last_tick(each, first, last, shown) for each in opened]
+    rooms = []
+    for each, end in zip(opened, ends, strict=True):
+        with contextlib.closing(Replay(each, threads)) as replay:
+            ticks = replay.ticks(verify, first=first, last=end, worlds=shown)
+            bar = tqdm(ticks, total=end - first + 1, unit="tick", disable=quiet)
+            rooms.append(Room(_name(each), record_ticks(replay.worlds, bar, shown, replay)))
+    save(target, rooms, title or " beside ".join(room.title for room in rooms))
+    return target
+
+
+def _name(recording: Recording) -> str:
+    """Scenario and file, printable whatever the file is called."""
+    return f"{recording.scenario.name}: {os.fsencode(Path(recording.path).name).decode(errors='backslashreplace')}"

@@ -1,0 +1,128 @@
+"""outlast.film: the film of a scenario, or of a recording, in one call."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import outlast
+from outlast.envs.errors import FilmError, ReplayError, ScenarioError, UsageError
+from outlast.envs.rendering.layers import FILM_LAYERS, select
+from outlast.envs.rendering.video.footage import footage
+from outlast.envs.rollout.local import ticks
+from outlast.envs.rollout.policies import random_policy, scripted_policy
+from tests.conftest import run
+
+GAME = """
+import outlast
+from outlast import systems
+
+arena = outlast.Scenario("arena", (*outlast.variant("ffa_1").modules,))
+"""
+
+
+def pictures(folder: Path) -> np.ndarray:
+    return np.array([cv2.imread(str(file))[..., ::-1] for file in sorted(folder.glob("frame_*.png"))])
+
+
+def test_a_film_shows_what_was_played_with_all_that_films_show(tmp_path: Path) -> None:
+    made = outlast.film("ffa_3", tmp_path / "film", steps=4, seed=7, size=128, n_heals=3)
+    assert made == tmp_path / "film"
+    env = outlast.make_vec("ffa_3", 1, seed=7, n_heals=3)
+    title = "ffa_3, scripted policy"
+    expected = footage(env.worlds, ticks(env, scripted_policy(env), 4), [0], size=128, layers=FILM_LAYERS, title=title)
+    assert np.array_equal(pictures(made), np.array(list(expected)))
+
+
+def test_the_command_makes_the_same_film(capsys, tmp_path: Path) -> None:
+    options = {"policy": "random", "steps": 3, "seed": 2, "size": 64, "every": 2, "views": "+vision,-scores"}
+    outlast.film("ffa_3", tmp_path / "call", mosaic=(1, 2), **options)
+    words = [word for name, value in options.items() for word in (f"--{name}={value}",)]
+    assert run(capsys, "frames", "ffa_3", "--out", tmp_path / "command", "--mosaic", "1x2", "--quiet", *words)[0] == 0
+    assert np.array_equal(pictures(tmp_path / "call"), pictures(tmp_path / "command"))
+
+
+def test_policies_may_be_functions_and_have_opponents(tmp_path: Path) -> None:
+    asked: list[int] = []
+
+    def forward(observations: Any) -> np.ndarray:
+        asked.append(len(observations["own"]))
+        return np.tile((2, 1, 1, 0, 0, 0), (len(observations["own"]), 2, 1))
+
+    one = pictures(outlast.film("ffa_3", tmp_path / "a", policy=forward, worlds=2, steps=3, size=64))
+    other = pictures(outlast.film("ffa_3", tmp_path / "b", policy=forward, others="noop", worlds=2, steps=3, size=64))
+    assert set(asked) == {2}
+    assert one.shape == other.shape
+    assert not np.array_equal(one, other)
+
+
+def test_a_game_of_ones_own_is_named_by_its_file(tmp_path: Path) -> None:
+    (tmp_path / "mygame.py").write_text(GAME)
+    made = outlast.film(f"{tmp_path}/mygame.py:arena", tmp_path / "film", steps=1, size=64, policy="noop")
+    assert len(pictures(made)) == 2
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    env = outlast.make_vec("ffa_3", 3, seed=0)
+    with outlast.record(env, tmp_path / "run.rec"):
+        for _ in ticks(env, random_policy(env), 6):
+            pass
+    return tmp_path / "run.rec"
+
+
+def test_a_recording_is_filmed_as_it_was_played(recorded: Path, tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_3", 3, seed=0)
+    looks = {"size": 64, "layers": select("-ids"), "title": "ffa_3"}
+    expected = np.array(list(footage(env.worlds, ticks(env, random_policy(env), 4), [2, 0], **looks)))
+    games = (recorded, str(recorded), outlast.Recording.open(recorded))
+    for k, game in enumerate(games):
+        made = outlast.film(game, tmp_path / f"film{k}", worlds=[2, 0], steps=4, size=64, views="-ids")
+        assert np.array_equal(pictures(made), expected)
+    assert len(pictures(outlast.film(recorded, tmp_path / "whole", size=64))) == 7
+
+
+def test_a_recording_that_is_not_what_it_was_makes_no_film(recorded: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("outlast.envs.recording.digests.Digests.compute", lambda self, number: np.zeros(99, np.uint64))
+    with pytest.raises((ReplayError, ValueError)):
+        outlast.film(recorded, tmp_path / "film.apng", size=64)
+    assert os.listdir(tmp_path) == ["run.rec"]
+
+
+MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
+    "no game": ("ffa_9", {}, ScenarioError, "did you mean"),
+    "no policy": ("ffa_1", {"policy": "scriptd"}, UsageError, "scriptd"),
+    "no number": ("ffa_1", {"n_heal": 3}, ValueError, "n_heals"),
+    "a keyword misspelt": ("ffa_1", {"wrlds": 3}, ValueError, "did you mean worlds"),
+    "no worlds": ("ffa_1", {"worlds": 0}, FilmError, "worlds = 0"),
+    "numbers of worlds": ("ffa_1", {"worlds": [1]}, FilmError, "numbers are for recordings"),
+    "views": ("ffa_1", {"views": "+visoin"}, FilmError, "did you mean 'vision'"),
+    "a rate": ("ffa_1", {"fps": "30"}, FilmError, "fps = '30'"),
+    "a policy of a recording": ("run.rec", {"policy": "random"}, FilmError, "policy: the recording has that already"),
+    "a number of a recording": ("run.rec", {"n_heals": 3}, FilmError, "n_heals: the recording has that already"),
+    "a world of a recording": ("run.rec", {"worlds": [3]}, FilmError, "no world 3: the recording has 3"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_leave_nothing(mistake: str, recorded: Path, monkeypatch) -> None:
+    monkeypatch.chdir(recorded.parent)
+    game, options, kind, words = MISTAKES[mistake]
+    with pytest.raises(kind, match=words):
+        outlast.film(game, "film.apng", **options)
+    assert os.listdir() == ["run.rec"]
+
+
+def test_worlds_for_which_a_mosaic_has_no_room_are_named(caplog, tmp_path: Path) -> None:
+    with caplog.at_level("WARNING", "outlast"):
+        outlast.film("ffa_1", tmp_path / "film", worlds=5, mosaic=(2, 2), steps=0, size=64)
+    assert "a mosaic of 2x2 has room for 4 of the 5 worlds" in caplog.text
+
+
+def test_frames_are_counted(tmp_path: Path) -> None:
+    counts: list[int] = []
+    outlast.film("ffa_1", tmp_path / "film.apng", steps=3, size=64, progress=counts.append)
+    assert counts == [1, 2, 3, 4]

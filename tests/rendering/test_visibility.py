@@ -1,0 +1,120 @@
+"""Drawn vision cones and the simulation agree on what is seen."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast.components import Body, Shape, Sight
+from outlast.ecs import Entity
+from outlast.ecs.simd import SIMD_WIDTH
+from outlast.envs.rendering import style as colors
+from outlast.envs.rendering.layers import CamerasLayer
+from outlast.envs.rendering.rgb import draw
+from outlast.envs.rendering.visibility import visible_corners
+from tests.conftest import scaled
+from tests.helpers.scenario_builder import ScenarioBuilder
+
+SIZE = 1024
+HALF = colors.SIZES.margin * 12.5  # metres
+PROBES, PROBE = 400, 0.02  # places; metres, the radius of the heal that lies there: float32 still hits it from afar
+BORDER = 0.12  # metres around the border of a cone that are not compared: some pixels, and the step between rays
+
+
+def probed(game: ScenarioBuilder, agent: int, places: np.ndarray) -> list[bool]:
+    """Which of these places the agent sees, by a heal that lies there, as the simulation says."""
+    body, shape = game.column(Body), game.column(Shape)
+    row, seen = game.row("heal", 0), []
+    shape.radius[0, row] = shape.bound[0, row] = PROBE
+    for x, y in places:
+        game.put("heal", 0, x, y)
+        before = body.x[0].copy(), body.y[0].copy()
+        game.step()
+        assert np.array_equal(before, (body.x[0], body.y[0]))  # the picture is of where all stand still
+        seen.append(bool(game.column(Sight).visible[0, agent][row // SIMD_WIDTH] >> row % SIMD_WIDTH & 1))
+    game.column(Entity).alive[0, row] = 0
+    return seen
+
+
+def covered(game: ScenarioBuilder, agent: int) -> np.ndarray:
+    """Pixels that the agent's cone covers, bool (SIZE, SIZE)."""
+    cone = [CamerasLayer(agents=[agent], lines=False, opacity=0.9)]
+    return (draw(game.env.worlds, 0, SIZE, cone) != draw(game.env.worlds, 0, SIZE, [])).any(-1)
+
+
+@pytest.mark.parametrize("cone", ["kite", "sector"])
+@pytest.mark.parametrize("occlude", [True, False])
+def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlude: bool) -> None:
+    """Boxes, another agent, items and the walls hide; a place is compared unless it lies on the cone's border."""
+    game = ScenarioBuilder(
+        "ffa_4", n_heals=10, cameras_cone=cone, cameras_items_occlude=occlude, safe_zone_damage=0, pickup_reach=0.001
+    )
+    game.put("agent", 0, -3, -2, 0.4)
+    game.put("agent", 1, 1.5, -1.5, 2.0)
+    game.put("box", 0, 0.5, 1.5, 0.7, size=(2, 0.5))
+    game.put("box", 1, 3.5, 1.5, 0.2, size=(0.6, 1.5))
+    game.put("heal", 9, 0.0, 0.2)
+    rng = np.random.default_rng(0)
+    bearings, far = rng.uniform(-0.8, 0.8, scaled(PROBES, 40)), rng.uniform(0.7, 11, scaled(PROBES, 40))
+    places = np.stack([-3 + far * np.cos(0.4 + bearings), -2 + far * np.sin(0.4 + bearings)], 1)
+    places = places[(np.abs(places) < 12.3).all(1)]
+    drawn, seen = covered(game, 0), probed(game, 0, places)
+    reach, compared = math.ceil(BORDER * SIZE / (2 * HALF)), []
+    for (x, y), visible in zip(places, seen, strict=True):
+        column, row = (int(SIZE * (0.5 + length / (2 * HALF))) for length in (x, -y))
+        around = drawn[row - reach : row + reach + 1, column - reach : column + reach + 1]
+        if around.all() or not around.any():
+            assert bool(around.all()) == visible, (x, y)
+            compared.append(visible)
+    assert len(compared) > 0.7 * len(places)
+    assert 0.2 < np.mean(compared) < 0.8
+
+
+def test_a_cone_ends_at_the_wall_and_behind_a_box_there_is_shadow() -> None:
+    game = ScenarioBuilder("ffa_4", cameras_depth=30.0)
+    game.put("agent", 0, 0, 0, 0.0)
+    game.put("box", 0, 5, 0, size=(1, 4))
+    rows, columns = np.nonzero(covered(game, 0))
+    x, y = columns / SIZE * 2 * HALF - HALF, HALF - rows / SIZE * 2 * HALF
+    assert x.max() == pytest.approx(12.4, abs=0.05)  # walls overlap the room
+    assert not ((x > 4.6) & (np.abs(y) < 0.4 * x)).any()
+    assert ((x > 5.6) & (np.abs(y) > 0.5 * x)).any()
+
+
+def test_agents_that_observe_everything_have_no_cone() -> None:
+    game = ScenarioBuilder("ffa_4", cameras_mode="omniscient")
+    assert not covered(game, 0).any()
+
+
+# ---- the geometry alone
+
+
+def area(corners: np.ndarray) -> float:
+    x, y = corners.T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+
+
+def block(x: float, y: float, radius: float = 0, width: float = 0, height: float = 0, angle: float = 0) -> Any:
+    return x, y, math.cos(angle), math.sin(angle), radius, width / 2, height / 2
+
+
+@pytest.mark.parametrize(("kite", "share"), [(True, math.sin(0.5)), (False, 0.5)])
+@pytest.mark.parametrize("angle", [0.0, 3.1, -2.0])
+def test_a_free_cone_has_its_whole_area(kite: bool, share: float, angle: float) -> None:
+    assert area(visible_corners(1, 2, angle, 1.0, 8.0, kite, [])) == pytest.approx(64 * share, rel=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.0, 3.1, -2.0, 12.0])
+def test_a_wall_across_cuts_a_triangle_off(angle: float) -> None:
+    """In front of it, a triangle of height 3 is left; the wall may be a rectangle or a huge disc."""
+    wall = block(3.5 * math.cos(angle), 3.5 * math.sin(angle), width=1, height=20, angle=angle)
+    disc = block(1003 * math.cos(angle), 1003 * math.sin(angle), radius=1000)
+    for blocker in (wall, disc):
+        corners = visible_corners(0, 0, angle, 1.0, 8.0, False, [blocker])
+        assert area(corners) == pytest.approx(9 * math.tan(0.5), rel=0.01)
+
+
+def test_what_holds_the_camera_or_lies_behind_it_or_too_far_hides_nothing() -> None:
+    blockers = [block(0, 0, 2), block(0.1, 0, width=3, height=3), block(-3, 0, 1), block(20, 0, 2), block(np.nan, 0, 2)]
+    assert area(visible_corners(0, 0, 0.0, 1.0, 8.0, False, blockers)) == pytest.approx(32, rel=1e-3)
