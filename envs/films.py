@@ -11,17 +11,12 @@ from typing import Any
 from outlast.ecs import Worlds
 
 from .adapters.opponents import Other, Others, checked_others
-from .core.make import make_vec
-from .core.vector_env import SurvivalVectorEnv
 from .errors import FilmError
 from .recording import Recording, Replay
 from .rendering.layers import Layer, select
 from .rendering.video import footage, write_film
-from .rollout.against import Against
-from .rollout.loading import load_policies, maker
 from .rollout.local import ticks
-from .rollout.mixture import Mixture, checked_entries
-from .rollout.policies import Policy
+from .rollouts import worlds_of
 from .scenarios.naming import resolve
 from .scenarios.scenario import Number, Scenario
 
@@ -119,7 +114,8 @@ def film(
             return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
     asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, OPTIONS)  # type: ignore[arg-type]
     count = _count(worlds, looks)
-    with _played(asked, count, policy or "scripted", others, seed or 0) as (env, act):
+    env, act, _ = worlds_of(asked, policy or "scripted", others, count, seed=seed or 0)
+    with contextlib.closing(env):
         played = ticks(env, act, STEPS if steps is None else steps)
         title = ", ".join([env.scenario.name, _players(policy or "scripted", others)])
         return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
@@ -172,22 +168,6 @@ def _counted(frames: Iterable[Any], progress: Progress) -> Iterator[Any]:
     for count, frame in enumerate(frames, 1):
         yield frame
         progress(count)
-
-
-@contextlib.contextmanager
-def _played(
-    asked: Scenario, count: int, policy: Other, others: Others | None, seed: int
-) -> Iterator[tuple[SurvivalVectorEnv, Policy]]:
-    """Worlds in which all of the policies can play, and who acts for all agents there."""
-    entries = [*checked_entries([(policy, 1)]), *([] if others is None else checked_others(others))]
-    fitting, players = load_policies([each for each, _ in entries], asked, seed)
-    foreign = any(callable(each) for each, _ in entries)  # nobody knows what these return
-    with contextlib.closing(make_vec(fitting, count, seed=seed, copy=foreign, check_actions=foreign)) as env:
-        act = maker(players[0])(env, seed)
-        if len(players) > 1:
-            weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
-            act = Against(env, act, Mixture(weighted, env, range(env.num_agents)))
-        yield env, act
 
 
 def _players(policy: Other, others: Others | None) -> str:

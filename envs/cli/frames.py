@@ -2,14 +2,11 @@
 
 import argparse
 import dataclasses
-import logging
 from typing import Any
 
 from ..films import Progress, film
 from . import video_options
 from .options import PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
-
-LOGGER = logging.getLogger(__name__)
 
 
 def add(commands: Any) -> None:
@@ -36,9 +33,6 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
-    rows, columns = options.mosaic or (1, 1)
-    if options.mosaic and rows * columns < (options.worlds or 0):
-        LOGGER.warning("--mosaic shows the first %d of %d worlds", rows * columns, options.worlds)
     asked = scenario(options)
     given = {name: getattr(options, name) for name in ("policy", "others", "worlds", "steps", "seed")}
 

@@ -71,7 +71,7 @@ def _save(asked: Scenario, options: argparse.Namespace) -> None:
 
 
 def add_policy(command: Parser, default: str) -> None:
-    """--policy; what it names is read where worlds are made for it."""
+    """--policy; what it names is loaded where worlds are made for it."""
     text = f"{', '.join(POLICIES)}, or FILE{SAVED} that `outlast train` saved (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 

@@ -36,8 +36,8 @@ def number_rows(module: Module) -> list[NumberRow]:
             in_words(getattr(module, item.name)),
             in_words(item.default),
             allowed(item.default, item.metadata),
-            item.metadata["unit"],
-            item.metadata["about"],
+            item.metadata.get("unit", ""),
+            item.metadata.get("about", ""),
         )
         for item in fields(module)
     ]
@@ -52,11 +52,12 @@ def in_words(value: Any) -> str:
 
 def allowed(default: Any, rule: Mapping[str, Any]) -> str:
     """Which values a number may have: "0 to 100000", "above 0", "masked, revealed"."""
-    if rule["choices"]:
-        return ", ".join(rule["choices"])
+    if choices := rule.get("choices"):
+        return ", ".join(choices)
     if isinstance(default, bool):
         return "true, false"
-    low, above, high = (f"{rule[key]:.10g}" if math.isfinite(rule[key]) else "" for key in ("low", "above", "high"))
+    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite: none
+    low, above, high = (f"{end:.10g}" if math.isfinite(end) else "" for end in ends)
     if above:
         text = f"above {above}" + (f", up to {high}" if high else "")
     else:

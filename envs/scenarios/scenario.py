@@ -279,7 +279,7 @@ def _replaced(module: Module, numbers: dict[str, Any]) -> Module:
     except NumberError as error:
         count = numbers.get("count")
         if isinstance(count, int) and count == 0 and module.name != "agents":
-            cure = f"--without {module.name}, in Python scenario.without({module.name!r})"
+            cure = f"--without {module.name}, or Scenario.without({module.name!r})"
             raise NumberError(f"{error}; for none, leave it out: {cure}") from None
         raise
 

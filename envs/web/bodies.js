@@ -11,7 +11,7 @@ const Bodies = (() => {
     else Brush.item(scene, kind, owner, x, y, radius);
     if (kind.role === "item" || kind.role === "other") {
       const height = Math.min(0.45, LETTER * scene.pixel);
-      label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.7 * height, height, scene.colors.ink);
+      label(scene, kind.kind.replaceAll("_", " "), x, y - radius - 0.71 * height, height, scene.colors.ink);
     }
   }
 

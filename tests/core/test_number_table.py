@@ -16,7 +16,7 @@ from outlast.envs.scenarios.number_table import NumberRow, number_rows
 class Crowd(Module):
     """A mechanic of somebody's that brings many entities, or a table of many rows."""
 
-    count: int = number(1)
+    count: int = 1
     rows: int = number(1, low=1)
     speeds: tuple[float, ...] = number((1.5, 2.0), low=0.5, unit="metres a second", about="of those who run")
 

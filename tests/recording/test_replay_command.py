@@ -34,7 +34,7 @@ def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:
     assert status == 0
     status, again, err = run(capsys, "replay", tmp_path / "a.rec", "--quiet")
     assert (status, err) == (0, "")
-    assert "ffa_2, 3 worlds, 151 ticks; every digest is the same" in again
+    assert "ffa_2-safe_zone_damage=50, 3 worlds, 151 ticks; every digest is the same" in again
     assert out[out.index(" episodes ended") - 2 :] == again[again.index(" episodes ended") - 2 :]
     assert "std. error" in again
     status, _, err = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")

@@ -31,7 +31,7 @@ def test_a_folder_of_pictures_shows_what_was_played(capsys, tmp_path: Path) -> N
     assert out.startswith(f"{folder}: 3 frames, ")
     env = make_vec(variant("teams_3").replace(n_heals=3), 3, seed=7)
     steps = ticks(env, scripted_policy(env), 4)
-    looks = {"size": 64, "layers": select("+vision,-ids"), "every": 2, "title": "teams_3, scripted policy"}
+    looks = {"size": 64, "layers": select("+vision,-ids"), "every": 2, "title": "teams_3-n_heals=3, scripted policy"}
     expected = footage(env.worlds, steps, range(3), **looks)
     assert np.array_equal(pictures(folder), np.array(list(expected)))
 

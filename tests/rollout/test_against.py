@@ -102,7 +102,7 @@ def test_a_policy_with_a_memory_plays_against_others() -> None:
 
 def test_one_side_has_nobody_to_play_against() -> None:
     env = outlast.make_vec("ffa_1", 2, seed=0, n_agents=1)
-    with pytest.raises(UsageError, match="ffa_1 has one side: there is nobody to play against"):
+    with pytest.raises(UsageError, match="ffa_1-n_agents=1 has one side: there is nobody to play against"):
         Against(env, POLICIES["noop"](env, 0), mixed({"noop": 1}, env))
 
 
@@ -113,7 +113,7 @@ def test_the_command_reports_wins_against_each(capsys: Any) -> None:
     arguments = (*SMALL, "--policy", "scripted", "--others", "noop:0.5,scripted:0.5", "--episodes", "2")
     status, out, _ = run(capsys, *arguments)
     assert status == 0
-    assert "ffa_2: scripted policy against noop, scripted, seed 0, 20 worlds x 2 episodes\n" in out
+    assert "ffa_2-safe_zone_damage=100: scripted policy against noop, scripted, seed 0, 20 worlds x 2 episodes\n" in out
     assert "40 whole episodes, the first 2 of every world" in out
     assert "return 1" in out
     head, *rows = out.split("\n\n")[-1].splitlines()

@@ -93,8 +93,8 @@ def test_the_same_seed_gives_the_same_table(capsys):
         (("rollout", "ffa_9"), ("ffa_9", "did you mean", "ffa_1")),
         (("rollout", "ffa_1", "--set", "n_agents=100"), ("115 bodies", "64 cells")),
         (("rollout", "ffa_1", "--set", "mele_damage=3"), ("mele_damage", "melee_damage")),
-        (("rollout", "ffa_1", "--set", "n_heals=0"), ("heals.count = 0: must be >= 1", "Scenario.without('heals')")),
-        (("rollout", "ffa_3", "--set", "n_boxes=0"), ("boxes.count = 0: must be >= 1", "Scenario.without('boxes')")),
+        (("rollout", "ffa_1", "--set", "n_heals=0"), ("heals.count = 0: must be >= 1", "--without heals")),
+        (("rollout", "ffa_3", "--set", "n_boxes=0"), ("boxes.count = 0: must be >= 1", "--without boxes")),
         (("rollout", "ffa_1", "--set", "safe_zone_radii=5,x"), ("safe_zone.radii[1] = 'x'", "finite number")),
         (("rollout", "ffa_1", "--set", "safe_zone_radii="), ("safe_zone.radii[0] = ''", "finite number")),
         (

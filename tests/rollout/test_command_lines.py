@@ -154,7 +154,7 @@ def test_mistakes_are_one_line(line: str, capsys: Any, tmp_path: Path, monkeypat
 def test_what_a_mosaic_leaves_out_is_said(capsys: Any, tmp_path: Path) -> None:
     small = ("--steps=1", "--size=64", "--quiet", "--out", tmp_path / "frames")
     status, _, err = run(capsys, "frames", "ffa_1", "--mosaic=2x2", "--worlds=9", *small)
-    assert (status, err) == (0, "outlast: --mosaic shows the first 4 of 9 worlds\n")
+    assert (status, err) == (0, "outlast: a mosaic of 2x2 has room for 4 of the 9 worlds\n")
 
 
 def test_a_data_set_is_what_its_name_says(capsys: Any, tmp_path: Path) -> None:

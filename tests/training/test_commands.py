@@ -90,7 +90,7 @@ def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) ->
     mean = float(lengths["scripted", "noop"]["mean"])
     assert 0.5 * mean < frames - 1 < 2 * mean
     page = (tmp_path / "film" / "scripted-noop.html").read_text()
-    assert re.search(r"ffa_1: scripted \(side (0\) against noop \(side 1|1\) against noop \(side 0)\)", page)
+    assert re.search(r"ffa_1\S*: scripted \(side (0\) against noop \(side 1|1\) against noop \(side 0)\)", page)
     assert "scripted-noop.webm" in capsys.readouterr().out
 
 

@@ -109,23 +109,19 @@ class Match:
         life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
         self.results.enter(where, "wins", wins(life))
         self.results.enter(where, "life", life)
-        self._enter_statistics(rows, where, statistics, mine)
+        by_side = mine[:, :, first_of_sides(self.base_env)]
+        for name, values in statistics.items():  # of agents, the mean over those of a role; of sides, the sum
+            if self.dims.get(name) == ("agents",):
+                self.results.enter(where, name, (values[rows, None] * mine).sum(2), mine.sum(2))
+            elif self.dims.get(name) == ("sides",):
+                self.results.enter(where, name, (values[rows, None] * by_side).sum(2))
         for name, total in self.metrics.totals.items():
             if name != "life":
                 self.results.enter(where, name, (total[rows][:, None] * mine).sum(2))
         for name, rate in self.metrics.rates.items():
             summed = (rate[rows][:, None] * mine[..., None]).sum(2)
             self.results.enter(where, name, summed[..., 0], summed[..., 1])
-
-    def _enter_statistics(self, rows: Array, where: AgentIndices, statistics: dict[str, Array], mine: Array) -> None:
-        """Of agents: the mean over those of a role; of sides: the sum; of the world: the same for both roles."""
-        by_side = mine[:, :, first_of_sides(self.base_env)]
-        for name, values in sorted(statistics.items(), key=lambda item: -item[1].ndim):
-            own = values[rows, None]
-            if self.dims.get(name) == ("agents",):
-                self.results.enter(where, name, (own * mine).sum(2), mine.sum(2))
-            elif self.dims.get(name) == ("sides",):
-                self.results.enter(where, name, (own * by_side).sum(2))
-            elif values.ndim == 1 and not name.startswith("deaths_"):
-                known = own > 0 if name == "first_death" else 1.0  # 0: nobody died
-                self.results.enter(where, name, np.repeat(own, ROLES, 1), known)
+        for name, values in statistics.items():
+            if values.ndim == 1 and not name.startswith("deaths_"):  # of the world: the same for both
+                known = values[rows, None] > 0 if name == "first_death" else 1.0  # 0: nobody died
+                self.results.enter(where, name, np.repeat(values[rows, None], ROLES, 1), known)
