@@ -18,7 +18,7 @@ class Hunt(Teams):
     """Two teams: the first agents are hunters, with hit points of their own."""
 
     hunters: int = number(1, low=1)
-    points: int = number(300, low=1, high=1_000_000)  # hit points of a hunter at the start
+    points: int = number(300, low=1, high=1_000_000, unit="hit points", about="of a hunter at the start")
 
     def check(self, layout: Layout) -> None:
         """There are two sides, and both have members."""
@@ -45,7 +45,7 @@ def split(
 class Claws(Melee):
     """Melee in which hunters do other damage than their prey."""
 
-    hunters_damage: int = number(20, low=0, high=1_000_000)  # hit points
+    hunters_damage: int = number(20, low=0, high=1_000_000, unit="hit points")
 
 
 @Claws.system(Phase.MELEE, after="claws.aim")

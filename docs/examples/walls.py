@@ -13,8 +13,8 @@ from outlast.systems import Room
 class House(Room):
     """The room with walls inside. Bodies block sight and blows without further code, so these do."""
 
-    rooms: int = number(2, low=2, high=8)  # along each side of the square
-    door: float = number(2.5, above=0)  # metres, width
+    rooms: int = number(2, low=2, high=8, about="along each side of the square")
+    door: float = number(2.5, above=0, unit="metres", about="width")
 
     def archetypes(self) -> Iterable[Archetype]:
         """The walls around the room, and a kind of its own for those inside: solid, and never moved."""
