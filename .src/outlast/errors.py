@@ -28,7 +28,7 @@ from .envs.errors import (
     UsageError,
 )
 from .systems.box2d.batch import IncompatibleBox2D
-from .training.errors import TrainingError
+from .training.errors import EmptyRunError, TrainingError
 
 __all__ = [
     "ActionError",
@@ -36,6 +36,7 @@ __all__ = [
     "ClosedError",
     "ClusterError",
     "DeclarationError",
+    "EmptyRunError",
     "EndlessError",
     "EngineError",
     "FaultError",

@@ -1,6 +1,5 @@
 """Scenarios as JSON, and the options of commands that change one."""
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import outlast
 from outlast import VARIANTS, Scenario, variant
 from outlast.ecs import EngineError
 from outlast.envs.cli import options
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.naming import mechanic, named
@@ -29,7 +29,7 @@ def tag(monkeypatch: pytest.MonkeyPatch) -> Scenario:
 
 def asked(*words: str) -> Scenario:
     """The scenario that a command gets from these words."""
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     options.add_scenario(parser)
     return options.scenario(parser.parse_args(words))
 
