@@ -6,18 +6,20 @@ world is to copy bytes. Columns that environments return (actions, observations,
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
+from .distributions import Distribution
 from .errors import DeclarationError
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .random import stream_number
 from .simd import SIMD_WIDTH
+from .varied import DIM, Given, Varied, place
 
 ALIGN = 64  # bytes: a cache line
 
@@ -75,11 +77,18 @@ class Layout:
         fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
         places: Every column.
         events: The events, in the order of `event_type`, the memory that they take in a world.
-        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
+        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs and
+            before numbers are drawn.
+        varied: Numbers of which each world has its own, by name.
+
+    Args:
+        modules: The mechanics, in any order.
+        distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
     """
 
-    def __init__(self, modules: Sequence[Any]) -> None:
+    def __init__(self, modules: Sequence[Any], distributions: Mapping[str, Distribution] | None = None) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
+        self.varied = place(self.modules, distributions or {})
         self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
         self._check_counts()
         self.spans: dict[str, range] = {}
@@ -102,7 +111,10 @@ class Layout:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
-        self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
+        if self.varied:
+            self.dims[DIM] = sum(number.width for number in self.varied.values())
+        own = (Clock, Given, Varied, Entity) if self.varied else (Clock, Entity)
+        self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)

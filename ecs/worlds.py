@@ -3,7 +3,7 @@
 import difflib
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from . import event, schedule
 from .access import SELECTIONS
 from .cache import CompiledUnits
 from .component import Action, Clock, Component
+from .distributions import Distribution
 from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, ScheduleError
 from .event import Event, EventMemory
@@ -44,6 +45,7 @@ class Worlds:
         without: Phases to leave out, such as that of observations.
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
+        varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -66,8 +68,9 @@ class Worlds:
         without: Collection[Phase] = (),
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
+        varied: Mapping[str, Distribution] | None = None,
     ) -> None:
-        self.layout = Layout(modules)
+        self.layout = Layout(modules, varied)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
         systems = [system for module in self.layout.modules for system in module.systems()]
