@@ -54,7 +54,7 @@ def log_uniform(low: float, high: float) -> Distribution:
 
 def integers(low: int, high: int) -> Distribution:
     """Every integer from `low` to `high`, both included, is equally likely."""
-    if not all(isinstance(each, (int, np.integer)) and not isinstance(each, bool) for each in (low, high)):
+    if not all(type(each) is not bool and isinstance(each, (int, np.integer)) for each in (low, high)):
         raise NumberError(f"integers({low!r}, {high!r}): two integers are needed")
     ends = _ends("integers", low, high)
     return Distribution(INTEGERS, (int(ends[0]), int(ends[1])))

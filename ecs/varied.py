@@ -182,7 +182,7 @@ def plan(layout: Any) -> Plan:
 def between(kind: int, low: float, high: float, key: Any) -> float:
     """A draw between two ends, float64."""
     if kind == INTEGERS:
-        return low + np.float64(integer(key, 0, np.int64(high) - np.int64(low) + 1))
+        return low + np.float64(integer(key, 0, int(high) - int(low) + 1))
     unit = np.float64(words(key, 0)[0] >> TO_53_BITS) * ULP_53
     if kind == LOG_UNIFORM:
         return min(max(math.exp(math.log(low) + unit * (math.log(high) - math.log(low))), low), high)
@@ -208,14 +208,8 @@ def draw(
 ) -> None:
     """Set the numbers of a world whose episode begins, and the prefab values that they are.
 
-    Args:
-        clock: Its table of Clock.
-        given: Its column of Given.
-        values: Its words of Varied, int32.
-        reals: The same memory as float32.
-        state: All state of the world as int32.
-        state_bytes: The same memory as uint8.
-        kinds: This and all that follow: see Plan.
+    given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
+    its state, as int32 and as uint8. kinds and all that follow: see Plan.
     """
     for n in range(kinds.size):
         start, width = spans[n, 0], spans[n, 1]
