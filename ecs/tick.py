@@ -22,7 +22,8 @@ import numpy as np
 
 from .access import Parameter
 from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
-from .component import Clock, Component
+from .component import Clock, Component, Entity
+from .draw import clear_rows, draw, plan, published_rows
 from .errors import DeclarationError
 from .event import clear
 from .fields import offset
@@ -33,7 +34,7 @@ from .module import Module
 from .phase import When
 from .random import stream_number
 from .system import System
-from .varied import DIM, Given, Varied, draw, plan
+from .varied import DIM, Given, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
@@ -143,6 +144,7 @@ class Generator:
         """The unit that draws the varied numbers of every world whose episode begins."""
         arguments = [
             self._table(Clock, "r"),
+            self._table(Entity, "w"),
             f"{self._table(Given, 'r')}.words",
             f"{self._table(Varied, 'w')}.words",
             self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4"), writable=True),
@@ -151,6 +153,18 @@ class Generator:
         ]
         arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
         return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
+
+    def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
+        """The unit that clears the rows of who is absent, in a column that learners get."""
+
+        def rows(worlds: Any) -> np.ndarray[Any, Any]:
+            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+            return values.reshape(*values.shape[:2], -1)
+
+        dtype = component.columns[column].dtype
+        values = self._view_of("rows", rows, dtype, writable=True, ndim=2)
+        arguments = [values, self._view_of("count", *_words_of(number))]
+        return self._unit(f"clear {component.__name__}.{column}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""
@@ -204,8 +218,7 @@ class Generator:
     def _varied(self, full: str, parameter: str) -> str:
         """A number of which each world has its own, in its state."""
         number, name = self.layout.varied[full], f"number_{parameter}"
-        part = slice(number.start, number.start + number.width)
-        words = self._view_of(name, lambda worlds: worlds[Varied].words[:, part].view(number.dtype), number.dtype)
+        words = self._view_of(name, *_words_of(number))
         form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
         self.inside[f"{name} = {form.format(words)}"] = None
         return name
@@ -232,13 +245,13 @@ class Generator:
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
-    def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True) -> str:
-        """Memory of a world as an array of words."""
-        return f"{self._view(dtype, 1, writable)}(arguments, {self._slot(name, slot)}, w)"
+    def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
+        """Memory of a world as an array."""
+        return f"{self._view(dtype, ndim, writable)}(arguments, {self._slot(name, slot)}, w)"
 
-    def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False) -> str:
+    def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
         """Memory of a world that a function of the worlds finds."""
-        return self._words(name, self.arguments.add_view(view), dtype, writable)
+        return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
 
     def _slot(self, name: str, slot: int) -> str:
         self.slots[name.upper()] = slot
@@ -276,6 +289,12 @@ class Generator:
         return name
 
 
+def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
+    """What finds a varied number in the worlds, and its type."""
+    part = slice(number.start, number.start + number.width)
+    return lambda worlds: worlds[Varied].words[:, part].view(number.dtype), number.dtype
+
+
 def _value(module: Module, system: System, parameter: Parameter) -> Any:
     """The number of a parameter's name. DeclarationError if its type is not the annotated one."""
     value = module.value(parameter.name)
@@ -311,6 +330,7 @@ def segments(
     for system in systems:
         python = not system.compiled or system.label in interpret
         units.append(Generator(layout, python).system(modules[system.label], system))
+    units += [Generator(layout).clear(*each) for each in published_rows(layout)]
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:
         found = [Segment((unit,), unit.compiled) for unit in units]

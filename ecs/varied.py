@@ -15,15 +15,10 @@ from typing import Any
 import numpy as np
 
 from .component import Array, Singleton, column
-from .distributions import CHOICE, INTEGERS, LOG_UNIFORM, NAMES, Distribution
+from .distributions import CHOICE, INTEGERS, NAMES, Distribution
 from .errors import NumberError
-from .jit import kernel
-from .random import integer, stream_number, words
 
 DIM = "varied words"
-GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
-WORD = np.uint64(0xFFFFFFFF)
-TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
 CORNERS = 6  # numbers whose ends are combined, each with each; of more, all lowest and all highest ends are
 
 
@@ -51,6 +46,9 @@ class VariedNumber:
         kind: Its type in Python: int, float, bool, str or tuple.
         start: The first of its words.
         width: How many words it has.
+        archetypes: Of a count, the kinds of entities whose number it is. Tables have room for its highest value; the
+            last entities of a world that has fewer are absent.
+        dims: Of a count, the dimensions that it is the size of.
     """
 
     name: str
@@ -60,6 +58,8 @@ class VariedNumber:
     kind: type
     start: int
     width: int
+    archetypes: tuple[str, ...] = ()
+    dims: tuple[str, ...] = ()
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -67,11 +67,11 @@ class VariedNumber:
         return np.dtype("f4" if self.kind in (float, tuple) else "i4")
 
 
-def place(modules: Sequence[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
+def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
     """Where the words of varied numbers lie, by name.
 
     Args:
-        modules: The mechanics, in order.
+        modules: The mechanics, in order. Those with varied counts are replaced by ones with the highest.
         distributions: By name, "module_number".
 
     Raises:
@@ -91,9 +91,25 @@ def place(modules: Sequence[Any], distributions: Mapping[str, Distribution]) -> 
         widths = {encode(modules[k], field, value).size for value in distribution.probes()}
         if len(widths) > 1:
             raise NumberError(f"{name} = {distribution}: tuples of one length are needed, as they size memory")
-        found[name] = VariedNumber(name, k, field, distribution, kind, start, width := widths.pop())
+        counted = _counted(modules[k], field, distribution) if kind is int else ((), ())
+        found[name] = VariedNumber(name, k, field, distribution, kind, start, width := widths.pop(), *counted)
         start += width
+        if counted[0]:
+            modules[k] = modules[k].replace(**{field: distribution.extremes()[-1]})
     return found
+
+
+def _counted(module: Any, field: str, distribution: Distribution) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The archetypes and the dimensions of whose size a number is."""
+    values = distribution.probes()
+    probes = [module.replace(**{field: value}) for value in values]
+    counts: list[list[tuple[str, Any]]] = [[(each.name, each.count) for each in probe.archetypes()] for probe in probes]
+    sizes: list[list[tuple[str, Any]]] = [list(probe.dims().items()) for probe in probes]
+    found = []
+    for rows in (counts, sizes):
+        entries = zip(*rows, strict=True) if len({len(row) for row in rows}) == 1 else ()
+        found.append(tuple(entry[0][0] for entry in entries if [size for _, size in entry] == list(values)))
+    return found[0], found[1]
 
 
 def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
@@ -129,109 +145,6 @@ def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
     for number, value in values.items():
         modules[number.module] = modules[number.module].replace(**{number.field: value})
     return type(layout)(modules, {name: number.distribution for name, number in layout.varied.items()})
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What draws the numbers of one world, as arrays; see `draw`.
-
-    Attributes:
-        kinds: int8 (numbers,), of their distributions.
-        real: int8 (numbers,), 1 where words are float32.
-        spans: int32 (numbers, 2), the first word and how many.
-        streams: uint64 (numbers,), of random numbers: that of the number's name.
-        ends: float64 (numbers, 2), lowest and highest; of choices 0.
-        choices: int32 (words,), of all choices, one behind the other.
-        options: int32 (numbers, 2), where a number's choices begin, and how many there are.
-        patches: int32 (patches, 3), of prefab values: a word, where it goes in the state, and in bytes how wide it is
-            there, 1 or 4.
-    """
-
-    kinds: Array
-    real: Array
-    spans: Array
-    streams: Array
-    ends: Array
-    choices: Array
-    options: Array
-    patches: Array
-
-
-def plan(layout: Any) -> Plan:
-    """The arrays for `draw`, for an ecs.layout.Layout. Raises what `patches` raises."""
-    numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
-    for number in numbers:
-        values = number.distribution.values if number.distribution.kind == CHOICE else ()
-        options.append((len(choices), len(values)))
-        for value in values:
-            choices += encode(layout.modules[number.module], number.field, value).tolist()
-    ends = [(0, 0) if number.distribution.kind == CHOICE else number.distribution.values for number in numbers]
-    return Plan(
-        kinds=np.array([number.distribution.kind for number in numbers], np.int8),
-        real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
-        spans=np.array([(number.start, number.width) for number in numbers], np.int32),
-        streams=np.array([stream_number(f"vary {number.name}") for number in numbers], np.uint64),
-        ends=np.array(ends, np.float64),
-        choices=np.array(choices or [0], np.int32),
-        options=np.array(options, np.int32),
-        patches=np.array(patches(layout), np.int32).reshape(-1, 3),
-    )
-
-
-@kernel
-def between(kind: int, low: float, high: float, key: Any) -> float:
-    """A draw between two ends, float64."""
-    if kind == INTEGERS:
-        return low + np.float64(integer(key, 0, int(high) - int(low) + 1))
-    unit = np.float64(words(key, 0)[0] >> TO_53_BITS) * ULP_53
-    if kind == LOG_UNIFORM:
-        return min(max(math.exp(math.log(low) + unit * (math.log(high) - math.log(low))), low), high)
-    return low + unit * (high - low)
-
-
-@kernel
-def draw(
-    clock: Any,
-    given: Any,
-    values: Any,
-    reals: Any,
-    state: Any,
-    state_bytes: Any,
-    kinds: Any,
-    real: Any,
-    spans: Any,
-    streams: Any,
-    ends: Any,
-    choices: Any,
-    options: Any,
-    patches: Any,
-) -> None:
-    """Set the numbers of a world whose episode begins, and the prefab values that they are.
-
-    given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
-    its state, as int32 and as uint8. kinds and all that follow: see Plan.
-    """
-    for n in range(kinds.size):
-        start, width = spans[n, 0], spans[n, 1]
-        if given[start] >> GIVEN:
-            for k in range(start, start + width):
-                values[k] = np.int32(np.uint32(given[k] & WORD))
-            continue
-        key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), streams[n])
-        if kinds[n] == CHOICE:
-            first = options[n, 0] + width * integer(key, 0, options[n, 1])
-            for k in range(width):
-                values[start + k] = choices[first + k]
-        elif real[n]:
-            reals[start] = np.float32(between(kinds[n], ends[n, 0], ends[n, 1], key))
-        else:
-            values[start] = np.int32(between(kinds[n], ends[n, 0], ends[n, 1], key))
-    for p in range(patches.shape[0]):
-        word, where = values[patches[p, 0]], patches[p, 1]
-        if patches[p, 2] == 4:
-            state[where >> 2] = word
-        else:
-            state_bytes[where] = np.uint8(word)
 
 
 def patches(layout: Any) -> list[tuple[int, int, int]]:

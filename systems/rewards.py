@@ -66,6 +66,9 @@ def pay(
         gone += score.deaths[s] > 0 and score.alive[s] == 0
     for i in range(agents.size):
         s = side.side[agents[i]]
+        if s < 0:  # absent
+            reward.reward[i] = 0
+            continue
         pay = alive if score.alive[s] > 0 else dead
         if basis == MEMBERS:
             share: Any = np.float32(score.alive[s]) / np.float32(members(side, agents, s))

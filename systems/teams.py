@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Guard, Phase, SelfView, Side, Sides
-from outlast.ecs import Field, Layout, Module, NumberError, Offset, Read, Rows, Singleton, Write, number
+from outlast.components.agent import present
+from outlast.ecs import Entity, Field, Layout, Module, NumberError, Offset, Read, Rows, Singleton, Write, number
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,12 @@ class Teams(Module):
 
 
 @Teams.system(Phase.DRAW)
-def split(side: Write[Side], guard: Write[Guard], agents: Rows[Side], count: int) -> None:
+def split(side: Write[Side], guard: Write[Guard], entities: Read[Entity], agents: Rows[Side], count: int) -> None:
     """Consecutive ids, teams of equal size (the last ones larger by one if need be); immune to one's own."""
-    for i in range(agents.size):
+    there = present(entities, agents)
+    for i in range(there):
         e = agents[i]
-        side.side[e] = np.int32(((i + 1) * count - 1) // agents.size)
+        side.side[e] = np.int32(((i + 1) * count - 1) // there)
         guard.immune_to[e] = side.side[e]
 
 
