@@ -31,7 +31,9 @@ from .jit import kernel
 from .layout import Archetype, Layout
 from .module import Module
 from .numbers import number
+from .per_agent import AgentRoles, differs, of
 from .phase import Phase, When
+from .roles import Role, Roles, role
 from .system import System
 from .tick import RESET, SKIP, STEP
 from .worlds import Worlds
@@ -42,6 +44,7 @@ __all__ = [
     "STEP",
     "Action",
     "Add",
+    "AgentRoles",
     "Archetype",
     "Array",
     "Bitset",
@@ -66,6 +69,8 @@ __all__ = [
     "Random",
     "Read",
     "Real",
+    "Role",
+    "Roles",
     "RowIndex",
     "Rows",
     "ScheduleError",
@@ -79,7 +84,10 @@ __all__ = [
     "Write",
     "column",
     "columns_of",
+    "differs",
     "emit",
     "kernel",
     "number",
+    "of",
+    "role",
 ]

@@ -5,6 +5,7 @@ world is to copy bytes. Columns that environments return (actions, observations,
 """
 
 import difflib
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -17,8 +18,12 @@ from .distributions import Distribution
 from .errors import DeclarationError
 from .event import Event, memory_type
 from .fields import Field, placed, width
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms
+from .per_agent import place as place_numbers
 from .random import stream_number
+from .roles import Roles
 from .simd import SIMD_WIDTH
+from .system import System
 from .varied import DIM, Given, Varied, place
 
 ALIGN = 64  # bytes: a cache line
@@ -80,13 +85,21 @@ class Layout:
         initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs and
             before numbers are drawn.
         varied: Numbers of which each world has its own, by name.
+        roles: The roles of agents, if there are any.
+        per_agent: Numbers of which each agent has its own, by name.
 
     Args:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
+        roles: Which agents have numbers of their own.
     """
 
-    def __init__(self, modules: Sequence[Any], distributions: Mapping[str, Distribution] | None = None) -> None:
+    def __init__(
+        self,
+        modules: Sequence[Any],
+        distributions: Mapping[str, Distribution] | None = None,
+        roles: Roles | None = None,
+    ) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.varied = place(self.modules, distributions or {})
         self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
@@ -104,6 +117,8 @@ class Layout:
             names = size.split("+") if isinstance(size, str) else []
             more = sum(self.dims.get(name.strip(), 0) for name in names) if names else size
             self.dims[dim] = self.dims.get(dim, 0) + more
+        self.roles = roles
+        self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
@@ -113,7 +128,8 @@ class Layout:
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         if self.varied:
             self.dims[DIM] = sum(number.width for number in self.varied.values())
-        own = (Clock, Given, Varied, Entity) if self.varied else (Clock, Entity)
+        own = (Clock, *([Given, Varied] if self.varied else []), Entity)
+        own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
         for base in (Action, Observation, Signal, Statistic):
@@ -157,6 +173,24 @@ class Layout:
         rows = self.rows(*components)
         index[rows] = np.arange(len(rows))
         return index
+
+    @functools.cached_property
+    def forms(self) -> "list[Layout]":
+        """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
+        return forms(self) if self.per_agent else [self]
+
+    def systems(self) -> list[System]:
+        """The systems of the modules, those included that a module has with the numbers of a role only."""
+        found = [system for module in self.modules for system in module.systems()]
+        for form in self.forms if self.per_agent else ():
+            known = {system.label for system in found}
+            found += [each for module in form.modules for each in module.systems() if each.label not in known]
+        return found
+
+    def with_modules(self, modules: Sequence[Any]) -> "Layout":
+        """The layout of the same worlds, but of these modules: the same ones with other numbers."""
+        distributions = {name: number.distribution for name, number in self.varied.items()}
+        return type(self)(modules, distributions, self.roles)
 
     def numbers(self, module: str) -> dict[str, Any]:
         """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""

@@ -16,6 +16,7 @@ def number(
     high: float = math.inf,
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
+    per_agent: bool = False,
 ) -> Any:
     """Declare a number of a module, with its default and its range.
 
@@ -25,8 +26,11 @@ def number(
         high: Inclusive upper bound.
         above: Exclusive lower bound.
         choices: The values of a number that is a str; kernels get the index.
+        per_agent: Whether roles may differ in it, of an int or a float. Systems then read it by `of(reach, e)`, where e
+            is the row of the agent.
     """
-    return dataclasses.field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
+    rule = {"low": low, "high": high, "above": above, "choices": choices, "per_agent": per_agent}
+    return dataclasses.field(default=default, metadata=rule)
 
 
 KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, "tuple": tuple}
@@ -43,6 +47,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
         )
     if not (type(item.default) is kind or (kind is float and type(item.default) is int)):
         raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
+    if item.metadata.get("per_agent") and kind not in (int, float):
+        raise DeclarationError(f"{name} is {text} and per_agent: roles can differ in an int or a float only")
     return kind
 
 

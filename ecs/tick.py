@@ -31,6 +31,8 @@ from .jit import compiled, kernel, loader, storer
 from .layout import Layout
 from .machine_code import call_address
 from .module import Module
+from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
+from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
 from .system import System
@@ -40,7 +42,7 @@ SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
 CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
-CLOCK, DRAW = "clock", "numbers"  # labels of the units that come first
+CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
 UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame; FAILED: 1 + the index of the unit, or 0
 read_word, write_word = loader("int64"), storer("int64")
@@ -154,6 +156,19 @@ class Generator:
         arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
         return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
 
+    def assign(self) -> Unit:
+        """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
+        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written there
+        arguments = [
+            self._table(Clock, "r"),
+            self._table(AgentRoles, "w"),
+            self._view_of("values", lambda worlds: worlds[words][0], np.dtype("i4"), writable=True),
+            self._view_of("reals", lambda worlds: worlds[words][0].view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+        ]
+        arguments += [self._constant(name, values) for name, values in vars(plan_roles(self.layout)).items()]
+        return self._unit(ROLES, None, assign, IDLE[When.RESET], arguments)
+
     def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
         """The unit that clears the rows of who is absent, in a column that learners get."""
 
@@ -211,6 +226,8 @@ class Generator:
                     f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)
                 )
         full, value = f"{module.name}_{parameter.name}", _value(module, system, parameter)
+        if full in self.layout.per_agent:
+            return self._per_agent(self.layout.per_agent[full], parameter.name)
         if full in self.layout.varied:
             return self._varied(full, parameter.name)
         return self._number(value, parameter.name, full)
@@ -221,6 +238,13 @@ class Generator:
         words = self._view_of(name, *_words_of(number))
         form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
         self.inside[f"{name} = {form.format(words)}"] = None
+        return name
+
+    def _per_agent(self, number: AgentNumber, parameter: str) -> str:
+        """A number of which each agent has its own: an array by row."""
+        part, name = slice(number.start, number.start + self.layout.dims[ROWS]), f"number_{parameter}"
+        words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
+        self.inside[f"{name} = {words}"] = None
         return name
 
     def _number(self, value: int | float, parameter: str, full: str = "") -> str:
@@ -325,11 +349,12 @@ def segments(
         split: Whether each system gets a segment of its own, the first with the clock.
         interpret: Labels of systems to run as Python.
     """
-    modules = {system.label: module for module in layout.modules for system in module.systems()}
+    modules = {module.name: module for module in layout.modules}
     units = [Generator(layout).clock(), *([Generator(layout).draw()] if layout.varied else [])]
+    units += [Generator(layout).assign()] if layout.roles else []
     for system in systems:
         python = not system.compiled or system.label in interpret
-        units.append(Generator(layout, python).system(modules[system.label], system))
+        units.append(Generator(layout, python).system(modules[system.module], system))
     units += [Generator(layout).clear(*each) for each in published_rows(layout)]
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:

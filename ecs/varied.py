@@ -144,7 +144,13 @@ def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
     modules = list(layout.modules)
     for number, value in values.items():
         modules[number.module] = modules[number.module].replace(**{number.field: value})
-    return type(layout)(modules, {name: number.distribution for name, number in layout.varied.items()})
+    return layout.with_modules(modules)
+
+
+def varied_values(words: Array, number: VariedNumber) -> Array:
+    """A varied number in each world, (worlds,), or of a tuple (worlds, width). words: int32 (worlds, words)."""
+    values: Array = words[:, number.start : number.start + number.width].copy().view(number.dtype)
+    return values if number.kind is tuple else values[:, 0]
 
 
 def patches(layout: Any) -> list[tuple[int, int, int]]:

@@ -14,15 +14,18 @@ from .cache import CompiledUnits
 from .component import Action, Clock, Component
 from .distributions import Distribution
 from .entity_view import EntityView
-from .errors import CapacityError, DeclarationError, ScheduleError
+from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
 from .module import Module
+from .per_agent import agent_values
 from .phase import Phase
+from .roles import Roles
 from .tick import Segment, segments
+from .varied import Varied, varied_values
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -46,6 +49,7 @@ class Worlds:
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
         varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
+        roles: Which agents have numbers of their own.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -69,12 +73,12 @@ class Worlds:
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
         varied: Mapping[str, Distribution] | None = None,
+        roles: Roles | None = None,
     ) -> None:
-        self.layout = Layout(modules, varied)
+        self.layout = Layout(modules, varied, roles)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
-        systems = [system for module in self.layout.modules for system in module.systems()]
-        systems = [system for system in systems if self._applies(system) and system.phase not in without]
+        systems = [s for s in self.layout.systems() if self._applies(s) and s.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
@@ -140,6 +144,28 @@ class Worlds:
         clock = self[Clock]
         times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
         return event.entries(kind, self.layout.events, self.event_memory, times)
+
+    def number(self, name: str) -> Any:
+        """What a number is in this episode, however it is given.
+
+        Args:
+            name: "module_number".
+
+        Returns:
+            A value; where worlds differ in it, an array (worlds,), or (worlds, n) of a tuple; where agents do,
+            (worlds, agents). Copies: float32 or int32. A choice among names is its index where worlds differ in it.
+
+        Raises:
+            NumberError: There is no such number.
+        """
+        if (agents := self.layout.per_agent.get(name)) is not None:
+            return agent_values(self, agents)
+        if (varied := self.layout.varied.get(name)) is not None:
+            return varied_values(self[Varied].words, varied)
+        for module in self.modules:
+            if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
+                return getattr(module, own)
+        raise NumberError(f"this scenario has no number '{name}'")
 
     def span(self, archetype: str) -> slice:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""

@@ -52,9 +52,9 @@ class Agents(Module):
     """The agents: their number, size and health (paper, section 3.1)."""
 
     count: int = number(2, low=1)
-    radius: float = number(0.5, low=0.002)  # metres
-    density: float = number(1.0, above=0)  # kilograms per square metre
-    health: int = number(100, low=1, high=MOST)  # hit points at the start
+    radius: float = number(0.5, low=0.002, per_agent=True)  # metres
+    density: float = number(1.0, above=0, per_agent=True)  # kilograms per square metre
+    health: int = number(100, low=1, high=MOST, per_agent=True)  # hit points at the start
 
     def archetypes(self) -> Iterable[Archetype]:
         solid = Solid(dynamic=1, density=self.density)

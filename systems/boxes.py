@@ -47,6 +47,7 @@ from outlast.ecs import (
     emit,
     kernel,
     number,
+    of,
 )
 from outlast.ecs.random import NORMAL, normal
 
@@ -80,7 +81,7 @@ class Boxes(Module):
     owned: bool = number(True)
     dynamic: bool = number(False)  # can be pushed
     density: float = number(1.0, above=0)  # kilograms per square metre
-    offset: float = number(0.0, low=0)  # metres from the user's centre
+    offset: float = number(0.0, low=0, per_agent=True)  # metres from the user's centre
     item_radius: float = number(0.25, low=0.002)  # metres
     settles: bool = number(False)  # cannot be damaged in the tick in which it is set up
     corners: str = number("lower left", choices=("lower left", "rolled"))
@@ -163,7 +164,8 @@ def set_up(
         if user < 0:
             continue
         e = boxes[k]
-        place(body, entities, e, body.x[user] + offset * body.cosine[user], body.y[user] + offset * body.sine[user])
+        far = of(offset, user)
+        place(body, entities, e, body.x[user] + far * body.cosine[user], body.y[user] + far * body.sine[user])
         body.angle[e], body.cosine[e], body.sine[e] = 0, 1, 0
         body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
         box.placed[e], box.fresh[e] = 1, 1

@@ -23,6 +23,7 @@ from outlast.ecs import (
     emit,
     kernel,
     number,
+    of,
 )
 
 from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
@@ -41,7 +42,7 @@ class GiveLast(Module):
     of lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
 
-    reach: float = number(2.0, above=0)  # metres, centre to centre
+    reach: float = number(2.0, above=0, per_agent=True)  # metres, centre to centre
     nearest: str = number("suitable", choices=("suitable", "any"))
     passes_on: bool = number(False)
 
@@ -93,10 +94,10 @@ def choose(
         me = agents[i]
         if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
-        closest = np.float32(np.inf)
+        closest, far = np.float32(np.inf), of(reach, me)
         for k in range(count):
             b = blocks[BLOCK, k]
-            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], reach), b, me)
+            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], far), b, me)
             while pending:
                 e = first_row(b, pending)
                 pending &= pending - 1
@@ -104,7 +105,7 @@ def choose(
                     continue
                 x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
                 square = x * x + y * y
-                if square <= reach * reach and square < closest:
+                if square <= far * far and square < closest:
                     closest = square
                     gift.taker[me] = e
         if gift.taker[me] >= 0 and not may_take(side, sides, index, me, gift.taker[me]):

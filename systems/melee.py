@@ -22,6 +22,7 @@ from outlast.ecs import (
     Write,
     emit,
     number,
+    of,
 )
 
 from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
@@ -39,9 +40,9 @@ class Melee(Module):
 
     damage_type: ClassVar[str] = "melee"
 
-    reach: float = number(2.0, above=0)  # metres from the agent's centre
-    damage: int = number(5, low=0, high=MOST)  # hit points
-    cooldown: int = number(0, low=0)  # ticks without attack after one that hit something; 0: every tick
+    reach: float = number(2.0, above=0, per_agent=True)  # metres from the agent's centre
+    damage: int = number(5, low=0, high=MOST, per_agent=True)  # hit points
+    cooldown: int = number(0, low=0, per_agent=True)  # ticks without attack after one that hit something; 0: every tick
     blocked: bool = number(False)
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -88,7 +89,8 @@ def aim(
             continue
         if not attack.attack[i]:
             continue
-        x, y, dx, dy = body.x[me], body.y[me], reach * body.cosine[me], reach * body.sine[me]
+        x, y, far = body.x[me], body.y[me], of(reach, me)
+        dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest = NO_HIT
         for k in range(count):
             b = blocks[BLOCK, k]
@@ -103,7 +105,7 @@ def aim(
                     nearest = at
                     weapon.target[me] = e
         if weapon.target[me] >= 0:
-            weapon.cooldown[me] = np.int32(cooldown)
+            weapon.cooldown[me] = np.int32(of(cooldown, me))
         k = emit(strikes)
         strikes.agent[k], strikes.target[k] = me, weapon.target[me]
 
@@ -124,4 +126,4 @@ def strike(
     for me in agents:
         e = weapon.target[me]
         if e >= 0 and health.has_health[e]:
-            hurt(health, guard, hits, e, damage, damage_type, side.side[me], clock.tick[0], me)
+            hurt(health, guard, hits, e, of(damage, me), damage_type, side.side[me], clock.tick[0], me)

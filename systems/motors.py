@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from outlast.components import Body, Drive, Phase, Push, Side, Solid
 from outlast.components.body import inverse
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,9 @@ class Motors(Module):
     the paper's runs did (reference rules, section 6, point 1).
     """
 
-    ahead: float = number(0.25, low=0)  # newton-seconds a tick
-    left: float = number(0.25, low=0)
-    turn: float = number(0.0125, low=0)  # newton-metre-seconds a tick
+    ahead: float = number(0.25, low=0, per_agent=True)  # newton-seconds a tick
+    left: float = number(0.25, low=0, per_agent=True)
+    turn: float = number(0.0125, low=0, per_agent=True)  # newton-metre-seconds a tick
     give: str = number("evenly", choices=("evenly", "at once"))
 
     @classmethod
@@ -48,7 +48,8 @@ def drive(
         e = agents[i]
         if not entities.alive[e]:
             continue
-        forward, sideways, around = ahead * drive.ahead[i], left * drive.left[i], turn * drive.turn[i]
+        forward, sideways = of(ahead, e) * drive.ahead[i], of(left, e) * drive.left[i]
+        around = of(turn, e) * drive.turn[i]
         x = body.cosine[e] * forward - body.sine[e] * sideways
         y = body.sine[e] * forward + body.cosine[e] * sideways
         if give == 0:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Phase, Reward, Score, Side
-from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number
+from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number, of
 
 MEMBERS = 1  # index into the choices of Rewards.basis
 
@@ -24,13 +24,13 @@ class Rewards(Module):
     so that a dead one costs. outlive: paid to a living side for each other one that dies out, whatever the cause.
     """
 
-    alive: float = number(1.0)
-    dead: float = number(0.0)
-    kill: float = number(0.0)
-    death: float = number(0.0)
+    alive: float = number(1.0, per_agent=True)
+    dead: float = number(0.0, per_agent=True)
+    kill: float = number(0.0, per_agent=True)
+    death: float = number(0.0, per_agent=True)
     posthumous: bool = number(True)
     basis: str = number("side", choices=("side", "members"))
-    outlive: float = number(0.0)
+    outlive: float = number(0.0, per_agent=True)
 
     def singletons(self) -> Iterable[Singleton]:
         return [Reward()]
@@ -65,17 +65,18 @@ def pay(
     for s in range(score.alive.size):
         gone += score.deaths[s] > 0 and score.alive[s] == 0
     for i in range(agents.size):
-        s = side.side[agents[i]]
+        e = agents[i]
+        s = side.side[e]
         if s < 0:  # absent
             reward.reward[i] = 0
             continue
-        pay = alive if score.alive[s] > 0 else dead
+        pay = of(alive, e) if score.alive[s] > 0 else of(dead, e)
         if basis == MEMBERS:
             share: Any = np.float32(score.alive[s]) / np.float32(members(side, agents, s))
-            pay = share * alive + (np.float32(1) - share) * dead
+            pay = share * of(alive, e) + (np.float32(1) - share) * of(dead, e)
         if posthumous or score.alive[s] > 0:
-            pay += score.kills[s] * kill
+            pay += score.kills[s] * of(kill, e)
         if score.alive[s] > 0:
-            pay += gone * outlive
-        pay += score.deaths[s] * death
+            pay += gone * of(outlive, e)
+        pay += score.deaths[s] * of(death, e)
         reward.reward[i] = pay if clock.tick[0] > 0 else 0

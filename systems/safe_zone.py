@@ -25,6 +25,7 @@ from outlast.ecs import (
     Write,
     kernel,
     number,
+    of,
 )
 from outlast.ecs.random import uniform2
 
@@ -47,7 +48,7 @@ class SafeZone(Module):
     radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
     stand: int = number(100, low=0)  # ticks
     shrink: int = number(100, low=1)  # ticks
-    damage: int = number(1, low=0, high=MOST)  # hit points a tick outside
+    damage: int = number(1, low=0, high=MOST, per_agent=True)  # hit points a tick outside
     centres: str = number("random", choices=("random", "middle"))
 
     def singletons(self) -> Iterable[Singleton]:
@@ -131,7 +132,7 @@ def apply_damage(
         x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
         outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
         if entities.alive[e] and outside:
-            hurt(health, guard, hits, e, damage, damage_type, -1, clock.tick[0])
+            hurt(health, guard, hits, e, of(damage, e), damage_type, -1, clock.tick[0])
 
 
 @SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")

@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import Body, Phase, Push, Side, Steer
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -21,8 +21,8 @@ class Steering(Module):
     1/e. The numbers are what the highest level gives, ahead of the damping of physics and of contacts.
     """
 
-    speed: float = number(5.0, low=0)  # metres a second, ahead or to the left
-    spin: float = number(math.pi, low=0)  # radians a second
+    speed: float = number(5.0, low=0, per_agent=True)  # metres a second, ahead or to the left
+    spin: float = number(math.pi, low=0, per_agent=True)  # radians a second
 
     @classmethod
     def slot(cls) -> type:
@@ -40,7 +40,8 @@ def steer(
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
-            forward, sideways = speed * (steer.ahead[i] * THIRD), speed * (steer.left[i] * THIRD)
+            most = of(speed, e)
+            forward, sideways = most * (steer.ahead[i] * THIRD), most * (steer.left[i] * THIRD)
             body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
             body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
-            body.omega[e] = spin * (steer.turn[i] * THIRD)
+            body.omega[e] = of(spin, e) * (steer.turn[i] * THIRD)
