@@ -26,6 +26,15 @@ class Distribution:
     def __repr__(self) -> str:
         return f"{NAMES[self.kind]}({', '.join(map(repr, self.values))})"
 
+    def __contains__(self, value: Any) -> bool:
+        """Whether it could be drawn."""
+        if self.kind == CHOICE:
+            given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
+            return any(given == each and isinstance(given, bool) == isinstance(each, bool) for each in self.values)
+        real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        whole = self.kind != INTEGERS or (real and float(value).is_integer())
+        return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
+
     def extremes(self) -> tuple[Any, ...]:
         """The lowest and the highest value; of a choice among other things than numbers, all."""
         plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)

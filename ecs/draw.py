@@ -10,10 +10,8 @@ from .component import Array, Observation, Signal
 from .distributions import CHOICE, INTEGERS, LOG_UNIFORM
 from .jit import kernel
 from .random import integer, stream_number, words
-from .varied import VariedNumber, encode, patches
+from .varied import GIVEN, WORD, VariedNumber, encode, patches
 
-GIVEN = np.uint64(32)  # the bit of a word of varied.Given that says that there is one
-WORD = np.uint64(0xFFFFFFFF)
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
 

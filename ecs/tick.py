@@ -291,8 +291,7 @@ class Generator:
 
 def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
     """What finds a varied number in the worlds, and its type."""
-    part = slice(number.start, number.start + number.width)
-    return lambda worlds: worlds[Varied].words[:, part].view(number.dtype), number.dtype
+    return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
 
 
 def _value(module: Module, system: System, parameter: Parameter) -> Any:

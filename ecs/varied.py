@@ -19,6 +19,8 @@ from .distributions import CHOICE, INTEGERS, NAMES, Distribution
 from .errors import NumberError
 
 DIM = "varied words"
+GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
+HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
 CORNERS = 6  # numbers whose ends are combined, each with each; of more, all lowest and all highest ends are
 
 
@@ -65,6 +67,34 @@ class VariedNumber:
     def dtype(self) -> np.dtype[Any]:
         """Of its words."""
         return np.dtype("f4" if self.kind in (float, tuple) else "i4")
+
+    @property
+    def words(self) -> slice:
+        """Which words are its."""
+        return slice(self.start, self.start + self.width)
+
+    def decode(self, words: Array, module: Any) -> Array:
+        """Its values in worlds, from their words.
+
+        Args:
+            words: int32 (worlds, all words).
+            module: The mechanic.
+
+        Returns:
+            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). A new array.
+        """
+        values = np.ascontiguousarray(words[:, self.words]).view(self.dtype)
+        if self.kind is tuple:
+            return values
+        if self.kind is str:
+            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.field)
+            return np.array(choices)[values[:, 0]]
+        return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
+
+    def check(self, value: Any) -> None:
+        """NumberError unless the distribution could have drawn the value."""
+        if value not in self.distribution:
+            raise NumberError(f"{self.name} = {value!r}: it varies as {self.distribution}; take a value of that")
 
 
 def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
@@ -119,6 +149,57 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
 
 
+def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> Array:
+    """Values that somebody sets in some worlds, for their column of Given.
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        values: One, or one for each of the worlds.
+        count: How many worlds.
+
+    Returns:
+        uint64 (count, width).
+
+    Raises:
+        NumberError: Another number of values, or one that could not be drawn.
+    """
+    listed = list(values) if np.ndim(values) and not isinstance(values, tuple) else [values] * count
+    if len(listed) != count:
+        raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
+    keys, found = [_plain(value) for value in listed], dict[Any, Array]()
+    for value in dict.fromkeys(keys):
+        number.check(value)
+        found[value] = encode(module, number.field, int(value) if number.kind is int else value).view(np.uint32)
+    given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
+    return given
+
+
+def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
+    """Which worlds have words that could not have been drawn: bool (worlds,).
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        words: int32 (worlds, width), its own.
+    """
+    if number.distribution.kind == CHOICE:
+        known = np.array([encode(module, number.field, value) for value in number.distribution.values])
+        fits = (words[:, None] == known).all(2).any(1)
+    else:
+        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
+        low, high = (number.dtype.type(end) for end in number.distribution.values)
+        fits = (low <= values) & (values <= high)
+    return ~np.asarray(fits)
+
+
+def _plain(value: Any) -> Any:
+    """A value as Python has it; what stands for a tuple is one, of floats."""
+    if np.ndim(value):
+        return tuple(map(float, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
     allowed = {float: (0, 1, 2, 3), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
     if distribution.kind not in allowed:
@@ -139,12 +220,23 @@ def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]
         yield dict(zip(numbers, values, strict=True))
 
 
-def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
-    """The layout of worlds in which varied numbers have these values. Raises what mechanics say to them."""
-    modules = list(layout.modules)
+def replaced(modules: Sequence[Any], values: Mapping[VariedNumber, Any]) -> list[Any]:
+    """The mechanics with these values of varied numbers. Raises what they say to them."""
+    found = list(modules)
     for number, value in values.items():
-        modules[number.module] = modules[number.module].replace(**{number.field: value})
-    return type(layout)(modules, {name: number.distribution for name, number in layout.varied.items()})
+        found[number.module] = found[number.module].replace(**{number.field: value})
+    return found
+
+
+def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
+    """The layout of worlds in which varied numbers have these values, with room for the highest counts."""
+    distributions = {name: number.distribution for name, number in layout.varied.items()}
+    return type(layout)(replaced(layout.modules, values), distributions)
+
+
+def extreme_layouts(layout: Any) -> list[Any]:
+    """Layouts with the extreme values of varied numbers; of a layout without these, itself alone."""
+    return [with_values(layout, values) for values in corners([*layout.varied.values()])]
 
 
 def patches(layout: Any) -> list[tuple[int, int, int]]:
@@ -162,6 +254,7 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
     for number in numbers:
         found += _own_patches(layout, number)
     for values in corners(numbers):
+        type(layout)(replaced(layout.modules, values))  # raises what mechanics say to fewer entities
         image, there = layout.initial_image.copy(), with_values(layout, values)
         for number, value in values.items():
             encoded = encode(layout.modules[number.module], number.field, value)

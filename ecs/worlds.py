@@ -14,7 +14,7 @@ from .cache import CompiledUnits
 from .component import Action, Clock, Component
 from .distributions import Distribution
 from .entity_view import EntityView
-from .errors import CapacityError, DeclarationError, ScheduleError
+from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
@@ -23,6 +23,7 @@ from .live_numbers import changed_modules, differing
 from .module import Module
 from .phase import Phase
 from .tick import Segment, segments
+from .varied import Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -173,6 +174,38 @@ class Worlds:
             for execution in (each for segment in self._executions for each in segment if each is not None):
                 for block in execution.blocks:
                     block.set_numbers(self.changed)
+
+    def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
+
+        A tuple is float32 (count, length).
+        """
+        return {
+            name: number.decode(self[Varied].words, self.layout.modules[number.module])
+            for name, number in self.layout.varied.items()
+        }
+
+    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None)) -> None:
+        """Set varied numbers from the next reset of each world on, instead of drawing them.
+
+        Args:
+            numbers: By name, one value or one for each of the worlds `where`; None: drawn again.
+            where: The worlds: mask, indices or slice.
+
+        Raises:
+            NumberError: One that does not vary, another shape, or a value that could not be drawn; nothing is changed.
+        """
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        words = dict[str, Any]()
+        for name, values in numbers.items():
+            if name not in self.layout.varied:
+                known = ", ".join(self.layout.varied) or "none"
+                raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
+            number = self.layout.varied[name]
+            module = self.layout.modules[number.module]
+            words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+        for name, given in words.items():
+            self[Given].words[rows, self.layout.varied[name].words] = given
 
     @property
     def changed(self) -> dict[str, int | float]:

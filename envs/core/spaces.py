@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
+from outlast.ecs.varied import extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
@@ -56,7 +57,7 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
             names of the key's fields.
     """
     layout, found = worlds.layout, {}
-    stated = [(module.name, module.bounds(layout)) for module in layout.modules]
+    stated = [(module.name, module.bounds(there)) for there in extreme_layouts(layout) for module in there.modules]
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}

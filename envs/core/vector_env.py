@@ -100,9 +100,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
-        self.worlds = Worlds(
-            scenario.modules, int(num_worlds), int(threads), ordered=scenario.order, interpret=interpret
-        )
+        self.worlds = scenario.worlds(int(num_worlds), int(threads), interpret=interpret)
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)

@@ -44,7 +44,7 @@ class Recording:
         self._length = sum(chunk.ticks for chunk in self._chunks)
         self._format = TickFormat(
             *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
-            *(len(self.components), header["digests"]["repeat"]),
+            *(len(self.components), header["digests"]["repeat"], header.get("given", 0)),
         )
         lost = size - chunks[-1].end
         sentence = f"{path} was cut off: {self._length} ticks are whole, {lost} bytes after them are left out"
@@ -155,6 +155,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
+    numbers.append(header.get("given", 0))  # earlier versions have none
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -169,6 +170,7 @@ def _is_valid(header: Any) -> bool:
         and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
+        and header.get("given", 0) <= MAX_HEADER
         and len(digests["components"]) <= MAX_HEADER
     )
 

@@ -2,11 +2,12 @@
 
 import dataclasses
 import difflib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.ecs import Module, NumberError
+from outlast.ecs import Distribution, Module, NumberError, Worlds
+from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
 from . import renamed
@@ -25,6 +26,8 @@ class Scenario:
         modules: The mechanics, in any order.
         about: One line for people.
         order: What `ordered` added: chains of systems, each of which runs before the next one.
+        varied: What `vary` added: numbers of which each world has its own, by name, and what they are drawn from.
+        observed: Those of them that `observe_numbers` shows to agents.
 
     Raises:
         ScenarioError: Two mechanics of one kind, or of one name.
@@ -34,6 +37,8 @@ class Scenario:
     modules: tuple[Module, ...]
     about: str = ""
     order: tuple[tuple[str, ...], ...] = ()
+    varied: tuple[tuple[str, Distribution], ...] = ()
+    observed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_mechanics(self.name, self.modules)
@@ -68,7 +73,7 @@ class Scenario:
     def without(self, *kinds: type[Module] | str) -> "Scenario":
         """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
         gone = [self._find(kind) for kind in kinds]
-        return dataclasses.replace(self, modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
+        return self._with_modules(tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
         """The same with more mechanics; one of a kind that is there already is replaced.
@@ -78,7 +83,7 @@ class Scenario:
         """
         _check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
-        return dataclasses.replace(self, modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+        return self._with_modules((*(m for m in self.modules if m.slot() not in slots), *modules))
 
     def ordered(self, *systems: str) -> "Scenario":
         """The same with an order between systems that say none themselves, as those of two authors.
@@ -93,7 +98,7 @@ class Scenario:
         return dataclasses.replace(self, order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
-        """The same with other numbers.
+        """The same with other numbers, which vary no more if they did.
 
         Args:
             **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
@@ -108,7 +113,61 @@ class Scenario:
                 renamed.warn(key, f"{module}_{name}")
             changed.setdefault(module, {})[name] = value
         modules = tuple(_replaced(module, changed.get(module.name, {})) for module in self.modules)
-        return dataclasses.replace(self, modules=modules)
+        fixed = {f"{module}_{name}" for module, names in changed.items() for name in names}
+        return self._with_modules(modules, fixed)
+
+    def vary(self, **numbers: Distribution) -> "Scenario":
+        """The same with numbers that each world draws anew when an episode begins.
+
+        >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
+
+        Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts; who
+        is above the count of a world is absent from it: not alive, neither observed nor rewarded.
+
+        Args:
+            **numbers: By name, as for `replace`: outlast.uniform, log_uniform, integers or choice.
+
+        Raises:
+            NumberError: An unknown number, or one that cannot have the values.
+        """
+        varied = dict(self.varied)
+        for key, distribution in numbers.items():
+            module, name = self.find_number(key)
+            if not isinstance(distribution, Distribution):
+                raise NumberError(
+                    f"{key} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
+                    "one value for all worlds"
+                )
+            varied[f"{module}_{name}"] = distribution
+        place(list(self.modules), varied)  # raises what is wrong with a number by itself
+        return dataclasses.replace(self, varied=tuple(sorted(varied.items())))
+
+    def observe_numbers(self, *names: str) -> "Scenario":
+        """The same with varied numbers as an observation, "numbers": float32 (agents, numbers), for every agent there.
+
+        Args:
+            *names: Of numbers that vary; none: all of them.
+
+        Raises:
+            ScenarioError: One does not vary.
+        """
+        varied = dict(self.varied)
+        full = ["_".join(self.find_number(name)) for name in names] or [*varied]
+        if missing := [name for name in full if name not in varied]:
+            raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
+        return dataclasses.replace(self, observed=tuple(sorted({*full})))
+
+    def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
+        """Worlds of it. options: those of ecs.Worlds. Raises what that raises."""
+        own = {"ordered": self.order, "varied": dict(self.varied), "observed": self.observed}
+        return Worlds(self.modules, count, threads, **own, **options)
+
+    def _with_modules(self, modules: tuple[Module, ...], fixed: Collection[str] = ()) -> "Scenario":
+        """The same with other mechanics; what they lack, and what is fixed, varies no more."""
+        own = {f"{module.name}_{item.name}" for module in modules for item in dataclasses.fields(module)} - {*fixed}
+        varied = tuple(entry for entry in self.varied if entry[0] in own)
+        observed = tuple(name for name in self.observed if name in own)
+        return dataclasses.replace(self, modules=modules, varied=varied, observed=observed)
 
     def numbers(self) -> dict[str, Any]:
         """Every number of every mechanic, by the name that `replace` takes."""
