@@ -50,7 +50,9 @@ class Recorder:
         self._owner = os.getpid()
         self._continuous = False  # whether the worlds are where the last recorded tick left them
         self._no_keys = np.zeros((0, form.key_size), np.uint64)
-        self._keyed = np.zeros((worlds.count, form.key_size - 1), np.uint64)  # their clocks, as far as they are recorded
+        self._keyed = np.zeros(
+            (worlds.count, form.key_size - 1), np.uint64
+        )  # their clocks, as far as they are recorded
 
     @property
     def recording(self) -> bool:

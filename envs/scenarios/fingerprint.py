@@ -16,17 +16,23 @@ LONGEST = 200  # characters of a name, and entries of an order
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line.
 
-    Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not outlast's own:
-    by name, the full name of the class, the version of Python and the hash of its code (see ecs.identity).
+    The name is that of the scenario that it was derived from, if it was: what its own name says of changes is in the
+    "label". Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not
+    outlast's own: by name, the full name of the class, the version of Python and the hash of its code (ecs.identity).
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
-    name = "".join(letter if letter.isprintable() else "?" for letter in scenario.name[:LONGEST])
+    name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
     users = [module for module in sorted_(scenario) if is_outside(type(module))]
     more = {
+        "label": label if label != name else "",
         "order": [list(chain) for chain in scenario.order],
         "code": {each.name: [full_name(type(each))[:LONGEST], PYTHON, code_digest(each)] for each in users},
     }
     return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value}
+
+
+def _line(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name[:LONGEST])
 
 
 def is_fingerprint(given: Any) -> bool:
@@ -37,6 +43,7 @@ def is_fingerprint(given: Any) -> bool:
     code, order = given.get("code", {}), given.get("order", [])
     return (
         is_word(values[0])
+        and is_word(given.get("label", ""))
         and all(map(_is_plain, values[1:]))
         and isinstance(order, list)
         and len(order) <= LONGEST
