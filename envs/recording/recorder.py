@@ -86,7 +86,7 @@ class Recorder:
             return
         self.check(mode)
         steps, keys = mode == STEP, self._no_keys
-        if all_step := bool(steps.all()):
+        if all_step := bool(steps.all()) and Given not in self._worlds:  # which may have changed between any two
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()

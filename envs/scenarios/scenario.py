@@ -175,8 +175,8 @@ class Scenario:
 
     def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
         """Worlds of it. options: those of ecs.Worlds. Raises what that raises."""
-        own = {"ordered": self.order, "varied": dict(self.varied), "observed": self.observed}
-        return Worlds(self.modules, count, threads, **own, **options)
+        options |= {"ordered": self.order, "varied": dict(self.varied), "observed": self.observed}
+        return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":
         """The same by the name of another one that it was derived from: for changes that make no other game."""

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from outlast import systems
-from outlast.ecs import Layout, Module
+from outlast.ecs import Distribution, Layout, Module, choice, integers, log_uniform, uniform
 from outlast.ecs.identity import full_name
+from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
 from .renamed import CLASSES, NUMBERS, current
@@ -68,7 +69,19 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
     if strict and numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
     name = str(fingerprint.get("label") or fingerprint["name"])
-    return Scenario(name, tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+    made = Scenario(name, tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+    drawn = {key: _distribution(*entry) for key, entry in fingerprint.get("varied", {}).items()}
+    if drawn:
+        made = made.vary(**drawn).titled_as(made)
+    observed = fingerprint.get("observed", ())
+    return made.observe_numbers(*observed).titled_as(made) if observed else made
+
+
+def _distribution(name: str, *values: Any) -> Distribution:
+    """A distribution by its name. NumberError for values that it cannot have."""
+    made = {"uniform": uniform, "log_uniform": log_uniform, "integers": integers, "choice": choice}[name]
+    found: Distribution = made(*values)
+    return found
 
 
 def _kinds(names: list[str]) -> list[type[Module]]:
@@ -102,11 +115,13 @@ def planned(scenario: Scenario) -> tuple[int, int]:
 
     Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
     """
-    for module in scenario.modules:
+    largest = list(scenario.modules)
+    place(largest, dict(scenario.varied))
+    for module in largest:
         for dim, size in module.dims().items():
             if isinstance(size, int) and size > LONGEST:
                 raise ScenarioError(f"it would have {size} {dim}: at most {LONGEST} is possible")
-    layout = _Plan(scenario.modules)
+    layout = _Plan(scenario.modules, dict(scenario.varied), scenario.observed)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
     if layout.world_bytes > LARGEST:
