@@ -26,6 +26,15 @@ class Distribution:
     def __repr__(self) -> str:
         return f"{NAMES[self.kind]}({', '.join(map(repr, self.values))})"
 
+    def __contains__(self, value: Any) -> bool:
+        """Whether it could be drawn."""
+        if self.kind == CHOICE:
+            given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
+            return any(given == each and isinstance(given, bool) == isinstance(each, bool) for each in self.values)
+        real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        whole = self.kind != INTEGERS or (real and float(value).is_integer())
+        return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
+
     def extremes(self) -> tuple[Any, ...]:
         """The lowest and the highest value; of a choice among other things than numbers, all."""
         plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)
@@ -68,6 +77,21 @@ def choice(*values: Any) -> Distribution:
 
 
 NAMES = ("uniform", "log_uniform", "integers", "choice")
+
+
+def plain(distribution: Distribution) -> list[Any]:
+    """A distribution as JSON has it: the name of its kind, and its values."""
+    return [NAMES[distribution.kind], *(list(v) if isinstance(v, tuple) else v for v in distribution.values)]
+
+
+def from_plain(name: Any, *values: Any) -> Distribution:
+    """The distribution that `plain` was made of. NumberError for one that cannot be."""
+    made = {"uniform": uniform, "log_uniform": log_uniform, "integers": integers, "choice": choice}.get(str(name))
+    if made is None or (made is not choice and len(values) != 2):
+        raise NumberError(
+            f"{[name, *values]!r:.80} is no distribution: {', '.join(NAMES)}, with two ends or all values"
+        )
+    return made(*values)
 
 
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:

@@ -24,7 +24,7 @@ from .random import stream_number
 from .roles import Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, Given, Varied, place
+from .varied import DIM, Given, NumbersView, Varied, place
 
 ALIGN = 64  # bytes: a cache line
 
@@ -92,12 +92,14 @@ class Layout:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
         roles: Which agents have numbers of their own.
+        observed: Those of them that are shown to agents, in varied.NumbersView.
     """
 
     def __init__(
         self,
         modules: Sequence[Any],
         distributions: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
         roles: Roles | None = None,
     ) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
@@ -121,6 +123,8 @@ class Layout:
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        if observed:
+            self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
         for module in self.modules:
             module.check(self)
@@ -187,10 +191,10 @@ class Layout:
             found += [each for module in form.modules for each in module.systems() if each.label not in known]
         return found
 
-    def with_modules(self, modules: Sequence[Any]) -> "Layout":
-        """The layout of the same worlds, but of these modules: the same ones with other numbers."""
+    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None) -> "Layout":
+        """The layout of the same worlds with other numbers. roles: in place of those that there are."""
         distributions = {name: number.distribution for name, number in self.varied.items()}
-        return type(self)(modules, distributions, self.roles)
+        return type(self)(modules, distributions, [*self.fields.get("numbers", ())], roles or self.roles)
 
     def numbers(self, module: str) -> dict[str, Any]:
         """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""
@@ -211,6 +215,14 @@ class Layout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _observe(self, names: Sequence[str]) -> None:
+        """Show varied numbers to agents."""
+        self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
+        for name in names:
+            shown[name] = self.varied[name].field(start)
+            start += self.varied[name].width
+        self.fields["numbers"] = shown
 
     def _events(self) -> tuple[type[Event], ...]:
         """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""

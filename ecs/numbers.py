@@ -16,6 +16,7 @@ def number(
     high: float = math.inf,
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
+    scales_with: str = "",
     per_agent: bool = False,
 ) -> Any:
     """Declare a number of a module, with its default and its range.
@@ -26,10 +27,13 @@ def number(
         high: Inclusive upper bound.
         above: Exclusive lower bound.
         choices: The values of a number that is a str; kernels get the index.
+        scales_with: The full name of another number ("room_size"): where a scenario changes that one, this one changes
+            in proportion, unless it was set by hand.
         per_agent: Whether roles may differ in it, of an int or a float. Systems then read it by `of(reach, e)`, where e
             is the row of the agent.
     """
-    rule = {"low": low, "high": high, "above": above, "choices": choices, "per_agent": per_agent}
+    rule = {"low": low, "high": high, "above": above, "choices": choices, "scales_with": scales_with}
+    rule["per_agent"] = per_agent
     return dataclasses.field(default=default, metadata=rule)
 
 

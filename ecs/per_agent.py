@@ -7,7 +7,8 @@ are written into the state.
 """
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numba import types
 from numba.core import cgutils
 
 from .component import Array, Singleton, column
-from .distributions import CHOICE, Distribution
+from .distributions import CHOICE, INTEGERS, Distribution
 from .draw import between
 from .errors import NumberError
 from .jit import intrinsic, kernel
@@ -73,36 +74,69 @@ def place(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
     if not rows:
         raise NumberError("roles: this scenario has no agents to have them; add Agents")
     roles.of_agents(len(rows))
-    owners = {f"{module.name}_{item.name}": (k, item) for k, module in enumerate(layout.modules) for item in fields(module)}
-    able = sorted(name for name, (_, item) in owners.items() if item.metadata.get("per_agent"))
+    roles = checked_roles(layout.modules, roles)
+    owners = _owners(layout.modules)
     found: dict[str, AgentNumber] = {}
     for name in roles.numbers:
-        if name not in able:
-            who = next(each.name for each in roles.roles if name in dict(each.numbers))
-            what = "is the same for all agents, as its mechanic says" if name in owners else "does not exist"
-            raise NumberError(f"role {who}: the number {name} {what}; a role can have: {', '.join(able) or 'none'}")
         if name in layout.varied:
             raise NumberError(
                 f"{name} is varied from world to world and differs by role: choose one, as in "
                 f"role({name}=uniform(...)), from which each agent draws"
             )
-        k, item = owners[name]
-        base = getattr(layout.modules[k], item.name)
+        k, field = owners[name]
+        base = getattr(layout.modules[k], field)
         values = tuple(dict(each.numbers).get(name, base) for each in roles.roles)
         dtype = np.dtype("f4" if isinstance(base, float) else "i4")
-        found[name] = AgentNumber(name, k, item.name, len(found) * rows.stop, dtype, values)
-        _check_kinds(found[name], roles)
+        found[name] = AgentNumber(name, k, field, len(found) * rows.stop, dtype, values)
     layout.dims[ROLES], layout.dims[ROWS] = len(roles.roles), rows.stop
     if found:
         layout.dims[WORDS] = len(found) * rows.stop
     return found
 
 
-def _check_kinds(number: AgentNumber, roles: Roles) -> None:
-    """NumberError for a distribution of floats from which an integer is to be drawn."""
-    for each, value in zip(roles.roles, number.values, strict=True):
-        if isinstance(value, Distribution) and number.dtype.kind == "i" and value.kind not in (CHOICE, 2):
-            raise NumberError(f"role {each.name}: {number.name} = {value}: it is an int, so take integers or choice")
+def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
+    """The roles with numbers as the mechanics have them, each checked by itself.
+
+    Raises:
+        NumberError: One that is unknown, the same for all agents, or out of its range; as "role NAME: ...".
+    """
+    owners = _owners(modules)
+    able = [name for name, (k, field) in owners.items() if _metadata(modules[k], field).get("per_agent")]
+    found = []
+    for each in roles.roles:
+        values = dict[str, Any]()
+        for name, value in each.numbers:
+            if name not in able:
+                what = "is the same for all agents, as its mechanic declares it" if name in owners else "does not exist"
+                known = ", ".join(sorted(able)) or "none"
+                raise NumberError(f"role {each.name}: the number {name} {what}; a role can have: {known}")
+            k, field = owners[name]
+            try:
+                probes = _probes(name, value, type(getattr(modules[k], field)))
+                own = [getattr(modules[k].replace(**{field: probe}), field) for probe in probes]
+            except NumberError as error:
+                raise NumberError(f"role {each.name}: {error}") from None
+            values[name] = value if isinstance(value, Distribution) else own[0]
+        found.append(replace(each, numbers=tuple(values.items())))
+    return replace(roles, roles=tuple(found))
+
+
+def _owners(modules: Sequence[Any]) -> dict[str, tuple[int, str]]:
+    """The index of the mechanic and its own name for every number, by full name."""
+    return {f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(modules) for item in fields(module)}
+
+
+def _metadata(module: Any, field: str) -> Any:
+    return next(item.metadata for item in fields(module) if item.name == field)
+
+
+def _probes(name: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """What stands for all values of a number. NumberError for a distribution of floats of which an int is drawn."""
+    if not isinstance(value, Distribution):
+        return (value,)
+    if kind is int and value.kind not in (INTEGERS, CHOICE):
+        raise NumberError(f"{name} = {value}: it is of type int, so take integers or choice")
+    return value.probes()
 
 
 def forms(layout: Any) -> list[Any]:
@@ -128,8 +162,7 @@ def _form(layout: Any, values: dict[str, Any]) -> Any:
     for name, value in values.items():
         number = layout.per_agent[name]
         modules[number.module] = modules[number.module].replace(**{number.field: value})
-    distributions = {name: number.distribution for name, number in layout.varied.items()}
-    return type(layout)(modules, distributions, layout.roles.bare())
+    return layout.with_modules(modules, layout.roles.bare())
 
 
 def agent_values(worlds: Any, number: AgentNumber) -> Array:

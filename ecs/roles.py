@@ -4,11 +4,13 @@ A role has a name, says which agents have it, and gives some numbers of mechanic
 distributions, from which each agent draws when an episode begins. Where the values lie in memory: ecs.per_agent.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .distributions import CHOICE, NAMES, Distribution
+from .distributions import Distribution
+from .distributions import from_plain as distribution_of
+from .distributions import plain as plain_distribution
 from .errors import NumberError
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
@@ -114,9 +116,19 @@ class Roles:
         """Names of all numbers that a role changes, in order."""
         return sorted({name for each in self.roles for name, _ in each.numbers})
 
+    def __str__(self) -> str:
+        counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
+        drawn = {NEVER: "", ANYONE: " drawn", SIDE: " drawn by side"}[self.drawn]
+        return " and ".join(f"{count} {name}" for count, name in counts) + drawn
+
+    def only(self, known: Container[str]) -> "Roles":
+        """The same without the numbers that are not known."""
+        kept = [tuple((name, value) for name, value in each.numbers if name in known) for each in self.roles]
+        return replace(self, roles=tuple(replace(r, numbers=own) for r, own in zip(self.roles, kept, strict=True)))
+
     def bare(self) -> "Roles":
         """The same roles without numbers."""
-        return replace(self, roles=tuple(replace(each, numbers=()) for each in self.roles))
+        return self.only(())
 
     def of_agents(self, agents: int) -> list[int]:
         """The role of each agent by its id, before any is drawn. NumberError if they do not fit that many agents."""
@@ -140,13 +152,15 @@ class Roles:
         sizes = [(each.count or len(each.agents), each.name) for each in self.roles if each is not rest]
         needed = sum(size for size, _ in sizes) + (rest is not None)
         listed = " + ".join(f"{size} {name}" for size, name in sizes) + (f" + at least 1 {rest.name}" if rest else "")
-        return f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
+        return (
+            f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
+        )
 
 
 def plain(roles: Roles) -> dict[str, Any]:
     """Roles as JSON has them: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
 
-    A distribution is {"uniform": [low, high]}, by the name of its kind.
+    A distribution is ["uniform", low, high], by the name of its kind.
     """
     return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
 
@@ -154,8 +168,7 @@ def plain(roles: Roles) -> dict[str, Any]:
 def _plain_role(role: Role) -> dict[str, Any]:
     who: dict[str, Any] = {"agents": list(role.agents)} if role.agents else {"count": role.count}
     numbers = {
-        name: {NAMES[value.kind]: list(value.values)} if isinstance(value, Distribution) else value
-        for name, value in role.numbers
+        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in role.numbers
     }
     return {"name": role.name, **who, "numbers": numbers}
 
@@ -176,22 +189,12 @@ def _role_of(given: Any) -> Role:
         or not isinstance(given.get("agents", []), list)
     ):
         raise NumberError(f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}')
-    numbers = {str(name): _value_of(value) for name, value in given["numbers"].items()}
+    numbers = {
+        str(name): distribution_of(*value) if isinstance(value, list) else value
+        for name, value in given["numbers"].items()
+    }
     found = role(given.get("count"), agents=given.get("agents", ()))
     return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
-
-
-def _value_of(given: Any) -> Any:
-    if not isinstance(given, Mapping):
-        return given
-    from . import distributions  # its functions check what they get
-
-    kind, values = next(iter(given.items()), ("", None))
-    if len(given) != 1 or kind not in NAMES or not isinstance(values, list):
-        raise NumberError(f"roles: {given!r:.80} is no distribution: one of {', '.join(NAMES)} with its values is needed")
-    if kind != NAMES[CHOICE] and len(values) != 2:
-        raise NumberError(f"roles: {given!r:.80}: {kind} has two ends")
-    return getattr(distributions, kind)(*values)
 
 
 def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:

@@ -14,12 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from .component import Array, Singleton, column
+from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, INTEGERS, NAMES, Distribution
 from .errors import NumberError
+from .fields import Field
 
 DIM = "varied words"
-CORNERS = 6  # numbers whose ends are combined, each with each; of more, all lowest and all highest ends are
+GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
+HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
+CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
 
 
 class Given(Singleton):
@@ -34,6 +37,12 @@ class Varied(Singleton):
     words: Array = column("i4", DIM)  # int32, or the bits of float32
 
 
+class NumbersView(Observation):
+    """What agents are told of varied numbers: the same for every agent that is there, dead or alive."""
+
+    numbers: Array = column("f4", "agents", "numbers fields")
+
+
 @dataclass(frozen=True)
 class VariedNumber:
     """A number of which each world has its own.
@@ -41,7 +50,7 @@ class VariedNumber:
     Attributes:
         name: "module_number".
         module: Index of the mechanic among layout.modules.
-        field: The number's name in the mechanic.
+        number: Its name in the mechanic.
         distribution: What it is drawn from.
         kind: Its type in Python: int, float, bool, str or tuple.
         start: The first of its words.
@@ -53,7 +62,7 @@ class VariedNumber:
 
     name: str
     module: int
-    field: str
+    number: str
     distribution: Distribution
     kind: type
     start: int
@@ -65,6 +74,42 @@ class VariedNumber:
     def dtype(self) -> np.dtype[Any]:
         """Of its words."""
         return np.dtype("f4" if self.kind in (float, tuple) else "i4")
+
+    @property
+    def words(self) -> slice:
+        """Which words are its."""
+        return slice(self.start, self.start + self.width)
+
+    def field(self, start: int) -> Field:
+        """It as a field of NumbersView; of a choice among words, their indices."""
+        ends = self.distribution.extremes()
+        plain = [value for end in ends for value in (end if self.kind is tuple else (end,)) if self.kind is not str]
+        low, high = (min(0, *plain), max(0, *plain)) if plain else (0, math.inf)  # 0: of who is absent
+        scale = max(abs(low), abs(high), 1e-3) if math.isfinite(high) else 1
+        return Field(self.name, low=low, high=high, scale=scale, size=self.width, start=start)
+
+    def decode(self, words: Array, module: Any) -> Array:
+        """Its values in worlds, from their words.
+
+        Args:
+            words: int32 (worlds, all words).
+            module: The mechanic.
+
+        Returns:
+            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). A new array.
+        """
+        values = np.ascontiguousarray(words[:, self.words]).view(self.dtype)
+        if self.kind is tuple:
+            return values
+        if self.kind is str:
+            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
+            return np.array(choices)[values[:, 0]]
+        return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
+
+    def check(self, value: Any) -> None:
+        """NumberError unless the distribution could have drawn the value."""
+        if value not in self.distribution:
+            raise NumberError(f"{self.name} = {value!r}: it varies as {self.distribution}; take a value of that")
 
 
 def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
@@ -119,6 +164,57 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
 
 
+def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> Array:
+    """Values that somebody sets in some worlds, for their column of Given.
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        values: One, or one for each of the worlds.
+        count: How many worlds.
+
+    Returns:
+        uint64 (count, width).
+
+    Raises:
+        NumberError: Another number of values, or one that could not be drawn.
+    """
+    listed = list(values) if np.ndim(values) and not isinstance(values, tuple) else [values] * count
+    if len(listed) != count:
+        raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
+    keys, found = [_plain(value) for value in listed], dict[Any, Array]()
+    for value in dict.fromkeys(keys):
+        number.check(value)
+        found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
+    given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
+    return given
+
+
+def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
+    """Which worlds have words that could not have been drawn: bool (worlds,).
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        words: int32 (worlds, width), its own.
+    """
+    if number.distribution.kind == CHOICE:
+        known = np.array([encode(module, number.number, value) for value in number.distribution.values])
+        fits = (words[:, None] == known).all(2).any(1)
+    else:
+        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
+        low, high = (number.dtype.type(end) for end in number.distribution.values)
+        fits = (low <= values) & (values <= high)
+    return ~np.asarray(fits)
+
+
+def _plain(value: Any) -> Any:
+    """A value as Python has it; what stands for a tuple is one, of floats."""
+    if np.ndim(value):
+        return tuple(map(float, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
     allowed = {float: (0, 1, 2, 3), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
     if distribution.kind not in allowed:
@@ -129,7 +225,7 @@ def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
 def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]]:
     """Extreme values of varied numbers together: what holds for all of these is taken to hold for all between."""
     ends = [number.distribution.extremes() for number in numbers]
-    if len(ends) <= CORNERS:
+    if math.prod(map(len, ends)) <= CORNERS:
         combined: Iterable[Sequence[Any]] = product(*ends)
     else:
         lowest, highest = [values[0] for values in ends], [values[-1] for values in ends]
@@ -139,18 +235,23 @@ def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]
         yield dict(zip(numbers, values, strict=True))
 
 
-def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
-    """The layout of worlds in which varied numbers have these values. Raises what mechanics say to them."""
-    modules = list(layout.modules)
+def replaced(modules: Sequence[Any], values: Mapping[VariedNumber, Any]) -> list[Any]:
+    """The mechanics with these values of varied numbers. Raises what they say to them."""
+    found = list(modules)
     for number, value in values.items():
-        modules[number.module] = modules[number.module].replace(**{number.field: value})
-    return layout.with_modules(modules)
+        found[number.module] = found[number.module].replace(**{number.number: value})
+    return found
 
 
-def varied_values(words: Array, number: VariedNumber) -> Array:
-    """A varied number in each world, (worlds,), or of a tuple (worlds, width). words: int32 (worlds, words)."""
-    values: Array = words[:, number.start : number.start + number.width].copy().view(number.dtype)
-    return values if number.kind is tuple else values[:, 0]
+def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
+    """The layout of worlds in which varied numbers have these values, with room for the highest counts."""
+    return layout.with_modules(replaced(layout.modules, values))
+
+
+def extreme_layouts(layout: Any) -> list[Any]:
+    """Layouts with the extreme values of varied numbers, and of those that differ by role; without these, its like."""
+    there = [with_values(layout, values) for values in corners([*layout.varied.values()])]
+    return [form for each in there for form in each.forms]
 
 
 def patches(layout: Any) -> list[tuple[int, int, int]]:
@@ -168,9 +269,10 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
     for number in numbers:
         found += _own_patches(layout, number)
     for values in corners(numbers):
+        type(layout)(replaced(layout.modules, values))  # raises what mechanics say to fewer entities
         image, there = layout.initial_image.copy(), with_values(layout, values)
         for number, value in values.items():
-            encoded = encode(layout.modules[number.module], number.field, value)
+            encoded = encode(layout.modules[number.module], number.number, value)
             for word, offset, width in found:
                 if number.start <= word < number.start + number.width:
                     image[offset : offset + width] = encoded[word - number.start :].view(np.uint8)[:width]

@@ -25,7 +25,7 @@ from .per_agent import agent_values
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
-from .varied import Varied, varied_values
+from .varied import Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -49,6 +49,7 @@ class Worlds:
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
         varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
+        observed: Those of them that agents observe.
         roles: Which agents have numbers of their own.
 
     Attributes:
@@ -73,9 +74,10 @@ class Worlds:
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
         varied: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
         roles: Roles | None = None,
     ) -> None:
-        self.layout = Layout(modules, varied, roles)
+        self.layout = Layout(modules, varied, observed, roles)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
         systems = [s for s in self.layout.systems() if self._applies(s) and s.phase not in without]
@@ -152,8 +154,8 @@ class Worlds:
             name: "module_number".
 
         Returns:
-            A value; where worlds differ in it, an array (worlds,), or (worlds, n) of a tuple; where agents do,
-            (worlds, agents). Copies: float32 or int32. A choice among names is its index where worlds differ in it.
+            A value; where worlds differ in it, an array (count,), or (count, length) of a tuple, see `numbers`; where
+            agents do, int32 or float32 (count, agents). A copy.
 
         Raises:
             NumberError: There is no such number.
@@ -161,7 +163,7 @@ class Worlds:
         if (agents := self.layout.per_agent.get(name)) is not None:
             return agent_values(self, agents)
         if (varied := self.layout.varied.get(name)) is not None:
-            return varied_values(self[Varied].words, varied)
+            return varied.decode(self[Varied].words, self.layout.modules[varied.module])
         for module in self.modules:
             if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
                 return getattr(module, own)
@@ -199,6 +201,42 @@ class Worlds:
             for execution in (each for segment in self._executions for each in segment if each is not None):
                 for block in execution.blocks:
                     block.set_numbers(self.changed)
+
+    def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
+
+        A tuple is float32 (count, length).
+        """
+        return {
+            name: number.decode(self[Varied].words, self.layout.modules[number.module])
+            for name, number in self.layout.varied.items()
+        }
+
+    def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
+        return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
+
+    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None)) -> None:
+        """Set varied numbers from the next reset of each world on, instead of drawing them.
+
+        Args:
+            numbers: By name, one value or one for each of the worlds `where`; None: drawn again.
+            where: The worlds: mask, indices or slice.
+
+        Raises:
+            NumberError: One that does not vary, another shape, or a value that could not be drawn; nothing is changed.
+        """
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        words = dict[str, Any]()
+        for name, values in numbers.items():
+            if name not in self.layout.varied:
+                known = ", ".join(self.layout.varied) or "none"
+                raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
+            number = self.layout.varied[name]
+            module = self.layout.modules[number.module]
+            words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+        for name, given in words.items():
+            self[Given].words[rows, self.layout.varied[name].words] = given
 
     @property
     def changed(self) -> dict[str, int | float]:

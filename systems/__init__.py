@@ -16,6 +16,7 @@ from .inventory import Inventory
 from .melee import Melee
 from .mortality import Mortality
 from .motors import Motors
+from .observe_roles import ObserveRoles
 from .physics import Physics
 from .pickup import Pickup
 from .record import Record
@@ -40,6 +41,7 @@ __all__ = [
     "Melee",
     "Mortality",
     "Motors",
+    "ObserveRoles",
     "Physics",
     "Pickup",
     "Record",

@@ -20,7 +20,7 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 class Room(Module):
     """Square region centred on the origin; walls stand astride its edges (reference rules, section 1)."""
 
-    size: float = number(25.0, low=1)  # metres, side
+    size: float = number(25.0, low=1, high=100_000)  # metres, side
     walls: bool = number(True)
     thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the side
 

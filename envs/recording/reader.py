@@ -13,8 +13,9 @@ from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, current_classes, planned, rebuilt
+from ..scenarios.serialize import classes, current_classes, foreign, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
@@ -44,19 +45,21 @@ class Recording:
         self._length = sum(chunk.ticks for chunk in self._chunks)
         self._format = TickFormat(
             *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
-            *(len(self.components), header["digests"]["repeat"]),
+            *(len(self.components), header["digests"]["repeat"], header.get("given", 0)),
         )
         lost = size - chunks[-1].end
         sentence = f"{path} was cut off: {self._length} ticks are whole, {lost} bytes after them are left out"
         self.cut = "" if chunks[-1].tag == DONE else sentence
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], scenario: Scenario | None = None) -> "Recording":
+    def open(cls, path: str | os.PathLike[str], scenario: Scenario | str | None = None) -> "Recording":
         """Read a file and check all of it; what a killed writer left unfinished at its end is dropped (see `cut`).
 
         Args:
             path: What `outlast.record` or `outlast rollout --record` wrote.
-            scenario: Needed if some of its mechanics are not outlast's own, as what a file names is never imported.
+            scenario: Needed if some of its mechanics are neither outlast's own nor imported, as what a file names is
+                never imported: the recorded scenario; or the name of one, such as "mygame.py:arena", that is imported
+                for its mechanics, whatever its numbers are.
 
         Returns:
             The recording. The file is read again, chunk by chunk, when ticks are asked for.
@@ -155,6 +158,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
+    numbers.append(header.get("given", 0))  # earlier versions have none
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -169,15 +173,18 @@ def _is_valid(header: Any) -> bool:
         and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
+        and header.get("given", 0) <= MAX_HEADER
         and len(digests["components"]) <= MAX_HEADER
     )
 
 
-def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scenario:
+def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -> Scenario:
     """The scenario of the file, or the one given if it is the same."""
-    if given is None:
+    if not isinstance(given, Scenario):
         try:
-            return rebuilt(header["scenario"], header["modules"])
+            if given is not None:
+                _import(header, given)
+            given = rebuilt(header["scenario"], header["modules"])
         except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{path}: {error}") from None
     if other := difference(header["scenario"], fingerprint(given)):
@@ -185,3 +192,10 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scen
     if current_classes(header["modules"]) != classes(given):
         raise RecordingError(f"{path} was made with {header['modules']}: the scenario given has {classes(given)}")
     return given
+
+
+def _import(header: dict[str, Any], name: str) -> None:
+    """Import the scenario of that name for its mechanics. Raises ScenarioError, also if the file needs none."""
+    if not foreign(header["modules"]):
+        raise ScenarioError(f"all of its mechanics are outlast's own: leave out the scenario {name}")
+    resolve(name)

@@ -25,6 +25,7 @@ from outlast.components.sight import MODES
 from outlast.ecs import Clock, Component, Entity, Layout, Singleton
 from outlast.ecs.event import EventMemory, table
 from outlast.ecs.layout import Place
+from outlast.ecs.varied import GIVEN, WORD, Given, Varied, misfits
 
 from ..errors import StateError
 
@@ -53,11 +54,11 @@ RANGES: dict[type[Component], dict[str, Range]] = {
     BoxItem: {"index": Range(0, "boxes")},
     Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone
     Died: {"damage_type": DAMAGE_TYPE, "source": SIDE},
-    Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
+    Entity: {"alive": Range(0, 2), "identity": Range(-1, LARGEST)},
     Gift: {"taker": ROW},
     Health: {"damage_type": DAMAGE_TYPE, "source": SIDE},
     Item: {"holder": ROW, "user": ROW},
-    Side: {"side": Range(0, "sides")},
+    Side: {"side": SIDE},
     Sight: {"mode": Range(0, len(MODES))},
     Weapon: {"target": ROW},
 }
@@ -84,6 +85,7 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)
     _check_sight(layout, block)
+    _check_varied(layout, block, arrays.get("started", np.ones(len(block), bool)))
 
 
 def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
@@ -180,6 +182,20 @@ def _check_sight(layout: Layout, block: Array) -> None:
         visible = layout.columns(block, Sight).visible
         if (bad := visible & ~layout.bitset(Entity) != 0).any():
             raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
+
+
+def _check_varied(layout: Layout, block: Array, started: Array) -> None:
+    """Varied numbers, and those that are given, are some that could have been drawn; counts are used as indices."""
+    if not layout.varied:
+        return
+    words, given = layout.columns(block, Varied).words, layout.columns(block, Given).words
+    for name, number in layout.varied.items():
+        module, own = layout.modules[number.module], given[:, number.words]
+        set_, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
+        wrong = started & misfits(number, module, words[:, number.words])
+        wrong |= set_ & ((own >> GIVEN != 1).any(1) | misfits(number, module, low))
+        if wrong.any():
+            raise StateError(f"the state's {name} in world {int(wrong.argmax())} is not of {number.distribution}")
 
 
 def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:
