@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
-from outlast.components.inventory import pop, push
+from outlast.components.inventory import full, pop, push
 from outlast.ecs import (
     Archetype,
     Array,
@@ -124,7 +124,7 @@ def hand_over(
     """In order of agents."""
     for me in agents:
         taker = gift.taker[me]
-        if taker >= 0 and bag.count[me] > 0 and bag.count[taker] < bag.items.shape[1]:
+        if taker >= 0 and bag.count[me] > 0 and not full(bag, taker):
             row = pop(bag, item, me)
             push(bag, item, taker, row)
             k = emit(gifts)

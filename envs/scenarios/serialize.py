@@ -14,7 +14,7 @@ from outlast.ecs.identity import full_name
 from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
-from .renamed import CLASSES, NUMBERS, current
+from .renamed import CLASSES, current_numbers
 from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
@@ -58,7 +58,7 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
         ScenarioError: A class was not imported, or a number is missing or unknown.
         NumberError: A number cannot be.
     """
-    kinds, numbers = _kinds(current_classes(names)), current(fingerprint["numbers"], NUMBERS)
+    kinds, numbers = _kinds(current_classes(names)), current_numbers(fingerprint["numbers"])
     check_repetitions(numbers)
     modules = []
     for kind in kinds:
