@@ -19,7 +19,9 @@ from .motors import Motors
 from .observe_roles import ObserveRoles
 from .physics import Physics
 from .pickup import Pickup
+from .preparation import Preparation
 from .record import Record
+from .respawn import Respawn
 from .rewards import Rewards
 from .room import Room
 from .safe_zone import SafeZone
@@ -44,7 +46,9 @@ __all__ = [
     "ObserveRoles",
     "Physics",
     "Pickup",
+    "Preparation",
     "Record",
+    "Respawn",
     "Rewards",
     "Room",
     "SafeZone",

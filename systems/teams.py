@@ -21,18 +21,17 @@ class Teams(Module):
     (Scenario.vary), the last teams are the smaller ones.
     """
 
-    count: int = number(0, low=0)  # 0: as many as sizes says; two without sizes
-    sizes: tuple[float, ...] = number((), low=1)  # agents, of each team; of none, even teams
+    count: int = number(2, low=1)
+    sizes: tuple[float, ...] = number((), low=1)  # agents of each of the teams; (): even teams
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if broken := [size for size in self.sizes if size != int(size)]:
             raise NumberError(f"teams.sizes = {self.sizes}: {broken[0]} is no number of agents; take whole numbers")
-        object.__setattr__(self, "count", self.count or len(self.sizes) or 2)
         if self.sizes and self.count != len(self.sizes):
             raise NumberError(
                 f"teams.sizes = {tuple(map(int, self.sizes))} are {len(self.sizes)} teams, but teams.count is "
-                f"{self.count}: set both, as in replace(teams_count={len(self.sizes)}, teams_sizes=...), or sizes of ()"
+                f"{self.count}: set both, as in replace(teams_count={len(self.sizes)}, teams_sizes=...); sizes=() is even"
             )
 
     @classmethod
