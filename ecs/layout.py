@@ -183,6 +183,11 @@ class Layout:
         """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
         return forms(self) if self.per_agent else [self]
 
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
+        agents = self.dims.get("agents", 0)
+        return next((found for module in self.modules if (found := module.groups(agents))), ())
+
     def systems(self) -> list[System]:
         """The systems of the modules, those included that a module has with the numbers of a role only."""
         found = [system for module in self.modules for system in module.systems()]

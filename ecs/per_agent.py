@@ -241,7 +241,7 @@ def _groups(layout: Any) -> list[int]:
         return [0]
     sizes = (agents,)
     if layout.roles.drawn == SIDE:
-        sizes = next((found for module in layout.modules if (found := module.groups(agents))), ())
+        sizes = layout.groups()
         if not sizes:
             raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
     return np.cumsum([0, *sizes]).tolist()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
 from .ecs.distributions import choice, integers, log_uniform, uniform
+from .ecs.roles import role
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.vector_env import SurvivalVectorEnv
@@ -63,6 +64,7 @@ __all__ = [
     "parallel_env",
     "random_policy",
     "record",
+    "role",
     "rollout",
     "scripted_policy",
     "systems",

@@ -14,7 +14,7 @@ from ..core.validation import Array, check_choice, check_count, renamed
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, checked_others
-from .per_agent import DEAD, PerAgentVectorEnv, requested
+from .per_agent import PerAgentVectorEnv, check_dead, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 
@@ -80,7 +80,6 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
-        check_choice("dead", dead, DEAD)
         checked_others(others)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)
@@ -94,6 +93,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             check_joint=True,
             render_mode=render_mode,
         )
+        check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)
         self._opponents = Opponents(others, self.base_env, self.learner)
 

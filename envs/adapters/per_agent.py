@@ -10,8 +10,11 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from outlast.components import Return
+from outlast.ecs import Worlds
+
 from ..core.agents import agent_statistics, alive
-from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
+from ..core.validation import Array, as_array, check_choice, check_count, checked_actions, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
@@ -21,6 +24,13 @@ from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 
 DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until its world ends
+
+
+def check_dead(dead: str, worlds: Worlds) -> None:
+    """Raise ValueError unless `dead` is one of DEAD, and "keep" where agents come back."""
+    check_choice("dead", dead, DEAD)
+    if dead == "end" and Return in worlds:
+        raise ValueError("dead = 'end': agents come back in this scenario, so none ends at its death; take dead='keep'")
 
 
 def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spaces.MultiDiscrete]]:

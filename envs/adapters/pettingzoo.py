@@ -17,7 +17,7 @@ from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 from .global_state import GlobalState
-from .per_agent import DEAD, agent_spaces, requested
+from .per_agent import agent_spaces, check_dead, requested
 
 try:
     from pettingzoo import ParallelEnv
@@ -72,7 +72,6 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     def __init__(
         self, scenario: Scenario, *, render_mode: str | None = None, seed: int | None = None, dead: str = "end"
     ) -> None:
-        check_choice("dead", dead, DEAD)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
         self._window = Window("outlast", modes.FPS) if render_mode == "human" else None
@@ -80,6 +79,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         self.base_env = SurvivalVectorEnv(
             scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False, check_actions=False
         )
+        check_dead(dead, self.base_env.worlds)
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []

@@ -10,13 +10,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation
+from outlast.ecs import RESET, SKIP, STEP, Action, AgentRoles, Fields, Observation
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from .agents import alive, present
+from .agents import alive, present, side_names
 from .buffers import final_observations, flat_size, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
@@ -273,6 +273,16 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self.worlds.layout.fields
 
     @property
+    def sides(self) -> tuple[str, ...]:
+        """What the sides are called, by number, as in statistics of sides."""
+        return side_names(self.worlds.layout)
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """What the roles are called, by number, as in info["roles"]; none without roles."""
+        return self.scenario.by_role.names if self.scenario.by_role else ()
+
+    @property
     def flat_size(self) -> int:
         """Numbers in the observation of one agent: the length of its row in a flat array."""
         return flat_size(self._observations)
@@ -340,6 +350,8 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         info: dict[str, Any] = {"alive": alive(self.worlds)}
         if self.worlds.layout.varied:
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
+        if AgentRoles in self.worlds:
+            info["roles"] = self.worlds[AgentRoles].role.copy()
         return info
 
     def stop_when(self, stops: Stops) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from outlast.components import Bag, BoxItem, Died, Gift, Health, Item, Side, Sight, Weapon
 from outlast.components.inventory import CLOSED
 from outlast.components.sight import MODES
-from outlast.ecs import Clock, Component, Entity, Layout, Singleton
+from outlast.ecs import AgentRoles, Clock, Component, Entity, Layout, Singleton
 from outlast.ecs.event import EventMemory, table
 from outlast.ecs.layout import Place
 from outlast.ecs.varied import GIVEN, WORD, Given, Varied, misfits
@@ -51,6 +51,7 @@ LARGEST = 2**63
 ROW, SIDE, DAMAGE_TYPE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
 UNITS = {"entity": ROW, "side": SIDE, "damage type": DAMAGE_TYPE}  # of columns of events
 RANGES: dict[type[Component], dict[str, Range]] = {
+    AgentRoles: {"role": Range(0, "roles")},
     Bag: {"items": Range(CLOSED, "rows"), "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
     Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone

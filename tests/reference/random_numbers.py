@@ -41,5 +41,5 @@ def scattered(world: World, item: NaiveEntity, agent: NaiveEntity) -> tuple[floa
     """Where an item of a dead agent falls: on a circle around it, or anywhere inside."""
     direction, area = uniform2(world, "drop.scatter", draw_index(item))
     share = math.sqrt(area) if world.numbers["death_drop_scatter"] == "disc" else 1.0
-    radius, angle = world.numbers["death_drop_radius"] * share, 2 * math.pi * direction
+    radius, angle = world.own(agent)["death_drop_radius"] * share, 2 * math.pi * direction
     return agent.x + radius * math.cos(angle), agent.y + radius * math.sin(angle)
