@@ -255,7 +255,9 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
     Raises:
         NumberError: More than that depends on the number.
     """
-    probes = sorted({p for v in number.values for p in (v.probes() if isinstance(v, Distribution) else (v,))})
+    base = getattr(layout.modules[number.module], number.field)
+    values = [value for each in number.values for value in _probes(number.name, each, type(base))]
+    probes = sorted({base, *values})
     forms = [_form(layout, {number.name: value}) for value in probes]
     if any(form.places != forms[0].places for form in forms):
         raise NumberError(f"{number.name} cannot differ by role: it decides how large tables are")
@@ -264,9 +266,9 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
     for where in [each for each in forms[0].places if each.offset >= 0]:
         dtype = where.component.columns[where.name].dtype
         size = dtype.itemsize * math.prod(where.shape)
-        values = images[:, where.offset : where.offset + size].copy().view(dtype)
-        for k in np.flatnonzero((values != values[0]).any(0)).tolist():
-            same = dtype == number.dtype and values[:, k].tolist() == np.array(probes).astype(dtype).tolist()
+        there = images[:, where.offset : where.offset + size].copy().view(dtype)
+        for k in np.flatnonzero((there != there[0]).any(0)).tolist():
+            same = dtype == number.dtype and there[:, k].tolist() == np.array(probes).astype(dtype).tolist()
             if not same or where.shape != (layout.dims["rows"],) or k not in layout.spans[AGENT]:
                 what = f"{where.component.__name__}.{where.name}"
                 raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")

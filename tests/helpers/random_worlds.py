@@ -56,7 +56,7 @@ ROLES = {  # by kind of world
     "teams with roles": {
         "hunter": outlast.role(
             2, melee_damage=20, melee_reach=3.0, melee_cooldown=2, cameras_depth=14.0, cameras_fov=2.2,
-            agents_radius=0.7, agents_density=2.0, motors_ahead=0.5, motors_turn=0.03, inventory_capacity=1,
+            agents_radius=0.6, agents_density=1.5, motors_ahead=0.5, motors_turn=0.03, inventory_capacity=1,
             give_last_reach=4.0, boxes_offset=1.5, rewards_kill=30.0, rewards_alive=0.25, safe_zone_damage=0,
         ),
         "prey": outlast.role(
