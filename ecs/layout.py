@@ -91,8 +91,9 @@ class Layout:
     Args:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
-        roles: Which agents have numbers of their own.
         observed: Those of them that are shown to agents, in varied.NumbersView.
+        roles: Which agents have numbers of their own.
+        checks: Whether modules say what is impossible together.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class Layout:
         distributions: Mapping[str, Distribution] | None = None,
         observed: Sequence[str] = (),
         roles: Roles | None = None,
+        checks: bool = True,
     ) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.varied = place(self.modules, distributions or {})
@@ -126,7 +128,7 @@ class Layout:
         if observed:
             self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
-        for module in self.modules:
+        for module in self.modules if checks else ():
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
@@ -196,10 +198,10 @@ class Layout:
             found += [each for module in form.modules for each in module.systems() if each.label not in known]
         return found
 
-    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None) -> "Layout":
+    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True) -> "Layout":
         """The layout of the same worlds with other numbers. roles: in place of those that there are."""
         distributions = {name: number.distribution for name, number in self.varied.items()}
-        return type(self)(modules, distributions, [*self.fields.get("numbers", ())], roles or self.roles)
+        return type(self)(modules, distributions, [*self.fields.get("numbers", ())], roles or self.roles, checks)
 
     def numbers(self, module: str) -> dict[str, Any]:
         """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""

@@ -157,12 +157,12 @@ def forms(layout: Any) -> list[Any]:
     return found
 
 
-def _form(layout: Any, values: dict[str, Any]) -> Any:
+def _form(layout: Any, values: dict[str, Any], checks: bool = True) -> Any:
     modules = list(layout.modules)
     for name, value in values.items():
         number = layout.per_agent[name]
         modules[number.module] = modules[number.module].replace(**{number.field: value})
-    return layout.with_modules(modules, layout.roles.bare())
+    return layout.with_modules(modules, layout.roles.bare(), checks)
 
 
 def agent_values(worlds: Any, number: AgentNumber) -> Array:
@@ -258,7 +258,7 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
     base = getattr(layout.modules[number.module], number.field)
     values = [value for each in number.values for value in _probes(number.name, each, type(base))]
     probes = sorted({base, *values})
-    forms = [_form(layout, {number.name: value}) for value in probes]
+    forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # others belong to a value
     if any(form.places != forms[0].places for form in forms):
         raise NumberError(f"{number.name} cannot differ by role: it decides how large tables are")
     here = {(each.component, each.name): each.offset for each in layout.places}

@@ -31,7 +31,7 @@ class Teams(Module):
         if self.sizes and self.count != len(self.sizes):
             raise NumberError(
                 f"teams.sizes = {tuple(map(int, self.sizes))} are {len(self.sizes)} teams, but teams.count is "
-                f"{self.count}: set both, as in replace(teams_count={len(self.sizes)}, teams_sizes=...); sizes=() is even"
+                f"{self.count}: set both, as in replace(teams_count={len(self.sizes)}, teams_sizes=...)"
             )
 
     @classmethod

@@ -227,6 +227,13 @@ def test_unknown_numbers_get_a_hint() -> None:
             a=outlast.role(1), b=outlast.role(agents_health=80)), 1)  # fmt: skip
 
 
+def test_numbers_of_a_role_need_to_fit_each_other_only() -> None:
+    scenario = variant("ffa_1").replace(mortality_limit=50, agents_health=10)
+    env = make_vec(scenario.roles(a=outlast.role(1), b=outlast.role(agents_health=80, mortality_limit=90)), 1, seed=0)
+    env.reset()
+    assert env.worlds[Health].points[0, :2].tolist() == [10, 80]
+
+
 def test_roles_are_not_observed_without_roles() -> None:
     with pytest.raises(NumberError, match=r"observe_roles\.count = 2, but there are 0 roles"):
         make_vec(variant("ffa_1").with_(outlast.systems.ObserveRoles()), 1)
