@@ -36,11 +36,11 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     },
     "DeathDrop": {"radius": (0.5, NOT_NEGATIVE), "scatter": ("disc", ("disc", "rim"))},
     "DropLast": {"offset": (1.0, NOT_NEGATIVE)},
-    "Ending": {"rule": ("all dead", ("all dead", "last alive")), "limit": (0, NOT_NEGATIVE)},
+    "Ending": {"rule": ("all dead", ("all dead", "last alive", "never")), "limit": (0, NOT_NEGATIVE)},
     "FreeForAll": {},
     "GiveLast": {"reach": (2.0, POSITIVE), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, COUNT), "radius": (0.25, "[0.002,inf)"), "amount": (75, POINTS)},
-    "Inventory": {"slots": (4, COUNT)},
+    "Inventory": {"slots": (4, COUNT), "capacity": (0, NOT_NEGATIVE)},
     "Melee": {
         "reach": (2.0, POSITIVE), "damage": (5, POINTS), "cooldown": (0, NOT_NEGATIVE),
         "blocked": (False, SWITCH),
@@ -50,7 +50,12 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "ahead": (0.25, NOT_NEGATIVE), "left": (0.25, NOT_NEGATIVE), "turn": (0.0125, NOT_NEGATIVE),
         "give": ("evenly", ("evenly", "at once")),
     },
+    "ObserveRoles": {"count": (2, COUNT)},
+    "Preparation": {
+        "ticks": (100, NOT_NEGATIVE), "sides": ((), NOT_NEGATIVE), "frozen": (True, SWITCH), "blind": (False, SWITCH),
+    },
     "Record": {},
+    "Respawn": {"ticks": (100, COUNT)},
     "Rewards": {
         "alive": (1.0, ANY), "dead": (0.0, ANY), "kill": (0.0, ANY), "death": (0.0, ANY), "posthumous": (True, SWITCH),
         "basis": ("side", ("side", "members")), "outlive": (0.0, ANY),
