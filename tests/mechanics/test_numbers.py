@@ -67,7 +67,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     },
     "SpawnGrid": {"cells": (8, COUNT)},
     "Steering": {"speed": (5.0, NOT_NEGATIVE), "spin": (math.pi, NOT_NEGATIVE)},
-    "Teams": {"count": (2, COUNT)},
+    "Teams": {"count": (2, COUNT), "sizes": ((), "whole numbers")},  # see tests/core/test_roles.py
 }  # fmt: skip
 TINY, HUGE = 1e-6, 10**6
 
@@ -83,7 +83,9 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [True, False], [0, 1, "yes"]
     if isinstance(spec, tuple):
         return [*spec], ["", *range(len(spec))]
-    one = default[0] if isinstance(default, tuple) else default
+    if spec == "whole numbers":
+        return [(), (1, 3)], [(0, 1), (1, 0.5)]
+    one = (default or (1.0,))[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)
     if isinstance(default, tuple):
