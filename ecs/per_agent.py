@@ -6,6 +6,7 @@ no role changes is compiled to what it was. Prefab values that are the number it
 are written into the state.
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,7 +17,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from .component import Array, Singleton, column
+from .component import Array, Clock, Singleton, column
 from .distributions import CHOICE, INTEGERS, Distribution
 from .draw import between
 from .errors import NumberError
@@ -172,6 +173,22 @@ def agent_values(worlds: Any, number: AgentNumber) -> Array:
     return words.copy().view(number.dtype)
 
 
+@functools.lru_cache(maxsize=64)
+def _written(layout: Any) -> list[tuple[int, int, int]]:
+    """All of `_patches`."""
+    return [each for number in layout.per_agent.values() for each in _patches(layout, number)]
+
+
+def initial_image(worlds: Any, w: int) -> Array:
+    """The state with which the episode of world `w` began, with the prefab values of its agents: uint8 (world_bytes,)."""
+    image: Array = worlds.layout.initial_image.copy()
+    if worlds.layout.per_agent and worlds[Clock].episode[w, 0]:
+        words = worlds[AgentNumbers].words[w].view(np.uint8)
+        for word, offset, width in _written(worlds.layout):
+            image[offset : offset + width] = words[4 * word : 4 * word + width]
+    return image
+
+
 @dataclass(frozen=True)
 class Plan:
     """What sets the roles and numbers of the agents of one world, as arrays; see `assign`.
@@ -230,7 +247,7 @@ def plan(layout: Any) -> Plan:
         ends=ends,
         choices=np.array(choices or [0], np.int32),
         options=options,
-        patches=np.array([each for n in numbers for each in _patches(layout, n)], np.int32).reshape(-1, 3),
+        patches=np.array(_written(layout), np.int32).reshape(-1, 3),
     )
 
 

@@ -140,8 +140,12 @@ class BehaviourMetrics:
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _near(self, place: Array, sides: Array, living: Array) -> Array:
-        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius."""
-        reach = self.numbers["melee_reach"] + self.numbers["agents_radius"]
+        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius.
+
+        Both are those of now, also for observations of episodes with other ones.
+        """
+        numbers = [np.asarray(self.base_env.worlds.number(name)) for name in ("melee_reach", "agents_radius")]
+        reach = sum(each.reshape(*each.shape, *[1] * (3 - each.ndim)) for each in numbers)
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
         near: Array = ((apart <= reach) & enemies & living[..., None, :]).any(-1)

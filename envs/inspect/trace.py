@@ -88,29 +88,40 @@ def describe(worlds: Worlds, w: int) -> Json:
     half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
     tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
     0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
-    if there are no cameras. damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}].
+    if there are no cameras. damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius,
+    health, reach, cone}], the last three as above, but of this agent.
     objects: [{kind, role, radius, width, height, of, amount, health}]: role is box, box_item, heal, item, wall or
     other; radius 0: a rectangle; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
     health: hit points at the start, 0: cannot be damaged.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
+    points = scene.prefab(Health).points if Health in scene else [0] * worlds.dims["rows"]
     count = max([worlds.dims.get("sides", 0), *(sides[e] + 1 for e in bodies.agents)])
     return {
         "half": _number(scene.half),
         "room": _number(2 * scene.room) if Floor in scene else 0,
         "seconds": _seconds(scene),
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
-        "health": scene.prefab(Health).points[bodies.agents[0]] if Health in scene and bodies.agents else 0,
+        "health": points[bodies.agents[0]] if bodies.agents else 0,
         "slots": worlds.dims.get("slots", 0) if Bag in scene else 0,
         "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
         "zone": Zone in scene,
-        "cone": _cone(scene),
+        "cone": _cone(scene, None),
         "damage_types": list(worlds.layout.damage_types),
         "sides": [
             {"color": css(of_side(s)), "ink": css(ink_on(of_side(s))), "box": css(of_box(s))} for s in range(count)
         ],
-        "agents": [{"side": sides[e], "radius": _number(scene.shape.radius[e])} for e in bodies.agents],
+        "agents": [
+            {
+                "side": sides[e],
+                "radius": _number(scene.shape.radius[e]),
+                "health": points[e],
+                "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
+                "cone": _cone(scene, e),
+            }
+            for e in bodies.agents
+        ],
         "objects": [_object(scene, e, kind) for e, kind in zip(bodies.objects, bodies.kinds, strict=True)],
     }
 
@@ -187,10 +198,11 @@ def _seen(scene: Scene, bodies: Bodies, i: int) -> list[int] | None:
     return [bodies.numbers[row] for row in seen_rows(scene, i)]
 
 
-def _cone(scene: Scene) -> list[list[float]] | None:
+def _cone(scene: Scene, e: int | None) -> list[list[float]] | None:
+    """Of the agent in row `e`; None: of the scenario."""
     if systems.Cameras not in scene:
         return None
-    return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras))]
+    return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras, e))]
 
 
 def _seconds(scene: Scene) -> float:

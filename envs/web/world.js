@@ -119,7 +119,7 @@ const World = (() => {
   function cone(scene, agent) {
     const { context, description, snapshot } = scene;
     context.beginPath();
-    outline(context, description.cone, agent);
+    outline(context, description.agents[snapshot.agents.indexOf(agent)].cone, agent);
     context.fillStyle = context.strokeStyle = side(scene, snapshot.agents.indexOf(agent)).color;
     context.globalAlpha = FAINT;
     context.fill();
@@ -131,7 +131,8 @@ const World = (() => {
 
   // Darkens the floor outside of an agent's vision cone and of a disc around it.
   function night(scene, agent) {
-    const { context, description, colors } = scene, half = edge(scene), far = 100 * half;
+    const { context, description, snapshot, colors } = scene, half = edge(scene), far = 100 * half;
+    const { cone } = description.agents[snapshot.agents.indexOf(agent)];
     const clip = (add) => {
       const path = new Path2D();
       path.rect(-far, -far, 2 * far, 2 * far);
@@ -139,7 +140,7 @@ const World = (() => {
       context.clip(path, "evenodd");
     };
     context.save();
-    clip((path) => outline(path, description.cone, agent));
+    clip((path) => outline(path, cone, agent));
     clip((path) => path.arc(agent.x, agent.y, CLEAR, 0, 2 * Math.PI));
     context.fillStyle = colors.night;
     context.globalAlpha = 0.45;

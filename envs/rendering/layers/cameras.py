@@ -32,10 +32,10 @@ class CamerasLayer(Layer):
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """All cones first, then all lines. Cameras that are not used see nothing."""
         alive = set(scene.living(Body, Side))
-        cone = cone_corners(scene.mechanic(systems.Cameras))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         watching = [(i, e) for i, e in enumerate(scene.rows(Side)) if e in alive and i in wanted]
         for _, e in watching if self.cones else ():
+            cone = cone_corners(scene.mechanic(systems.Cameras, e))
             canvas.polygon(_placed(scene, e, cone), of_side(scene[Side].side[e]), opacity=self.opacity)
         if scene[Sight].mode[0] == OMNISCIENT or not self.lines:
             return
