@@ -18,8 +18,7 @@ from .distributions import Distribution
 from .errors import DeclarationError
 from .event import Event, memory_type
 from .fields import Field, placed, width
-from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms
-from .per_agent import place as place_numbers
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
 from .random import stream_number
 from .roles import Roles
 from .simd import SIMD_WIDTH

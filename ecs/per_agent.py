@@ -65,7 +65,7 @@ class AgentNumber:
     values: tuple[Any, ...]
 
 
-def place(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
+def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
     """Where the words of numbers that differ by role lie, by name; their dimensions are added to the layout's.
 
     Raises:
@@ -180,7 +180,7 @@ def _written(layout: Any) -> list[tuple[int, int, int]]:
 
 
 def initial_image(worlds: Any, w: int) -> Array:
-    """The state with which the episode of world `w` began, with the prefab values of its agents: uint8 (world_bytes,)."""
+    """uint8 (world_bytes,): what the episode of world `w` began with, with the prefab values of its agents."""
     image: Array = worlds.layout.initial_image.copy()
     if worlds.layout.per_agent and worlds[Clock].episode[w, 0]:
         words = worlds[AgentNumbers].words[w].view(np.uint8)
@@ -261,7 +261,8 @@ def _groups(layout: Any) -> list[int]:
         sizes = layout.groups()
         if not sizes:
             raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
-    return np.cumsum([0, *sizes]).tolist()
+    starts: list[int] = np.cumsum([0, *sizes]).tolist()
+    return starts
 
 
 def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
@@ -339,8 +340,12 @@ def assign(
         state[patches[p, 1] >> 2] = values[patches[p, 0]]
 
 
+def _is_array(number: Any) -> bool:
+    return isinstance(number, np.ndarray)
+
+
 def _element(number: Any, e: int) -> Any:
-    if not isinstance(number, np.ndarray):
+    if not _is_array(number):
         return number
     return number[e] if number.dtype.kind == "f" else np.int64(number[e])
 
@@ -364,7 +369,7 @@ def of(typing: Any, number: Any, e: Any) -> Any:
     return value(number, types.intp), element
 
 
-@intrinsic(lambda number: isinstance(number, np.ndarray))
+@intrinsic(_is_array)
 def differs(typing: Any, number: Any) -> Any:
     """Whether roles differ in a number: known when a kernel is compiled, so the other branch costs nothing."""
     value = hasattr(number, "ndim")

@@ -30,6 +30,7 @@ from outlast.ecs.random import uniform2
 from .geometry.broad_phase import gap
 
 TRIES = 32  # places that are tried in a tick
+INDEX = 0xFFFFFFFF  # the part of an identity that numbers the entities of a kind
 HALF, ZERO = np.float32(0.5), np.float32(0)
 
 
@@ -94,7 +95,7 @@ def come_back(
         if back.tick[e] < 0 or back.tick[e] > np.int64(clock.tick[0]):
             continue
         for k in range(TRIES):
-            x, y = uniform2(key, np.uint32(entities.identity[e]) * TRIES + k)
+            x, y = uniform2(key, (entities.identity[e] & INDEX) * TRIES + k)
             body.x[e], body.y[e] = floor.size[0] * (x - HALF), floor.size[floor.size.size - 1] * (y - HALF)
             if is_free(body, shape, entities, solids, e):
                 revive(body, health, died, e)
