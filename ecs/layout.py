@@ -192,9 +192,8 @@ class Layout:
     def systems(self) -> list[System]:
         """The systems of the modules, those included that a module has with the numbers of a role only."""
         found = [system for module in self.modules for system in module.systems()]
-        for form in self.forms if self.per_agent else ():
-            known = {system.label for system in found}
-            found += [each for module in form.modules for each in module.systems() if each.label not in known]
+        for module in (module for form in (self.forms if self.per_agent else ()) for module in form.modules):
+            found += [s for s in module.systems() if s.label not in {system.label for system in found}]
         return found
 
     def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True) -> "Layout":
