@@ -65,7 +65,7 @@ def roles() -> Image:
         .replace(teams_sizes=(1, 3))
         .roles(hunter=hunter, prey=outlast.role(3, cameras_depth=6.0))
     )
-    return draw(played(hunt, 1, 60).worlds, 0, 440, [*LAYERS, CamerasLayer(lines=False)])
+    return draw(played(hunt, 3, 30).worlds, 0, 440, [*LAYERS, CamerasLayer(lines=False)])
 
 
 def zone() -> Image:

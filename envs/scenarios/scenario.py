@@ -241,7 +241,9 @@ class Scenario:
         changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
         changed += [f"{name}={drawn}" for name, drawn in varied if (name, drawn) not in origin.varied]
         changed += ["numbers observed"] * (origin.observed != observed)
-        changed += [f"roles {by_role}"] if by_role and by_role != origin.by_role else []
+        if by_role and by_role != origin.by_role:
+            shown = "" if "with observe_roles" in changed else " unobserved"
+            changed = [each for each in changed if each != "with observe_roles"] + [f"roles {by_role}{shown}"]
         name, about = derived_name(origin.name, changed), derived_about(origin.about, changed)
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
