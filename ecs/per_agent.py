@@ -166,6 +166,11 @@ def _form(layout: Any, values: dict[str, Any], checks: bool = True) -> Any:
     return layout.with_modules(modules, layout.roles.bare(), checks)
 
 
+def differing_numbers(layout: Any, module: str) -> list[str]:
+    """The numbers in which roles differ, by their names in the mechanic of that name."""
+    return [number.field for number in layout.per_agent.values() if layout.modules[number.module].name == module]
+
+
 def agent_values(worlds: Any, number: AgentNumber) -> Array:
     """A number of each agent, (worlds, agents): a copy."""
     rows = worlds.layout.spans[AGENT]

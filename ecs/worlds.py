@@ -21,7 +21,7 @@ from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
 from .module import Module
-from .per_agent import agent_values
+from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
@@ -93,7 +93,7 @@ class Worlds:
         _check_labels(interpret, self.schedule)
         for system in self.schedule.systems:
             if system.outside:
-                check(system)
+                check(system, differing_numbers(self.layout, system.module))
             if system.label in interpret:
                 check_interpretable(system)
         self._segments = segments(self.layout, self.schedule.systems, split, interpret)

@@ -310,3 +310,24 @@ def test_kernels_that_call_kernels_pass_numbers_on() -> None:
     for given, first in ((None, 2.0), (roles(a=outlast.role(1, deep_size=5.0), b=outlast.role()), 10.0)):
         worlds = made(given, modules=[*MODULES[:-1], Deep()])
         assert worlds[Pace].step[0, :5].tolist() == [first, 2.0, 2.0, 2.0, 2.0]
+
+
+def test_a_kernel_that_takes_a_number_as_one_value_is_told_what_to_write() -> None:
+    @dataclass(frozen=True)
+    class Rash(Module):
+        size: float = number(1.0, per_agent=True)
+
+        def archetypes(self) -> Any:
+            return [Archetype("agent", (Pace(),))]
+
+    @Rash.system(Phase.SPAWN)
+    def act(pace: Write[Pace], agents: Rows[Side], size: float) -> None:
+        for e in agents:
+            pace.step[e] = np.float32(2) * size
+
+    modules = [*MODULES[:-1], Rash()]
+    assert made(None, modules=modules)[Pace].step[0, 0] == 2  # as before, where no role changes it
+    with pytest.raises(
+        DeclarationError, match=r"rash\.act .* computes with size, in which roles differ: write of\(size, e\)"
+    ):
+        Worlds(modules, 1, roles=roles(a=outlast.role(1, rash_size=5.0), b=outlast.role()))
