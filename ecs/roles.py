@@ -14,6 +14,7 @@ from .distributions import plain as plain_distribution
 from .errors import NumberError
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
+OPTIONS = ("drawn", "observed")  # of Scenario.roles
 LONGEST = 64  # characters of a name, and roles of a scenario
 
 
@@ -95,6 +96,8 @@ class Roles:
                 raise NumberError(f"roles: {each!r:.60} is no role; write role(...), as in roles(hunter=role(1))")
             if not each.name.isidentifier() or len(each.name) > LONGEST:
                 raise NumberError(f"roles: {each.name!r:.80} is no name of a role; letters, digits and _ are allowed")
+            if each.name in OPTIONS:
+                raise NumberError(f"roles: a role cannot be called {each.name!r}, which is an option of Scenario.roles")
         names = [each.name for each in self.roles]
         if len({*names}) < len(names) or len(names) > LONGEST:
             raise NumberError(f"roles: {', '.join(names)}: different names are needed, at most {LONGEST}")

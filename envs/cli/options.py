@@ -20,6 +20,7 @@ from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED, common_scenario, load_saved
 from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
+from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 
 MAX_SEED = 2**64 - 1
@@ -27,16 +28,20 @@ VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:N
 
 
 def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> None:
-    """VARIANT, or several, and --set; `scenario` reads them."""
+    """VARIANT, or several, --set and --roles; `scenario` reads them."""
     command.add_argument("variant", nargs="+" if several else None, help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    command.add_argument(
+        "--roles", metavar="FILE", help="give agents numbers of their own, by a JSON file: docs/levels.md"
+    )
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
     asked = resolve(name or options.variant)
-    return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
+    made = asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
+    return with_roles(made, options.roles) if options.roles is not None else made
 
 
 def add_policy(command: argparse.ArgumentParser, default: str) -> None:

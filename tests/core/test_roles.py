@@ -1,5 +1,6 @@
 """Scenarios with roles and unequal teams: the games that they make, what is told of them, and what files keep."""
 
+import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -13,12 +14,14 @@ import outlast
 from outlast import Recording, Replay, State, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
 from outlast.ecs import Module, NumberError, Rows, Write
+from outlast.ecs.roles import plain
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ScenarioError, StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
+from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, Teams
-from tests.conftest import COMPILED, draw_actions, scaled
+from tests.conftest import COMPILED, draw_actions, run, scaled
 
 WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
 QUICK: dict[str, Any] = {"agents_health": 40, "room_size": 14.0, "safe_zone_radii": (6.0, 3.0), "safe_zone_stand": 30}
@@ -195,8 +198,6 @@ def test_rewards_follow_the_role() -> None:
 
 @pytest.mark.parametrize("scenario", [HUNT, DRAWN], ids=["hunt", "drawn"])
 def test_a_scenario_is_rebuilt_with_its_roles(scenario: Any) -> None:
-    import json
-
     kept = json.loads(json.dumps(fingerprint(scenario)))
     assert is_fingerprint(kept)
     assert not difference(kept, fingerprint(scenario))
@@ -279,6 +280,36 @@ def test_recordings_replay_with_roles(tmp_path: Path) -> None:
     assert (replay.worlds.block == env.worlds.block).all()
 
 
-def test_roles_of_other_commands_are_scenario_errors() -> None:
+def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
+    file = tmp_path / "hunt.json"
+    file.write_text(json.dumps(plain(HUNT.by_role)))  # type: ignore[arg-type]
+    game = ("teams_3", "--set", "teams_sizes=1,3", "--roles")
+    assert with_roles(variant("teams_3"), file).by_role == HUNT.by_role
+    status, out, _ = run(capsys, "schedule", *game, file)
+    assert status == 0
+    assert "observe_roles" in out
+    for text, message in (
+        ("[]", "does not say roles: roles: [] is not"),
+        ("{", "does not say roles: as in"),
+        (
+            '{"drawn": "never", "roles": [{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}]}',
+            "role a: melee.dam",
+        ),
+        ('{"drawn": "never", "roles": [{"name": "drawn", "count": 4, "numbers": {}}]}', "cannot be called 'drawn'"),
+        (
+            '{"drawn": "never", "roles": [{"name": "a", "count": 9, "numbers": {}}]}',
+            "9 a are 9 agents, but n_agents is 4",
+        ),
+    ):
+        file.write_text(text)
+        status, _, error = run(capsys, "schedule", *game, file)
+        assert status == 2
+        assert message in error
+    status, _, error = run(capsys, "schedule", *game, tmp_path / "nothing.json")
+    assert status == 2
+    assert "nothing.json cannot be read: No such file" in error
+
+
+def test_data_without_roles_is_refused() -> None:
     with pytest.raises((ScenarioError, NumberError)):
         rebuilt(fingerprint(HUNT) | {"roles": {"drawn": "never", "roles": []}}, classes(HUNT))
