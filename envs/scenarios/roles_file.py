@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 from outlast.ecs import NumberError
 from outlast.ecs.roles import from_plain
@@ -30,6 +31,7 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
         said = f"{error}; " if isinstance(error, NumberError) else ""
         raise ScenarioError(f"{name} does not say roles: {said}as in {FORM}") from error
     try:
-        return scenario.roles(drawn=found.drawn, **{each.name: each for each in found.roles})
+        named: Any = {each.name: each for each in found.roles}
+        return scenario.roles(drawn=found.drawn, **named)
     except NumberError as error:
         raise NumberError(f"{name}: {error}") from None
