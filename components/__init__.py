@@ -9,6 +9,7 @@ from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, Item
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer
 from .phase import Phase
+from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Reward, Score
 from .sight import ObservationMasks, Sight
 from .zone import Zone, ZoneView
@@ -49,6 +50,9 @@ __all__ = [
     "OthersView",
     "Phase",
     "Push",
+    "Respawned",
+    "Respawns",
+    "Return",
     "Reward",
     "Score",
     "SelfView",

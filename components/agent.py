@@ -2,16 +2,25 @@
 
 import math
 
-from outlast.ecs import Array, Component, Field, Observation, Singleton, column
+from outlast.ecs import Array, Component, Field, Observation, Singleton, column, kernel
 
 from .body import PLACE, SPEED, SPIN
 from .health import full_health
 
 
 class Side(Component):
-    """The side an agent belongs to: its team, or in free-for-all its own index."""
+    """The side an agent belongs to: its team, or in free-for-all its own index. -1 of who is absent."""
 
     side: Array = column("i4", fill=-1)
+
+
+@kernel
+def present(entities: Array, agents: Array) -> int:
+    """How many agents this episode has, dead or alive: the first ones."""
+    count = 0
+    for e in agents:
+        count += entities.identity[e] >= 0
+    return count
 
 
 class Sides(Singleton):

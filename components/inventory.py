@@ -15,10 +15,13 @@ class Item(Component):
     user: Array = column("i4", fill=-1)  # row of the agent that uses it in this tick, -1: none
 
 
+CLOSED = -2  # in Bag.items: the agent does not have this slot
+
+
 class Bag(Component):
     """An agent's inventory: a stack of item rows. Only its last item can be used, given or dropped."""
 
-    items: Array = column("i4", "slots", fill=-1)
+    items: Array = column("i4", "slots", fill=-1)  # -1: free, -2: a slot that this agent does not have
     count: Array = column("i4")
 
 
@@ -82,9 +85,15 @@ def last(bag: Any, e: int) -> int:
 
 
 @kernel
+def full(bag: Any, e: int) -> bool:
+    """Whether the bag of agent `e` has no free slot."""
+    return bool(bag.count[e] >= bag.items.shape[1] or bag.items[e, bag.count[e]] == CLOSED)
+
+
+@kernel
 def push(bag: Any, item: Any, e: int, row: int) -> bool:
     """Put the item of row `row` into the bag of `e`; False, and nothing happens, if it is full."""
-    if bag.count[e] >= bag.items.shape[1]:
+    if full(bag, e):
         return False
     bag.items[e, bag.count[e]] = row
     bag.count[e] += 1

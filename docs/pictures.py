@@ -69,6 +69,17 @@ def sight() -> Image:
     return draw(played(outlast.variant("teams_4"), 1, 150).worlds, 0, 440, [*LAYERS, CamerasLayer()])
 
 
+def roles() -> Image:
+    """One against three, and what they see."""
+    hunter = outlast.role(1, agents_health=200, agents_radius=0.9, cameras_depth=14.0, cameras_fov=2.0)
+    hunt = (
+        outlast.variant("teams_3")
+        .replace(teams_sizes=(1, 3))
+        .roles(hunter=hunter, prey=outlast.role(3, cameras_depth=6.0))
+    )
+    return draw(played(hunt, 3, 30).worlds, 0, 440, [*LAYERS, CamerasLayer(lines=False)])
+
+
 def zone() -> Image:
     """The same world at four times; no agent moves or loses hit points."""
     safe = outlast.variant("teams_4").replace(safe_zone_damage=0)
@@ -161,7 +172,7 @@ def page() -> Image:
 
 
 PICTURES: dict[str, Callable[[], Image]] = {
-    made.__name__: made for made in (start, sight, zone, boxes, fight, poison, tag)
+    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag)
 }
 SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 

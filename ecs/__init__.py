@@ -2,10 +2,11 @@
 
 Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module
 (functions on them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and
-abstract_values (what systems do, against what they declare), layout (the memory of a world), arguments (what kernels
-get), tick (the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references
-(the compile cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and
-identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
+abstract_values (what systems do, against what they declare), layout (the memory of a world) with distributions and
+varied (numbers that differ from world to world, which draw draws), arguments (what kernels get), tick (the code
+generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile
+cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity
+(what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
@@ -23,6 +24,7 @@ from .component import (
     Statistic,
     column,
 )
+from .distributions import Distribution, choice, integers, log_uniform, uniform
 from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
 from .event import Event, emit
@@ -31,7 +33,9 @@ from .jit import kernel
 from .layout import Archetype, Layout
 from .module import Module
 from .numbers import number
+from .per_agent import AgentRoles, differs, of
 from .phase import Phase, When
+from .roles import Role, Roles, role
 from .system import System
 from .tick import RESET, SKIP, STEP
 from .worlds import Worlds
@@ -42,6 +46,7 @@ __all__ = [
     "STEP",
     "Action",
     "Add",
+    "AgentRoles",
     "Archetype",
     "Array",
     "Bitset",
@@ -51,6 +56,7 @@ __all__ = [
     "Component",
     "DamageType",
     "DeclarationError",
+    "Distribution",
     "EngineError",
     "Entity",
     "EntityView",
@@ -66,6 +72,8 @@ __all__ = [
     "Random",
     "Read",
     "Real",
+    "Role",
+    "Roles",
     "RowIndex",
     "Rows",
     "ScheduleError",
@@ -77,9 +85,16 @@ __all__ = [
     "When",
     "Worlds",
     "Write",
+    "choice",
     "column",
     "columns_of",
+    "differs",
     "emit",
+    "integers",
     "kernel",
+    "log_uniform",
     "number",
+    "of",
+    "role",
+    "uniform",
 ]

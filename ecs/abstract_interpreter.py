@@ -25,6 +25,7 @@ from .abstract_values import (
     Column,
     Constant,
     Definitions,
+    PerAgent,
     Shared,
     Sum,
     Table,
@@ -156,7 +157,7 @@ class Activation:
                 return self._call(expression)
         self._refuse_added(expression.list_vars())
         if expression.op in ("binop", "unary"):
-            return self._number(expression.list_vars(), expression.fn)
+            return self._number(list(expression.list_vars()), expression.fn)
         return ANYTHING
 
     def _union(self, variable: Any, function: Callable[[Any], Values]) -> Values:
@@ -165,7 +166,12 @@ class Activation:
         self.certain = len(values) == 1
         return frozenset().union(*map(function, values))
 
-    def _number(self, variables: Iterable[Any], function: Any) -> Values:
+    def _number(self, variables: list[Any], function: Any) -> Values:
+        for value in [value for variable in variables for value in self._of(variable) if isinstance(value, PerAgent)]:
+            self._refuse(
+                f"computes with {value.name}, in which roles differ: write of({value.name}, e), where e is the row "
+                "of the agent"
+            )
         floating = function is operator.truediv or any(self._of(v) == {FLOATING} for v in variables)
         comparison = function in (operator.lt, operator.le, operator.eq, operator.ne, operator.ge, operator.gt)
         return frozenset([FLOATING]) if floating and not comparison else ANYTHING

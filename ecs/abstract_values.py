@@ -39,6 +39,13 @@ class Shared:
 
 
 @dataclass(frozen=True)
+class PerAgent:
+    """A number in which roles differ: an array. name: of the parameter."""
+
+    name: str
+
+
+@dataclass(frozen=True)
 class Sum:
     """An element of a column that is declared Add, and something that is added to it."""
 

@@ -13,7 +13,7 @@ not use. Each view is made once a process, as numba keeps every intrinsic for go
 
 import ctypes
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,6 +42,7 @@ class ArgumentLayout:
     constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
     numbers: dict[int, tuple[str, int | float]] = field(default_factory=dict)
+    views: dict[int, Callable[[Any], np.ndarray[Any, Any]]] = field(default_factory=dict)
 
     def add_column(self, component: type[Component], name: str) -> int:
         """A column; kernels get the part of it that belongs to one world."""
@@ -58,6 +59,10 @@ class ArgumentLayout:
     def add_number(self, value: int | float, name: str = "") -> int:
         """An int, or a float that is read as float32. name: of a mechanic's number, "module_number"."""
         return self._add(self.numbers, (name, value), 1)
+
+    def add_view(self, view: Callable[[Any], np.ndarray[Any, Any]]) -> int:
+        """A part of the worlds' state that is no column: what a function of the worlds returns, (worlds, ...)."""
+        return self._add(self.views, view, ARRAY_SLOTS)
 
     def _add(self, kind: dict[int, Any], content: Any, slots: int) -> int:
         slot = self.size
@@ -80,6 +85,8 @@ class ArgumentBlock:
         self._describe(EVENTS, worlds.event_memory.counts, 1)
         for slot, (component, name) in layout.columns.items():
             self._describe(slot, getattr(worlds[component], name), 1)
+        for slot, view in layout.views.items():
+            self._describe(slot, view(worlds), 1)
         self.constants = layout.constants  # referred to by address only
         for slot, array in layout.constants.items():
             self._describe(slot, array, 0)

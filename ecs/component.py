@@ -196,7 +196,7 @@ class Entity(Component):
     """The engine's own component of every row. Written by systems that spawn or despawn."""
 
     alive: Array = column("u1")  # 1 while the entity is in the world
-    identity: Array = column("i8")  # stable number of (archetype, index), to index random draws by
+    identity: Array = column("i8")  # stable number of (archetype, index), to index random draws by; -1: absent
 
 
 class Clock(Singleton):

@@ -4,13 +4,14 @@ A misspelt column, a write to what is declared Read, or more than a sum on what 
 line it is in, also where it is in a kernel that the system calls. How: see abstract_interpreter.
 """
 
+from collections.abc import Collection
 from types import FunctionType
 from typing import Any
 
 from numba.core.compiler import run_frontend
 
 from .abstract_interpreter import Activation, component_name, place
-from .abstract_values import ANYTHING, FLOATING, UNKNOWN, Shared, Table, Values, added
+from .abstract_values import ANYTHING, FLOATING, UNKNOWN, PerAgent, Shared, Table, Values, added
 from .access import SELECTIONS, Parameter
 from .compile_errors import AS_PYTHON, first_sentence
 from .errors import DeclarationError, ScheduleError
@@ -19,11 +20,12 @@ from .references import references
 from .system import System
 
 
-def check(system: System) -> None:
+def check(system: System, per_agent: Collection[str] = ()) -> None:
     """Compare what a system does with what its parameter list declares.
 
     Args:
         system: Any system. Of one that stays Python, only what numba's front end understands is checked.
+        per_agent: Names of its mechanic's numbers in which roles differ.
 
     Raises:
         DeclarationError: It uses a column or a name that does not exist, calls a kernel with the wrong arguments, or
@@ -31,7 +33,7 @@ def check(system: System) -> None:
         ScheduleError: It writes what it declares as Read, or does more than add integers to what it declares as Add.
     """
     function: Any = getattr(system.function, "py_func", system.function)
-    arguments = {parameter.name: frozenset([_value(parameter)]) for parameter in system.parameters}
+    arguments = {parameter.name: frozenset([_value(parameter, per_agent)]) for parameter in system.parameters}
     _Check(system).call(function, arguments, ())
 
 
@@ -49,7 +51,9 @@ def check_interpretable(system: System) -> None:
                 ahead.append(inner)
 
 
-def _value(parameter: Parameter) -> Any:
+def _value(parameter: Parameter, per_agent: Collection[str]) -> Any:
+    if parameter.kind == "number" and parameter.name in per_agent:
+        return PerAgent(parameter.name)
     if parameter.kind in ("read", "write", "add"):
         return Table(parameter.components[0], parameter.kind)
     if parameter.kind == "numbers" or parameter.kind in SELECTIONS.values():

@@ -5,19 +5,25 @@ world is to copy bytes. Columns that environments return (actions, observations,
 """
 
 import difflib
+import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
+from .distributions import Distribution
 from .errors import DeclarationError, NumberError
 from .event import Event, memory_type
 from .fields import Field, placed, width
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
 from .random import stream_number
+from .roles import Roles
 from .simd import SIMD_WIDTH
+from .system import System
+from .varied import DIM, Given, NumbersView, Varied, place
 
 ALIGN = 64  # bytes: a cache line
 MOST = 2**16  # entities of a kind, and sizes of dimensions: more would take gigabytes, or minutes to lay out
@@ -78,11 +84,30 @@ class Layout:
         fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
         places: Every column.
         events: The events, in the order of `event_type`, the memory that they take in a world.
-        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs.
+        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs and
+            before numbers are drawn.
+        varied: Numbers of which each world has its own, by name.
+        roles: The roles of agents, if there are any.
+        per_agent: Numbers of which each agent has its own, by name.
+
+    Args:
+        modules: The mechanics, in any order.
+        distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
+        observed: Those of them that are shown to agents, in varied.NumbersView.
+        roles: Which agents have numbers of their own.
+        checks: Whether modules say what is impossible together.
     """
 
-    def __init__(self, modules: Sequence[Any]) -> None:
+    def __init__(
+        self,
+        modules: Sequence[Any],
+        distributions: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
+        roles: Roles | None = None,
+        checks: bool = True,
+    ) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
+        self.varied = place(self.modules, distributions or {})
         self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
         self._check_counts()
         self.spans: dict[str, range] = {}
@@ -100,14 +125,22 @@ class Layout:
             if more > MOST:
                 raise NumberError(f"the dimension '{dim}' would be {more}: at most {MOST} is possible")
             self.dims[dim] = self.dims.get(dim, 0) + more
+        self.roles = roles
+        self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        if observed:
+            self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
-        for module in self.modules:
+        for module in self.modules if checks else ():
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
-        self.components: tuple[type[Component], ...] = (Clock, Entity, *others)
+        if self.varied:
+            self.dims[DIM] = sum(number.width for number in self.varied.values())
+        own = (Clock, *([Given, Varied] if self.varied else []), Entity)
+        own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
+        self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
@@ -151,6 +184,28 @@ class Layout:
         index[rows] = np.arange(len(rows))
         return index
 
+    @functools.cached_property
+    def forms(self) -> "list[Layout]":
+        """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
+        return forms(self) if self.per_agent else [self]
+
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
+        agents = self.dims.get("agents", 0)
+        return next((found for module in self.modules if (found := module.groups(agents))), ())
+
+    def systems(self) -> list[System]:
+        """The systems of the modules, those included that a module has with the numbers of a role only."""
+        found = [system for module in self.modules for system in module.systems()]
+        for module in (module for form in (self.forms if self.per_agent else ()) for module in form.modules):
+            found += [s for s in module.systems() if s.label not in {system.label for system in found}]
+        return found
+
+    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True) -> "Layout":
+        """The layout of the same worlds with other numbers. roles: in place of those that there are."""
+        distributions = {name: number.distribution for name, number in self.varied.items()}
+        return type(self)(modules, distributions, [*self.fields.get("numbers", ())], roles or self.roles, checks)
+
     def numbers(self, module: str) -> dict[str, Any]:
         """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""
         found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
@@ -170,6 +225,14 @@ class Layout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _observe(self, names: Sequence[str]) -> None:
+        """Show varied numbers to agents."""
+        self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
+        for name in names:
+            shown[name] = self.varied[name].field(start)
+            start += self.varied[name].width
+        self.fields["numbers"] = shown
 
     def _events(self) -> tuple[type[Event], ...]:
         """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""

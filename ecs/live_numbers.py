@@ -44,7 +44,7 @@ def changed_modules(
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    Layout(found)  # raises where they are impossible together
+    layout.with_modules(found)  # raises where they are impossible together
     return found
 
 
@@ -62,7 +62,9 @@ def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, n
     """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
     module = layout.modules[k]
     own = [system for system in systems if system.module == module.name]
-    there = Layout([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    if f"{module.name}_{number}" in layout.per_agent:
+        yield "roles differ in it"
     if sized := [name for name, size in layout.dims.items() if there.dims.get(name) != size]:
         yield f"it decides how large tables are ({', '.join(map(repr, sized))})"
     if there.places != layout.places or not np.array_equal(there.initial_image, layout.initial_image):

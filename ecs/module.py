@@ -280,6 +280,10 @@ class Module:
         """
         return {}
 
+    def groups(self, agents: int) -> tuple[int, ...]:
+        """Sizes of the groups into which this module splits so many agents, by id, as teams; of no groups, ()."""
+        return ()
+
     def replace(self, **numbers: Any) -> Self:
         """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
         known = [item.name for item in dataclasses.fields(self)]

@@ -17,6 +17,7 @@ def number(
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
     scales_with: str = "",
+    per_agent: bool = False,
     unit: str = "",
     about: str = "",
 ) -> Any:
@@ -30,6 +31,8 @@ def number(
         choices: The values of a number that is a str; kernels get the index.
         scales_with: The full name of another number ("room_size"): where a scenario changes that one, this one changes
             in proportion, unless it was set by hand.
+        per_agent: Whether roles may differ in it, of an int or a float. Systems then read it by `of(reach, e)`, where e
+            is the row of the agent.
         unit: In words, in the plural: "metres".
         about: What it is, or what is so if it is True: "of an agent". `outlast numbers` prints it behind the unit.
 
@@ -40,7 +43,8 @@ def number(
         if not isinstance(text, str):
             raise DeclarationError(f"number({default!r:.40}, ...) has {key}={text!r:.40}: a text is needed")
     rule = {"low": low, "high": high, "above": above, "choices": choices, "scales_with": scales_with}
-    return dataclasses.field(default=default, metadata=rule | {"unit": unit, "about": about})
+    rule |= {"per_agent": per_agent, "unit": unit, "about": about}
+    return dataclasses.field(default=default, metadata=rule)
 
 
 KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, "tuple": tuple}
@@ -57,6 +61,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
         )
     if not (type(item.default) is kind or (kind is float and type(item.default) is int)):
         raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
+    if item.metadata.get("per_agent") and kind not in (int, float):
+        raise DeclarationError(f"{name} is {text} and per_agent: roles can differ in an int or a float only")
     return kind
 
 

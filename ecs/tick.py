@@ -22,7 +22,8 @@ import numpy as np
 
 from .access import Parameter
 from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
-from .component import Clock, Component
+from .component import Clock, Component, Entity
+from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
 from .event import clear
 from .fields import offset
@@ -30,39 +31,43 @@ from .jit import compiled, kernel, loader, storer
 from .layout import Layout
 from .machine_code import call_address
 from .module import Module
+from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
+from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
 from .system import System
+from .varied import DIM, Given, NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
 CHUNK = 16  # worlds that go through all units together
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
-CLOCK = "clock"  # label of the unit that comes first
+CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
 UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame; FAILED: 1 + the index of the unit, or 0
 read_word, write_word = loader("int64"), storer("int64")
 
 
 @kernel
-def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int) -> None:
+def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
     """Count a tick, or start an episode, and forget the events of the tick before.
 
-    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear.
+    world: its state as uint64, as is initial_image. event_counts: see ecs.event.clear. kept: words of the state that
+    outlast an episode, the first ones.
     """
     clear(event_counts)
     if mode == RESET:
         world[EPISODE] += np.uint64(1)
         world[TICK] = np.uint64(0)
-        load_initial_state(world, initial_image)
+        load_initial_state(world, initial_image, kept)
     else:
         world[TICK] += np.uint64(1)
 
 
 @kernel
-def load_initial_state(world: Any, initial_image: Any) -> None:
-    """Set all state but the clock to what it is at the start of an episode."""
-    for k in range(CLOCK_SIZE, initial_image.size):
+def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
+    """Set all state but what is kept to what it is at the start of an episode."""
+    for k in range(kept, initial_image.size):
         world[k] = initial_image[k]
 
 
@@ -133,8 +138,58 @@ class Generator:
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state = self._words("state", BLOCK, np.dtype("u8"))
         counts = self._words("event_counts", EVENTS, np.dtype("i4"))
-        arguments = [state, image, counts, "mode[w]"]
+        kept = self._number(CLOCK_SIZE + self.layout.dims.get(DIM, 0), "kept")
+        arguments = [state, image, counts, "mode[w]", kept]
         return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
+
+    def draw(self) -> Unit:
+        """The unit that draws the varied numbers of every world whose episode begins."""
+        arguments = [
+            self._table(Clock, "r"),
+            self._table(Entity, "w"),
+            f"{self._table(Given, 'r')}.words",
+            f"{self._table(Varied, 'w')}.words",
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+            self._view_of("bytes", lambda worlds: worlds.block, np.dtype("u1"), writable=True),
+        ]
+        arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
+        return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
+
+    def assign(self) -> Unit:
+        """The unit that sets the roles and numbers of the agents of every world whose episode begins."""
+        words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written there
+        arguments = [
+            self._table(Clock, "r"),
+            self._table(AgentRoles, "w"),
+            self._view_of("values", lambda worlds: worlds[words][0], np.dtype("i4"), writable=True),
+            self._view_of("reals", lambda worlds: worlds[words][0].view(np.float32), np.dtype("f4"), writable=True),
+            self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),
+        ]
+        arguments += [self._constant(name, values) for name, values in vars(plan_roles(self.layout)).items()]
+        return self._unit(ROLES, None, assign, IDLE[When.RESET], arguments)
+
+    def show(self) -> Unit:
+        """The unit that shows varied numbers to agents."""
+        arguments = [
+            self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, np.dtype("f4"), writable=True, ndim=2),
+            f"{self._table(Varied, 'r')}.words",
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4")),
+            self._constant("shown", shown(self.layout)),
+        ]
+        return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
+
+    def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
+        """The unit that clears the rows of who is absent, in a column that learners get."""
+
+        def rows(worlds: Any) -> np.ndarray[Any, Any]:
+            values: np.ndarray[Any, Any] = getattr(worlds[component], column)
+            return values.reshape(*values.shape[:2], -1)
+
+        dtype = component.columns[column].dtype
+        values = self._view_of("rows", rows, dtype, writable=True, ndim=2)
+        arguments = [values, self._view_of("count", *_words_of(number))]
+        return self._unit(f"clear {component.__name__}.{column}", None, clear_rows, IDLE[When.ALWAYS], arguments)
 
     def system(self, module: Module, system: System) -> Unit:
         """The unit of a system."""
@@ -174,12 +229,33 @@ class Generator:
                 return self._number(self.layout.damage_types.index(module.damage_type), parameter.name)
             case "offset":
                 return self._number(offset(self.layout.fields, parameter.name, system.label), parameter.name)
+            case "numbers" if f"{module.name}_{parameter.name}" in self.layout.varied:
+                return self._varied(f"{module.name}_{parameter.name}", parameter.name)
             case "numbers":
                 return self._constant(
                     f"number_{parameter.name}", np.array(_value(module, system, parameter), np.float32)
                 )
-        full = f"{module.name}_{parameter.name}"
-        return self._number(_value(module, system, parameter), parameter.name, full)
+        full, value = f"{module.name}_{parameter.name}", _value(module, system, parameter)
+        if full in self.layout.per_agent:
+            return self._per_agent(self.layout.per_agent[full], parameter.name)
+        if full in self.layout.varied:
+            return self._varied(full, parameter.name)
+        return self._number(value, parameter.name, full)
+
+    def _varied(self, full: str, parameter: str) -> str:
+        """A number of which each world has its own, in its state."""
+        number, name = self.layout.varied[full], f"number_{parameter}"
+        words = self._view_of(name, *_words_of(number))
+        form = {tuple: "{}", float: "{}[0]", bool: "{}[0] != 0"}.get(number.kind, "np.int64({}[0])")
+        self.inside[f"{name} = {form.format(words)}"] = None
+        return name
+
+    def _per_agent(self, number: AgentNumber, parameter: str) -> str:
+        """A number of which each agent has its own: an array by row."""
+        part, name = slice(number.start, number.start + self.layout.dims[ROWS]), f"number_{parameter}"
+        words = self._view_of(name, lambda worlds: worlds[AgentNumbers].words[:, part].view(number.dtype), number.dtype)
+        self.inside[f"{name} = {words}"] = None
+        return name
 
     def _number(self, value: int | float, parameter: str, full: str = "") -> str:
         name, kind = f"number_{parameter}", "float32" if isinstance(value, float) else "int64"
@@ -203,9 +279,13 @@ class Generator:
         self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
         return name
 
-    def _words(self, name: str, slot: int, dtype: np.dtype[Any]) -> str:
-        """Memory of a world as an array of words."""
-        return f"{self._view(dtype, 1, writable=True)}(arguments, {self._slot(name, slot)}, w)"
+    def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
+        """Memory of a world as an array."""
+        return f"{self._view(dtype, ndim, writable)}(arguments, {self._slot(name, slot)}, w)"
+
+    def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
+        """Memory of a world that a function of the worlds finds."""
+        return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
 
     def _slot(self, name: str, slot: int) -> str:
         self.slots[name.upper()] = slot
@@ -243,6 +323,11 @@ class Generator:
         return name
 
 
+def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
+    """What finds a varied number in the worlds, and its type."""
+    return lambda worlds: worlds[Varied].words[:, number.words].view(number.dtype), number.dtype
+
+
 def _value(module: Module, system: System, parameter: Parameter) -> Any:
     """The number of a parameter's name. DeclarationError if its type is not the annotated one."""
     value = module.value(parameter.name)
@@ -273,11 +358,15 @@ def segments(
         split: Whether each system gets a segment of its own, the first with the clock.
         interpret: Labels of systems to run as Python.
     """
-    modules = {system.label: module for module in layout.modules for system in module.systems()}
-    units = [Generator(layout).clock()]
+    modules = {module.name: module for module in layout.modules}
+    units = [Generator(layout).clock(), *([Generator(layout).draw()] if layout.varied else [])]
+    units += [Generator(layout).assign()] if layout.roles else []
     for system in systems:
         python = not system.compiled or system.label in interpret
-        units.append(Generator(layout, python).system(modules[system.label], system))
+        units.append(Generator(layout, python).system(modules[system.module], system))
+    if NumbersView in layout.components:
+        units.append(Generator(layout).show())
+    units += [Generator(layout).clear(*each) for each in published_rows(layout)]
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:
         found = [Segment((unit,), unit.compiled) for unit in units]

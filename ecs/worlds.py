@@ -3,7 +3,7 @@
 import difflib
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,20 @@ from . import event, schedule
 from .access import SELECTIONS
 from .cache import CompiledUnits
 from .component import Action, Clock, Component
+from .distributions import Distribution
 from .entity_view import EntityView
-from .errors import CapacityError, DeclarationError, ScheduleError
+from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
 from .module import Module
+from .per_agent import agent_values, differing_numbers
 from .phase import Phase
+from .roles import Roles
 from .tick import Segment, segments
+from .varied import Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -44,6 +48,9 @@ class Worlds:
         without: Phases to leave out, such as that of observations.
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
+        varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
+        observed: Those of them that agents observe.
+        roles: Which agents have numbers of their own.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -66,12 +73,14 @@ class Worlds:
         without: Collection[Phase] = (),
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
+        varied: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
+        roles: Roles | None = None,
     ) -> None:
-        self.layout = Layout(modules)
+        self.layout = Layout(modules, varied, observed, roles)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
-        systems = [system for module in self.layout.modules for system in module.systems()]
-        systems = [system for system in systems if self._applies(system) and system.phase not in without]
+        systems = [s for s in self.layout.systems() if self._applies(s) and s.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
@@ -84,7 +93,7 @@ class Worlds:
         _check_labels(interpret, self.schedule)
         for system in self.schedule.systems:
             if system.outside:
-                check(system)
+                check(system, differing_numbers(self.layout, system.module))
             if system.label in interpret:
                 check_interpretable(system)
         self._segments = segments(self.layout, self.schedule.systems, split, interpret)
@@ -138,6 +147,28 @@ class Worlds:
         times = (np.arange(self.count), clock.episode[:, 0], clock.tick[:, 0])
         return event.entries(kind, self.layout.events, self.event_memory, times)
 
+    def number(self, name: str) -> Any:
+        """What a number is in this episode, however it is given.
+
+        Args:
+            name: "module_number".
+
+        Returns:
+            A value; where worlds differ in it, an array (count,), or (count, length) of a tuple, see `numbers`; where
+            agents do, int32 or float32 (count, agents). A copy.
+
+        Raises:
+            NumberError: There is no such number.
+        """
+        if (agents := self.layout.per_agent.get(name)) is not None:
+            return agent_values(self, agents)
+        if (varied := self.layout.varied.get(name)) is not None:
+            return varied.decode(self[Varied].words, self.layout.modules[varied.module])
+        for module in self.modules:
+            if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
+                return getattr(module, own)
+        raise NumberError(f"this scenario has no number '{name}'")
+
     def span(self, archetype: str) -> slice:
         """Rows of an archetype, the same in every world; an empty slice if this scenario lacks it."""
         rows = self.layout.spans.get(archetype, range(0))
@@ -170,6 +201,42 @@ class Worlds:
             for execution in (each for segment in self._executions for each in segment if each is not None):
                 for block in execution.blocks:
                     block.set_numbers(self.changed)
+
+    def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
+
+        A tuple is float32 (count, length).
+        """
+        return {
+            name: number.decode(self[Varied].words, self.layout.modules[number.module])
+            for name, number in self.layout.varied.items()
+        }
+
+    def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
+        return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
+
+    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None)) -> None:
+        """Set varied numbers from the next reset of each world on, instead of drawing them.
+
+        Args:
+            numbers: By name, one value or one for each of the worlds `where`; None: drawn again.
+            where: The worlds: mask, indices or slice.
+
+        Raises:
+            NumberError: One that does not vary, another shape, or a value that could not be drawn; nothing is changed.
+        """
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        words = dict[str, Any]()
+        for name, values in numbers.items():
+            if name not in self.layout.varied:
+                known = ", ".join(self.layout.varied) or "none"
+                raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
+            number = self.layout.varied[name]
+            module = self.layout.modules[number.module]
+            words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+        for name, given in words.items():
+            self[Given].words[rows, self.layout.varied[name].words] = given
 
     @property
     def changed(self) -> dict[str, int | float]:

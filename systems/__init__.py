@@ -16,9 +16,12 @@ from .inventory import Inventory
 from .melee import Melee
 from .mortality import Mortality
 from .motors import Motors
+from .observe_roles import ObserveRoles
 from .physics import Physics
 from .pickup import Pickup
+from .preparation import Preparation
 from .record import Record
+from .respawn import Respawn
 from .rewards import Rewards
 from .room import Room
 from .safe_zone import SafeZone
@@ -40,9 +43,12 @@ __all__ = [
     "Melee",
     "Mortality",
     "Motors",
+    "ObserveRoles",
     "Physics",
     "Pickup",
+    "Preparation",
     "Record",
+    "Respawn",
     "Rewards",
     "Room",
     "SafeZone",

@@ -48,6 +48,7 @@ from outlast.ecs import (
     emit,
     kernel,
     number,
+    of,
 )
 from outlast.ecs.random import NORMAL, normal
 
@@ -87,7 +88,9 @@ class Boxes(Module):
     density: float = number(
         1.0, low=LIGHT, high=HEAVY, unit="kilograms per square metre", about="of a box that can be pushed"
     )
-    offset: float = number(0.0, low=0, high=FAR, unit="metres", about="from the user's centre to where a box is set up")
+    offset: float = number(
+        0.0, low=0, high=FAR, per_agent=True, unit="metres", about="from the user's centre to where a box is set up"
+    )
     item_radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="of a broken box on the ground")
     settles: bool = number(False, about="a box cannot be damaged in the tick in which it is set up")
     corners: str = number(
@@ -177,7 +180,8 @@ def set_up(
         if user < 0:
             continue
         e = boxes[k]
-        place(body, entities, e, body.x[user] + offset * body.cosine[user], body.y[user] + offset * body.sine[user])
+        far = of(offset, user)
+        place(body, entities, e, body.x[user] + far * body.cosine[user], body.y[user] + far * body.sine[user])
         body.angle[e], body.cosine[e], body.sine[e] = 0, 1, 0
         body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
         box.placed[e], box.fresh[e] = 1, 1

@@ -9,7 +9,7 @@ import numpy as np
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
-from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, kernel, number
+from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
 from .geometry.aabb import aabbs_hit_by_ray, aabbs_near_point, compute_aabbs, make_half_extents
@@ -31,8 +31,10 @@ class Cameras(Module):
     whether intangible items block sight. mode: what observations hold; see components.sight.
     """
 
-    fov: float = number(0.4 * math.pi, above=0, high=math.pi, unit="radians", about="whole opening angle")
-    depth: float = number(10.0, above=0, high=FAR, unit="metres", about="how far an agent sees")
+    fov: float = number(
+        0.4 * math.pi, above=0, high=math.pi, per_agent=True, unit="radians", about="whole opening angle"
+    )
+    depth: float = number(10.0, above=0, high=FAR, per_agent=True, unit="metres", about="how far an agent sees")
     cone: str = number(
         "sector",
         choices=("sector", "kite"),
@@ -75,17 +77,20 @@ def see(
     """Compute visibility, while everything is still in the world."""
     if sight.mode[0] == OMNISCIENT:
         return
-    half_cos, half_sin = np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
+    half_cos, half_sin = half_angle(of(fov, agents[0]))
     aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)
     occluders = bodies if items_occlude else solids
     for i in range(agents.size):
         me = agents[i]
-        count = cull(blocks, alive_blocks, living, aabbs, body, me, depth, half_cos) if entities.alive[me] else 0
+        far = of(depth, me)
+        if differs(fov):
+            half_cos, half_sin = half_angle(of(fov, me))
+        count = cull(blocks, alive_blocks, living, aabbs, body, me, far, half_cos) if entities.alive[me] else 0
         for b in range(bodies.size):
             sight.visible[i, b] = 0
         for k in range(count):
             b, here = blocks[BLOCK, k], blocks[BITS, k]
-            inside, around = in_view(aabbs, body, me, b, depth, half_cos, half_sin, cone)
+            inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
             blocks[BITS, k] = around & here & occluders[b]
         for k in range(count):
@@ -96,6 +101,12 @@ def see(
                 if not line_of_sight(blocks, count, aabbs, body, shape, me, e):
                     sight.visible[i, b] ^= pending & -pending
                 pending &= pending - 1
+
+
+@kernel
+def half_angle(fov: Real) -> tuple[Real, Real]:
+    """Cosine and sine of half of an opening angle."""
+    return np.float32(math.cos(fov / 2)), np.float32(math.sin(fov / 2))
 
 
 @kernel

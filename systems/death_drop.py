@@ -9,7 +9,7 @@ import numpy as np
 from outlast.components import Bag, Body, Died, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
 from outlast.components.limits import FAR
-from outlast.ecs import Entity, Module, Random, Read, Rows, Singleton, Write, emit, number
+from outlast.ecs import Entity, Module, Random, Read, Rows, Singleton, Write, emit, number, of
 from outlast.ecs.random import uniform2
 
 TURN = np.float32(2 * math.pi)
@@ -25,7 +25,7 @@ class DeathDrop(Module):
 
     stream = "drop"
 
-    radius: float = number(0.5, low=0, high=FAR, unit="metres", about="from where the agent died")
+    radius: float = number(0.5, low=0, high=FAR, per_agent=True, unit="metres", about="from where the agent died")
     scatter: str = number(
         "disc", choices=("disc", "rim"), about="items fall anywhere in that circle (disc), or exactly on it (rim)"
     )
@@ -53,7 +53,7 @@ def scatter(
         while died.now[e] and bag.count[e] > 0:
             row = pop(bag, item, e)
             direction, far = uniform2(key, entities.identity[row])
-            distance = radius * np.float32(np.sqrt(far)) if scatter == 0 else radius
+            distance = of(radius, e) * np.float32(np.sqrt(far)) if scatter == 0 else of(radius, e)
             x = body.x[e] + distance * np.float32(np.cos(TURN * direction))
             y = body.y[e] + distance * np.float32(np.sin(TURN * direction))
             place(body, entities, row, x, y)

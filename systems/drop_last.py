@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from outlast.components import Bag, Body, Drop, Item, ItemDropped, Phase
 from outlast.components.inventory import place, pop
 from outlast.components.limits import FAR
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, emit, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, emit, number, of
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class DropLast(Module):
     The item lands ahead of the agent; with `offset` below the reach of pickup it is back in the bag at once.
     """
 
-    offset: float = number(1.0, low=0, high=FAR, unit="metres", about="from the agent's centre, ahead")
+    offset: float = number(1.0, low=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre, ahead")
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drop(), ItemDropped()]
@@ -38,7 +38,7 @@ def drop_last(
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e] and drop.drop[i] and bag.count[e] > 0:
-            row = pop(bag, item, e)
-            place(body, entities, row, body.x[e] + offset * body.cosine[e], body.y[e] + offset * body.sine[e])
+            row, far = pop(bag, item, e), of(offset, e)
+            place(body, entities, row, body.x[e] + far * body.cosine[e], body.y[e] + far * body.sine[e])
             k = emit(drops)
             drops.agent[k], drops.item[k] = e, row

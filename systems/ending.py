@@ -5,25 +5,29 @@ from dataclasses import dataclass
 
 from outlast.components import Death, End, Phase, Score, Side
 from outlast.components.limits import TICKS
-from outlast.ecs import Clock, Entity, Module, Read, RowIndex, Rows, Singleton, Write, number
+from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, RowIndex, Rows, Singleton, Write, number
 
-LAST_ALIVE = 1  # index into the choices of Ending.rule
+LAST_ALIVE, NEVER = 1, 2  # indices into the choices of Ending.rule
 
 
 @dataclass(frozen=True)
 class Ending(Module):
     """Counts the score of sides, and ends the episode (paper, section 3.5).
 
-    rule = "all dead": no side is alive. "last alive": one side or none is. limit: ticks until it is cut off
-    (truncated) if it has not ended by its rule; 0: never, as in the paper.
+    rule = "all dead": no side is alive. "last alive": one side or none is. "never": it ends at its limit. limit: ticks
+    until it is cut off (truncated) if it has not ended by its rule; 0: never, as in the paper.
     """
 
     rule: str = number(
         "all dead",
-        choices=("all dead", "last alive"),
-        about="an episode ends when no side is alive (all dead), or one or none (last alive)",
+        choices=("all dead", "last alive", "never"),
+        about="episodes end when no side is alive (all dead), one or none (last alive), or at the limit alone (never)",
     )
     limit: int = number(0, low=0, high=TICKS, unit="ticks", about="until an episode is cut off; 0: never")
+
+    def check(self, layout: Layout) -> None:
+        if self.rule == "never" and not self.limit:
+            raise NumberError('ending.rule = "never" without a limit: episodes would not end; set ending_limit')
 
     def singletons(self) -> Iterable[Singleton]:
         return [Score(), End(), Death()]
@@ -61,5 +65,5 @@ def end(end: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limi
     for s in range(score.alive.size):
         sides_alive += score.alive[s] > 0
     tick = clock.tick[0]
-    end.terminated[0] = tick > 0 and sides_alive <= (1 if rule == LAST_ALIVE else 0)
+    end.terminated[0] = tick > 0 and rule != NEVER and sides_alive <= (1 if rule == LAST_ALIVE else 0)
     end.truncated[0] = tick > 0 and not end.terminated[0] and limit > 0 and tick >= limit

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from outlast.components import Phase, Side, Sides
-from outlast.ecs import Module, Rows, Singleton, Write
+from outlast.components.agent import present
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class FreeForAll(Module):
 
 
 @FreeForAll.system(Phase.DRAW)
-def split(side: Write[Side], agents: Rows[Side]) -> None:
+def split(side: Write[Side], entities: Read[Entity], agents: Rows[Side]) -> None:
     """Agent i is side i."""
-    for i in range(agents.size):
+    for i in range(present(entities, agents)):
         side.side[agents[i]] = np.int32(i)

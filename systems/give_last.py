@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
-from outlast.components.inventory import pop, push
+from outlast.components.inventory import full, pop, push
 from outlast.components.limits import FAR
 from outlast.ecs import (
     Archetype,
@@ -24,6 +24,7 @@ from outlast.ecs import (
     emit,
     kernel,
     number,
+    of,
 )
 
 from .geometry.aabb import aabbs_near_point, compute_aabbs, make_half_extents
@@ -42,7 +43,7 @@ class GiveLast(Module):
     of lower id; an item that two agents give to each other then comes straight back, as in the paper's runs.
     """
 
-    reach: float = number(2.0, above=0, high=FAR, unit="metres", about="centre to centre")
+    reach: float = number(2.0, above=0, high=FAR, per_agent=True, unit="metres", about="centre to centre")
     nearest: str = number(
         "suitable",
         choices=("suitable", "any"),
@@ -98,10 +99,10 @@ def choose(
         me = agents[i]
         if not entities.alive[me] or not give.give[i] or not (passes_on or bag.count[me] > 0):
             continue
-        closest = np.float32(np.inf)
+        closest, far = np.float32(np.inf), of(reach, me)
         for k in range(count):
             b = blocks[BLOCK, k]
-            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], reach), b, me)
+            pending = without_row(blocks[BITS, k] & aabbs_near_point(aabbs, b, body.x[me], body.y[me], far), b, me)
             while pending:
                 e = first_row(b, pending)
                 pending &= pending - 1
@@ -109,7 +110,7 @@ def choose(
                     continue
                 x, y = body.x[e] - body.x[me], body.y[e] - body.y[me]
                 square = x * x + y * y
-                if square <= reach * reach and square < closest:
+                if square <= far * far and square < closest:
                     closest = square
                     gift.taker[me] = e
         if gift.taker[me] >= 0 and not may_take(side, sides, index, me, gift.taker[me]):
@@ -128,7 +129,7 @@ def hand_over(
     """In order of agents."""
     for me in agents:
         taker = gift.taker[me]
-        if taker >= 0 and bag.count[me] > 0 and bag.count[taker] < bag.items.shape[1]:
+        if taker >= 0 and bag.count[me] > 0 and not full(bag, taker):
             row = pop(bag, item, me)
             push(bag, item, taker, row)
             k = emit(gifts)

@@ -4,9 +4,23 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from outlast.components import Bag, Item, ItemUsed, Phase, Use
-from outlast.components.inventory import pop
+from outlast.components.inventory import CLOSED, pop
 from outlast.components.limits import MANY
-from outlast.ecs import Archetype, Entity, Module, Read, Rows, Singleton, Write, emit, number
+from outlast.ecs import (
+    Archetype,
+    Entity,
+    Layout,
+    Module,
+    NumberError,
+    Read,
+    Rows,
+    Singleton,
+    System,
+    Write,
+    emit,
+    number,
+    of,
+)
 
 
 @dataclass(frozen=True)
@@ -14,6 +28,18 @@ class Inventory(Module):
     """Bags of agents (paper, section 3.1): a stack, whose last item can be used."""
 
     slots: int = number(4, low=1, high=MANY, about="items that a bag holds")
+    capacity: int = number(
+        0, low=0, high=MANY, per_agent=True, about="slots that an agent can fill, at most inventory_slots; 0: all"
+    )
+
+    def systems(self) -> Iterable[System]:
+        return [system for system in super().systems() if self.capacity or system.name != "close_slots"]
+
+    def check(self, layout: Layout) -> None:
+        if self.capacity > self.slots:
+            raise NumberError(
+                f"inventory.capacity = {self.capacity}: bags have inventory.slots = {self.slots}; set both"
+            )
 
     def archetypes(self) -> Iterable[Archetype]:
         return [Archetype("agent", (Bag(),))]
@@ -23,6 +49,14 @@ class Inventory(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {"slots": self.slots}
+
+
+@Inventory.system(Phase.DRAW)
+def close_slots(bag: Write[Bag], agents: Rows[Bag], capacity: int) -> None:
+    """Slots above an agent's capacity stay empty."""
+    for e in agents:
+        for k in range(of(capacity, e), bag.items.shape[1] if of(capacity, e) > 0 else 0):
+            bag.items[e, k] = CLOSED
 
 
 @Inventory.system(Phase.USE)

@@ -23,6 +23,7 @@ from outlast.ecs import (
     Write,
     emit,
     number,
+    of,
 )
 
 from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
@@ -40,10 +41,15 @@ class Melee(Module):
 
     damage_type: ClassVar[str] = "melee"
 
-    reach: float = number(2.0, above=0, high=FAR, unit="metres", about="from the agent's centre, ahead")
-    damage: int = number(5, low=0, high=MOST, unit="hit points", about="that a strike takes")
+    reach: float = number(2.0, above=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre, ahead")
+    damage: int = number(5, low=0, high=MOST, per_agent=True, unit="hit points", about="that a strike takes")
     cooldown: int = number(
-        0, low=0, high=TICKS, unit="ticks", about="without attack after a strike that hit something; 0: every tick"
+        0,
+        low=0,
+        high=TICKS,
+        per_agent=True,
+        unit="ticks",
+        about="without attack after a strike that hit something; 0: every tick",
     )
     blocked: bool = number(False, about="a strike ends at the first body of any kind")
 
@@ -91,7 +97,8 @@ def aim(
             continue
         if not attack.attack[i]:
             continue
-        x, y, dx, dy = body.x[me], body.y[me], reach * body.cosine[me], reach * body.sine[me]
+        x, y, far = body.x[me], body.y[me], of(reach, me)
+        dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest = NO_HIT
         for k in range(count):
             b = blocks[BLOCK, k]
@@ -106,7 +113,7 @@ def aim(
                     nearest = at
                     weapon.target[me] = e
         if weapon.target[me] >= 0:
-            weapon.cooldown[me] = np.int32(cooldown)
+            weapon.cooldown[me] = np.int32(of(cooldown, me))
         k = emit(strikes)
         strikes.agent[k], strikes.target[k] = me, weapon.target[me]
 
@@ -127,4 +134,4 @@ def strike(
     for me in agents:
         e = weapon.target[me]
         if e >= 0 and health.has_health[e]:
-            hurt(health, guard, hits, e, damage, damage_type, side.side[me], clock.tick[0], me)
+            hurt(health, guard, hits, e, of(damage, me), damage_type, side.side[me], clock.tick[0], me)

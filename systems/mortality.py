@@ -7,7 +7,7 @@ import numpy as np
 
 from outlast.components import Death, Died, Health, Hit, Phase
 from outlast.components.health import MOST, fatal_agent
-from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, Rows, Singleton, Write, emit, number
+from outlast.ecs import Clock, Entity, Layout, Module, NumberError, Read, Rows, Singleton, Write, emit, number, of
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,9 @@ class Mortality(Module):
     names that as its first flaw (section 5): using a heal as soon as it is found costs nothing.
     """
 
-    limit: int = number(0, low=0, high=MOST, unit="hit points", about="the most that an agent keeps; 0: no maximum")
+    limit: int = number(
+        0, low=0, high=MOST, per_agent=True, unit="hit points", about="the most that an agent keeps; 0: no maximum"
+    )
 
     def singletons(self) -> Iterable[Singleton]:
         return [Death(), Hit()]
@@ -39,9 +41,9 @@ def clear_deaths(died: Write[Died], agents: Rows[Died]) -> None:
 @Mortality.system(Phase.EFFECT, after=Health)
 def cap(health: Write[Health], agents: Rows[Died, Health], limit: int) -> None:
     """Health above the limit is lost."""
-    if limit > 0:
-        for e in agents:
-            health.points[e] = min(health.points[e], np.int32(limit))
+    for e in agents:
+        if of(limit, e) > 0:
+            health.points[e] = min(health.points[e], np.int32(of(limit, e)))
 
 
 @Mortality.system(Phase.DIE)

@@ -7,7 +7,7 @@ from outlast.components import Body, Drive, Phase, Push, Side, Solid
 from outlast.components.body import inverse
 from outlast.components.limits import STRONG
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,15 @@ class Motors(Module):
     the paper's runs did (reference rules, section 6, point 1).
     """
 
-    ahead: float = number(0.25, low=0, high=STRONG, unit="newton-seconds a tick", about="of full thrust ahead or back")
-    left: float = number(0.25, low=0, high=STRONG, unit="newton-seconds a tick", about="of full thrust to a side")
-    turn: float = number(0.0125, low=0, high=STRONG, unit="newton-metre-seconds a tick", about="of full thrust around")
+    ahead: float = number(
+        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds a tick", about="of full thrust ahead or back"
+    )
+    left: float = number(
+        0.25, low=0, high=STRONG, per_agent=True, unit="newton-seconds a tick", about="of full thrust to a side"
+    )
+    turn: float = number(
+        0.0125, low=0, high=STRONG, per_agent=True, unit="newton-metre-seconds a tick", about="of full thrust around"
+    )
     give: str = number(
         "evenly",
         choices=("evenly", "at once"),
@@ -53,7 +59,8 @@ def drive(
         e = agents[i]
         if not entities.alive[e]:
             continue
-        forward, sideways, around = ahead * drive.ahead[i], left * drive.left[i], turn * drive.turn[i]
+        forward, sideways = of(ahead, e) * drive.ahead[i], of(left, e) * drive.left[i]
+        around = of(turn, e) * drive.turn[i]
         x = body.cosine[e] * forward - body.sine[e] * sideways
         y = body.sine[e] * forward + body.cosine[e] * sideways
         if give == 0:

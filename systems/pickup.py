@@ -9,7 +9,7 @@ import numpy as np
 from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
 from outlast.components.limits import FAR
-from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, number
+from outlast.ecs import Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, number, of
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
 from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
@@ -23,7 +23,7 @@ class Pickup(Module):
     must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
-    reach: float = number(0.5, above=0, high=FAR, unit="metres", about="from the agent's centre")
+    reach: float = number(0.5, above=0, high=FAR, per_agent=True, unit="metres", about="from the agent's centre")
     touch: bool = number(True, about="the item's disc must touch that circle; else its centre must lie inside")
 
     def singletons(self) -> Iterable[Singleton]:
@@ -55,7 +55,7 @@ def pick_up(
         for k in range(count):
             b = blocks[BLOCK, k]
             x, y = load(body.x, SIMD_WIDTH * b) - body.x[e], load(body.y, SIMD_WIDTH * b) - body.y[e]
-            far = load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + reach
+            far = load(shape.radius, SIMD_WIDTH * b) * np.float32(touch) + of(reach, e)
             pending = blocks[BITS, k] & to_bits(x * x + y * y <= far * far)
             while pending:
                 row = first_row(b, pending)

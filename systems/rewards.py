@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import Phase, Reward, Score, Side
 from outlast.components.limits import MUCH
-from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number
+from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write, kernel, number, of
 
 MEMBERS = 1  # index into the choices of Rewards.basis
 
@@ -25,10 +25,16 @@ class Rewards(Module):
     so that a dead one costs. outlive: paid to a living side for each other one that dies out, whatever the cause.
     """
 
-    alive: float = number(1.0, low=-MUCH, high=MUCH, unit="reward a tick", about="of a side that is alive")
-    dead: float = number(0.0, low=-MUCH, high=MUCH, unit="reward a tick", about="of a side that is dead")
-    kill: float = number(0.0, low=-MUCH, high=MUCH, unit="reward", about="for each kill of the side")
-    death: float = number(0.0, low=-MUCH, high=MUCH, unit="reward", about="for each death of a member of the side")
+    alive: float = number(
+        1.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward a tick", about="of a side that is alive"
+    )
+    dead: float = number(
+        0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward a tick", about="of a side that is dead"
+    )
+    kill: float = number(0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward", about="for each kill of the side")
+    death: float = number(
+        0.0, low=-MUCH, high=MUCH, per_agent=True, unit="reward", about="for each death of a member of the side"
+    )
     posthumous: bool = number(True, about="a side that is dead after the tick is paid for its kills in it")
     basis: str = number(
         "side",
@@ -36,7 +42,12 @@ class Rewards(Module):
         about="a side is alive while one member is (side), or by the share of its members (members)",
     )
     outlive: float = number(
-        0.0, low=-MUCH, high=MUCH, unit="reward", about="to a living side for each other one that dies out"
+        0.0,
+        low=-MUCH,
+        high=MUCH,
+        per_agent=True,
+        unit="reward",
+        about="to a living side for each other one that dies out",
     )
 
     def singletons(self) -> Iterable[Singleton]:
@@ -72,14 +83,18 @@ def pay(
     for s in range(score.alive.size):
         gone += score.deaths[s] > 0 and score.alive[s] == 0
     for i in range(agents.size):
-        s = side.side[agents[i]]
-        pay = alive if score.alive[s] > 0 else dead
+        e = agents[i]
+        s = side.side[e]
+        if s < 0:  # absent
+            reward.reward[i] = 0
+            continue
+        pay = of(alive, e) if score.alive[s] > 0 else of(dead, e)
         if basis == MEMBERS:
             share: Any = np.float32(score.alive[s]) / np.float32(members(side, agents, s))
-            pay = share * alive + (np.float32(1) - share) * dead
+            pay = share * of(alive, e) + (np.float32(1) - share) * of(dead, e)
         if posthumous or score.alive[s] > 0:
-            pay += score.kills[s] * kill
+            pay += score.kills[s] * of(kill, e)
         if score.alive[s] > 0:
-            pay += gone * outlive
-        pay += score.deaths[s] * death
+            pay += gone * of(outlive, e)
+        pay += score.deaths[s] * of(death, e)
         reward.reward[i] = pay if clock.tick[0] > 0 else 0

@@ -25,6 +25,7 @@ from outlast.ecs import (
     Write,
     kernel,
     number,
+    of,
 )
 from outlast.ecs.random import uniform2
 
@@ -53,7 +54,7 @@ class SafeZone(Module):
     )
     stand: int = number(100, low=0, high=TICKS, unit="ticks", about="that the zone rests in a phase")
     shrink: int = number(100, low=1, high=TICKS, unit="ticks", about="that it takes to become the next one")
-    damage: int = number(1, low=0, high=MOST, unit="hit points a tick", about="outside of the zone")
+    damage: int = number(1, low=0, high=MOST, per_agent=True, unit="hit points a tick", about="outside of the zone")
     centres: str = number(
         "random",
         choices=("random", "middle"),
@@ -141,7 +142,7 @@ def apply_damage(
         x, y = body.x[e] - zone.x[0], body.y[e] - zone.y[0]
         outside = x * x + y * y > zone.radius[0] * zone.radius[0] or zone.radius[0] == 0
         if entities.alive[e] and outside:
-            hurt(health, guard, hits, e, damage, damage_type, -1, clock.tick[0])
+            hurt(health, guard, hits, e, of(damage, e), damage_type, -1, clock.tick[0])
 
 
 @SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")

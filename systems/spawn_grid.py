@@ -55,8 +55,10 @@ def place(
     side = int(cells.cells.size**0.5 + 0.5)
     for c in range(cells.cells.size):
         cells.cells[c] = c
-    for k in range(rows.size):
-        e = rows[k]
+    k = 0
+    for e in rows:
+        if entities.identity[e] < 0:  # absent
+            continue
         pick = k + integer(key, entities.identity[e], cells.cells.size - k)
         cell = cells.cells[pick]
         cells.cells[pick] = cells.cells[k]
@@ -64,3 +66,4 @@ def place(
         spawned.cell[e] = cell
         body.x[e] = floor.size[0] * ((cell % side + 0.5) / side - 0.5)
         body.y[e] = floor.size[0] * ((cell // side + 0.5) / side - 0.5)
+        k += 1

@@ -9,7 +9,7 @@ import numpy as np
 from outlast.components import Body, Phase, Push, Side, Steer
 from outlast.components.limits import FAST
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -23,9 +23,16 @@ class Steering(Module):
     """
 
     speed: float = number(
-        5.0, low=0, high=FAST, unit="metres a second", about="of the highest level, ahead or to the left"
+        5.0,
+        low=0,
+        high=FAST,
+        per_agent=True,
+        unit="metres a second",
+        about="of the highest level, ahead or to the left",
     )
-    spin: float = number(math.pi, low=0, high=FAST, unit="radians a second", about="of the highest level")
+    spin: float = number(
+        math.pi, low=0, high=FAST, per_agent=True, unit="radians a second", about="of the highest level"
+    )
 
     @classmethod
     def slot(cls) -> type:
@@ -43,7 +50,8 @@ def steer(
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
-            forward, sideways = speed * (steer.ahead[i] * THIRD), speed * (steer.left[i] * THIRD)
+            most = of(speed, e)
+            forward, sideways = most * (steer.ahead[i] * THIRD), most * (steer.left[i] * THIRD)
             body.vx[e] = body.cosine[e] * forward - body.sine[e] * sideways
             body.vy[e] = body.sine[e] * forward + body.cosine[e] * sideways
-            body.omega[e] = spin * (steer.turn[i] * THIRD)
+            body.omega[e] = of(spin, e) * (steer.turn[i] * THIRD)

@@ -105,7 +105,7 @@ def _variant(given: dict[str, Any]) -> Scenario:
     plain = variant(given["name"])
     if given.get("code"):
         raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
-    numbers = renamed.current(given["numbers"], renamed.NUMBERS)
+    numbers = renamed.current_numbers(given["numbers"])
     known = {name: value for name, value in numbers.items() if name in plain.numbers()}
     made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
     return replace(made, name=given.get("label") or plain.name, about=plain.about)

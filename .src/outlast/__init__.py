@@ -12,6 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
+from .ecs.distributions import choice, integers, log_uniform, uniform
+from .ecs.roles import role
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.scaling import scaled
@@ -53,13 +55,16 @@ __all__ = [
     "SurvivalMultiAgentEnv",
     "SurvivalVectorEnv",
     "aec_env",
+    "choice",
     "components",
     "draw",
     "ecs",
     "errors",
     "evaluate",
     "film",
+    "integers",
     "load_policy",
+    "log_uniform",
     "make_agents",
     "make_puffer",
     "make_sb3",
@@ -71,11 +76,13 @@ __all__ = [
     "random_policy",
     "record",
     "replay_page",
+    "role",
     "rollout",
     "scaled",
     "scripted_policy",
     "systems",
     "train",
+    "uniform",
     "variant",
 ]
 

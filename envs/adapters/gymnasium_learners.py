@@ -8,13 +8,13 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
 
-from ..core.agents import alive
+from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count, renamed
 from ..rendering.modes import RENDER_MODES
 from ..scenarios.scenario import Number, Scenario
 from .opponents import Opponents, Others, checked_others
-from .per_agent import DEAD, PerAgentVectorEnv, requested
+from .per_agent import PerAgentVectorEnv, check_dead, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 
@@ -80,7 +80,6 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         autoreset_mode = renamed(numbers, "autoreset", "autoreset_mode", autoreset_mode)
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
-        check_choice("dead", dead, DEAD)
         checked_others(others)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)
@@ -94,14 +93,16 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             check_joint=True,
             render_mode=render_mode,
         )
+        check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)
         self._opponents = Opponents(others, self.base_env, self.learner)
 
     def _choose(self) -> slice:
         learner: Any = self.learner
-        last, name = self.num_agents - 1, self.base_env.scenario.name
+        last, name = fewest_agents(self.base_env.worlds) - 1, self.base_env.scenario.name
         if isinstance(learner, bool) or not isinstance(learner, Integral) or not 0 <= int(learner) <= last:
-            raise ValueError(f"learner = {learner!r}: an agent of {name} is needed, an integer from 0 to {last}")
+            where = " that every world has" if last < self.num_agents - 1 else ""
+            raise ValueError(f"learner = {learner!r}: an agent of {name}{where} is needed, an integer from 0 to {last}")
         self.learner = int(learner)
         return slice(self.learner, self.learner + 1)
 

@@ -10,10 +10,14 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..core.agents import agent_statistics, alive
-from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
+from outlast.components import Return
+from outlast.ecs import Worlds
+
+from ..core.agents import agent_statistics, alive, counts_vary, present
+from ..core.described import Actions, Arrays
+from ..core.validation import Array, as_array, check_choice, check_count, checked_actions, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
 from ..scenarios.naming import resolve
@@ -21,6 +25,13 @@ from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
 
 DEAD = ("end", "keep")  # an agent's death ends its episode, or it stays until its world ends
+
+
+def check_dead(dead: str, worlds: Worlds) -> None:
+    """Raise ValueError unless `dead` is one of DEAD, and "keep" where agents come back."""
+    check_choice("dead", dead, DEAD)
+    if dead == "end" and Return in worlds:
+        raise ValueError("dead = 'end': agents come back in this scenario, so none ends at its death; take dead='keep'")
 
 
 def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spaces.MultiDiscrete]]:
@@ -205,7 +216,10 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
     def _info(self, where: Array) -> dict[str, Any]:
         """What info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
-        return {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        if counts_vary(self.base_env.worlds):
+            info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
+        return info
 
     def _finish(self, done: Array) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""

@@ -16,7 +16,8 @@ from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
 from ..scenarios.imports import module_of
-from ..scenarios.naming import mechanic, resolve
+from ..scenarios.naming import distribution, mechanic, resolve
+from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..web.announce import announce as announced
 from .grammar import Parser
@@ -33,6 +34,9 @@ def add_scenario(command: Parser, several: bool = False) -> None:
     command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    text = "draw a number anew in every world and episode: 'melee_damage=uniform(5, 20)', 'n_agents=integers(2, 8)', "
+    text += "'safe_zone_damage=choice(1, 5)' (may be given several times)"
+    command.add_argument("--vary", action="append", default=[], metavar="NUMBER=DRAWN", help=text)
     text = "leave a mechanic out: safe_zone (may be given several times)"
     command.add_argument("--without", action="append", default=[], metavar="MECHANIC", help=text)
     text = "add a mechanic: 'DropLast(offset=2.0)', FILE.py:NAME (may be given several times)"
@@ -42,6 +46,9 @@ def add_scenario(command: Parser, several: bool = False) -> None:
     command.add_argument(
         "--save-scenario", metavar="FILE.json", help="write the game with these changes, to name later"
     )
+    command.add_argument(
+        "--roles", metavar="FILE", help="give agents numbers of their own, by a JSON file: docs/levels.md"
+    )
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
@@ -49,7 +56,9 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     for place in getattr(options, "import"):
         module_of(place)
     asked = resolve(name or options.variant).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
-    asked = asked.replace(**dict(_assignment(text, asked) for text in options.set))
+    asked = _varied(asked.replace(**dict(_assignment(text, asked) for text in options.set)), options)
+    if options.roles is not None:
+        asked = with_roles(asked, options.roles)
     if options.save_scenario is not None:
         _save(asked, options)
     return asked
@@ -212,12 +221,29 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
+def _varied(asked: Scenario, options: argparse.Namespace) -> Scenario:
+    """The scenario with what --vary says. Raises ScenarioError, NumberError."""
+    fixed = {asked.find_number(_parts("--set", text)[0]) for text in options.set}
+    drawn = {}
+    for name, text in (_parts("--vary", text, "'melee_damage=uniform(5, 20)'") for text in options.vary):
+        if (found := asked.find_number(name)) in fixed or "_".join(found) in drawn:
+            raise ScenarioError(f"--vary {name}: it is given twice, or set, too; say one of them")
+        drawn["_".join(found)] = distribution(text)
+    return asked.vary(**drawn) if drawn else asked
+
+
 def _assignment(text: str, asked: Scenario) -> tuple[str, Any]:
     """The name and the value of NUMBER=VALUE, of the type that the number has. Raises ScenarioError, NumberError."""
+    name, value = _parts("--set", text)
+    return name, _value(value, asked.numbers()["_".join(asked.find_number(name))])
+
+
+def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, str]:
+    """What is before and behind the sign in NUMBER=VALUE. Raises ScenarioError."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
-        raise ScenarioError(f"--set {text}: NUMBER=VALUE is needed, as in --set n_agents=10")
-    return name, _value(value, asked.numbers()["_".join(asked.find_number(name))])
+        raise ScenarioError(f"{option} {text}: NUMBER=VALUE is needed, as in {option} {example}")
+    return name, value
 
 
 def _value(text: str, now: Any) -> Any:

@@ -46,8 +46,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the table."""
-    asked = scenario(options)
-    worlds = Worlds(asked.modules, 1, ordered=asked.order)
+    worlds = scenario(options).worlds(1)
     if options.source:
         print(worlds.source())
     else:

@@ -1,12 +1,14 @@
 """The agents of every world as arrays: who is alive, which side each one is on, and its share of a statistic."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from outlast.components import Side
-from outlast.ecs import Entity, Statistic, Worlds
+from outlast.ecs import Entity, Layout, Statistic, Worlds
+from outlast.ecs.roles import NEVER
 
 from .spaces import published
 
@@ -19,10 +21,40 @@ def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
     return living
 
 
+def present(worlds: Worlds, where: Any = slice(None)) -> Array:
+    """Which agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
+    there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
+    return there
+
+
+def counts_vary(worlds: Worlds) -> bool:
+    """Whether worlds have other numbers of agents than each other."""
+    return fewest_agents(worlds) < worlds.dims["agents"]
+
+
+def fewest_agents(worlds: Worlds) -> int:
+    """How many agents every world has, whatever is drawn."""
+    counts = [number.distribution.extremes()[0] for number in worlds.layout.varied.values() if "agents" in number.dims]
+    return int(min([worlds.dims["agents"], *counts]))
+
+
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """The side that each agent is on: int32 (worlds, agents), a new array. where: see `alive`."""
+    """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
     return sides
+
+
+def side_names(layout: Layout) -> tuple[str, ...]:
+    """What the sides are called, by number: "agent 0" without teams; a team whose members alone have one role, so."""
+    if not (sizes := layout.groups()):
+        return tuple(f"agent {i}" for i in range(layout.dims.get("sides", 0)))
+    plain = tuple(f"team {k}" for k in range(len(sizes)))
+    if layout.roles is None or layout.roles.drawn != NEVER:
+        return plain
+    of_agents, ends = layout.roles.of_agents(sum(sizes)), np.cumsum([0, *sizes])
+    own = [of_agents[first:last] for first, last in pairwise(ends)]
+    only = [len({*roles}) == 1 and of_agents.count(roles[0]) == len(roles) for roles in own]
+    return tuple(layout.roles.names[own[k][0]] if only[k] else name for k, name in enumerate(plain))
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any = slice(None)) -> dict[str, Array]:
@@ -35,7 +67,7 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any
 
     Returns:
         By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
-        side, and of all others what its world has.
+        side, and of all others what its world has. Of who is absent, 0.
     """
     dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
     sides, agents, own = side(worlds, where), worlds.dims["agents"], {}
@@ -44,7 +76,8 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any
         if dims.get(key) == ("agents",):
             own[key] = rows.copy()
         elif dims.get(key) == ("sides",):
-            own[key] = np.take_along_axis(rows, sides, 1)
+            own[key] = np.take_along_axis(rows, np.maximum(sides, 0), 1)
         else:
             own[key] = np.repeat(rows[:, None], agents, axis=1)
+        own[key][sides < 0] = 0
     return own

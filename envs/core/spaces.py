@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
+from outlast.ecs.varied import extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
@@ -56,7 +57,7 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
             names of the key's fields.
     """
     layout, found = worlds.layout, {}
-    stated = [(module.name, module.bounds(layout)) for module in layout.modules]
+    stated = [(module.name, module.bounds(there)) for there in extreme_layouts(layout) for module in there.modules]
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}
@@ -123,6 +124,8 @@ def action_space(worlds: Worlds) -> spaces.MultiDiscrete:
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     """Copies of the episode statistics; rows of worlds that are not `where` are zero. Shapes (worlds,) or (worlds, n).
 
+    Numbers that vary are among them, but for those that are words.
+
     A column with one entry a damage type becomes one key for each: "deaths_zone".
     """
     result: dict[str, Array] = {}
@@ -132,6 +135,9 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
             result.update(zip(_reported(worlds, key, column), values.T, strict=True))
         else:
             result[key] = values if column.dims else values[:, 0]
+    for key, values in worlds.numbers().items():
+        if values.dtype.kind in "bif":
+            result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
     return result
 
 

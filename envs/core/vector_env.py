@@ -1,40 +1,38 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import sys
-from collections.abc import Callable, Collection
-from functools import cached_property
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation, Worlds
+from outlast.ecs import RESET, SKIP, STEP, Action, Observation
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from .agents import alive
-from .buffers import final_observations, flat_size, read_only, write
+from .buffers import final_observations, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
+from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_playable
 from .notice import announce_compilation
+from .numbers import change_numbers, current_numbers
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
 from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
-Arrays = dict[str, np.ndarray[Any, Any]]
-Actions = np.ndarray[Any, Any]
 Stops = Callable[[], tuple[Actions, Actions]]
 Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
 
 
-class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
+class SurvivalVectorEnv(Described):
     """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
 
     ## Description
@@ -100,9 +98,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
-        self.worlds = Worlds(
-            scenario.modules, int(num_worlds), int(threads), ordered=scenario.order, interpret=interpret
-        )
+        self.worlds = scenario.worlds(int(num_worlds), int(threads), interpret=interpret)
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
@@ -130,16 +126,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         with announce_compilation(self.worlds, scenario.name):
             self.worlds.run(self._mode)  # compiles or loads the tick; nothing moves
 
-    @cached_property
-    def observation_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; made when first asked for, as it is as large as a batch of observations."""
-        return batch_space(self.single_observation_space, self.num_worlds)
-
-    @cached_property
-    def action_space(self) -> Any:  # type: ignore[override]
-        """The single space, batched; the same object in every call, as its generator goes on from sample to sample."""
-        return batch_space(self.single_action_space, self.num_worlds)
-
     @exclusive
     def reset(
         self, *, seed: int | list[int] | np.ndarray[Any, Any] | None = None, options: dict[str, Any] | None = None
@@ -152,7 +138,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             options: {"reset_mask": bool (worlds,)}: the worlds to reset; without it, all.
 
         Returns:
-            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents).
+            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents). Where
+            numbers vary, info also has "numbers", those of the episode, (worlds, ...) by name, and "present", bool
+            (worlds, agents).
 
         Raises:
             ValueError: A seed or mask that cannot be.
@@ -165,7 +153,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
         self._step_events.forget(mask)
-        return self._observe(), {"alive": alive(self.worlds)}
+        return self._observe(), self._info()
 
     @exclusive
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -179,7 +167,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
         Returns:
             Observations; rewards, float32 (worlds, agents); terminated and truncated, bool (worlds,); and info, which
-            always has "alive", bool (worlds, agents), of the observations that are returned.
+            always has what that of `reset` has, of the observations that are returned.
 
         Raises:
             ActionError: Actions of the wrong shape or type, or out of range.
@@ -208,8 +196,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             check_faults(self.worlds)
         finally:  # the other worlds go on
             info: dict[str, Any] = self._finish(done) if (done := self._tracker.done).any() else {}
-        info["alive"] = alive(self.worlds)
-        return self._observe(), reward, terminated, truncated, info
+        return self._observe(), reward, terminated, truncated, info | self._info()
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
@@ -263,20 +250,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         """
         return self._step_events.read()
 
-    @property
-    def fields(self) -> Fields:
-        """What the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
-
-        Of keys that declare it, so not of masks. `columns` of a field is its slice of the row, `ecs.columns_of` the
-        index of several: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
-        """
-        return self.worlds.layout.fields
-
-    @property
-    def flat_size(self) -> int:
-        """Numbers in the observation of one agent: the length of its row in a flat array."""
-        return flat_size(self._observations)
-
     @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
@@ -305,20 +278,35 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self._observe()
 
     @exclusive
-    def set_numbers(self, /, **numbers: Number) -> None:
-        """Change numbers of the game from the next step on, in all worlds, in mid-episode or not.
+    def numbers(self) -> dict[str, Any]:
+        """All numbers of the game by name, as they are now.
 
-        `scenario` stays what was asked for. A state has no numbers: whoever goes on from one changes them again.
+        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in.
+        """
+        return current_numbers(self.worlds)
+
+    @exclusive
+    def set_numbers(self, given: Mapping[str, Any] | None = None, /, *, mask: Any = None, **numbers: Any) -> None:
+        """Change numbers of the game.
+
+        One that varies (see Scenario.vary) is set for some worlds from their next reset on, and no longer drawn there;
+        that is part of their state. All others change in all worlds, from the next step on, in mid-episode or not;
+        `scenario` stays what was asked for, and a state does not have them.
 
         Args:
-            **numbers: By name, as Scenario.replace takes them: rewards_kill=5.
+            given: By name, as Scenario.replace takes them: {"melee_damage": array}. Of one that varies, a value or an
+                array with one for each world, (worlds, ...), of which those of `mask` count; None: it is drawn again.
+            mask: The worlds, bool (worlds,); None: all.
+            **numbers: More of them: rewards_kill=5.
 
         Raises:
-            NumberError: One that is unknown or cannot change while worlds run, or is out of range; nothing was changed.
-            RecordingError: A recording goes on.
+            NumberError: One that is unknown or cannot change while worlds run, a value that cannot be, or a mask for
+                one that does not vary; nothing was changed.
+            ValueError: A mask that cannot be.
+            RecordingError: A recording goes on, and one does not vary.
         """
-        self._check_unrecorded("set_numbers")
-        self.worlds.set_numbers(**{"_".join(self.scenario.find_number(name)): numbers[name] for name in numbers})
+        asked = {**(given or {}), **numbers}
+        change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
 
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.
@@ -339,15 +327,6 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             raise RecordingError(f"{names} changed by set_numbers(): record an environment of the scenario with them")
         self._runner = runner = make_runner()
         return runner
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.scenario.name!r}, num_worlds={self.num_worlds})"
-
-    def __reduce__(self) -> Any:
-        raise TypeError(
-            "an environment cannot be pickled or copied; pickle what makes it, as "
-            "functools.partial(outlast.make_vec, 'ffa_3', 64, seed=0), and what get_state() returns"
-        )
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go, and end a recording."""

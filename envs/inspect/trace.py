@@ -93,24 +93,25 @@ def describe(worlds: Worlds, w: int) -> Json:
     0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
     if there are no cameras, or agents observe everything. damage_types: by number. actions: [{name, low, high}], what
     an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box}] as CSS. agents: [{side,
-    radius, hides}]. objects: [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item,
-    heal, item, wall or other; radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a
-    box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged.
-    color: of items and others, as CSS; else empty.
+    radius, hides, health, reach, cone}], the last three as above, but of this agent. objects: [{kind, role, radius,
+    width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle;
+    hides: whether cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a
+    heal gives; health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
+    points = scene.prefab(Health).points if Health in scene else [0] * worlds.dims["rows"]
     count = max([worlds.dims.get("sides", 0), *(sides[e] + 1 for e in bodies.agents)])
     return {
         "half": _number(scene.half),
         "room": _number(2 * scene.room) if Floor in scene else 0,
         "seconds": _seconds(scene),
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
-        "health": scene.prefab(Health).points[bodies.agents[0]] if Health in scene and bodies.agents else 0,
+        "health": points[bodies.agents[0]] if bodies.agents else 0,
         "slots": worlds.dims.get("slots", 0) if Bag in scene else 0,
         "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
         "zone": Zone in scene,
-        "cone": _cone(scene),
+        "cone": _cone(scene, None),
         "damage_types": list(worlds.layout.damage_types),
         "actions": [
             {"name": key, "low": int(column.low), "high": int(column.high)}
@@ -121,7 +122,14 @@ def describe(worlds: Worlds, w: int) -> Json:
             {"color": css(of_side(s)), "ink": css(ink_on(of_side(s))), "box": css(of_box(s))} for s in range(count)
         ],
         "agents": [
-            {"side": sides[e], "radius": _number(scene.shape.radius[e]), "hides": _hides(scene, e)}
+            {
+                "side": sides[e],
+                "radius": _number(scene.shape.radius[e]),
+                "hides": _hides(scene, e),
+                "health": points[e],
+                "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
+                "cone": _cone(scene, e),
+            }
             for e in bodies.agents
         ],
         "objects": [_object(scene, e, kind) for e, kind in zip(bodies.objects, bodies.kinds, strict=True)],
@@ -217,10 +225,11 @@ def _hides(scene: Scene, e: int) -> bool:
     return e in scene.rows(Shape, Solid) or bool(scene.mechanic(systems.Cameras).items_occlude)
 
 
-def _cone(scene: Scene) -> list[list[float]] | None:
+def _cone(scene: Scene, e: int | None) -> list[list[float]] | None:
+    """Of the agent in row `e`; None: of the scenario."""
     if systems.Cameras not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
-    return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras))]
+    return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras, e))]
 
 
 def _seconds(scene: Scene) -> float:

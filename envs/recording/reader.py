@@ -50,6 +50,7 @@ class Recording:
             *(self.num_worlds, self.num_agents, math.prod(size for _, _, size in header["actions"])),
             *(len(self.components), header["digests"]["repeat"]),
             policy_dtype(header["actions"], header["policy"]) if "policy" in header else None,
+            header.get("given", 0),
         )
         self.entities = [(str(key), int(rows)) for key, rows in header.get("policy", {"entities": []})["entities"]]
         lost = size - chunks[-1].end
@@ -163,6 +164,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
+    numbers.append(header.get("given", 0))  # earlier versions have none
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -178,6 +180,7 @@ def _is_valid(header: Any) -> bool:
         and ("policy" not in header or is_policy(actions, header["policy"]))
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
+        and header.get("given", 0) <= MAX_HEADER
         and len(digests["components"]) <= MAX_HEADER
     )
 

@@ -12,6 +12,8 @@ from typing import Any, Self
 import numpy as np
 
 from outlast.ecs import RESET, STEP, Clock, Worlds
+from outlast.ecs.varied import DIM as VARIED
+from outlast.ecs.varied import Given
 
 from ..errors import RecordingError
 from ..scenarios.fingerprint import fingerprint
@@ -20,13 +22,13 @@ from ..scenarios.serialize import classes
 from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
 from .digests import WORLDS_PER_DIGEST, Digests
 from .policy_record import PolicyRecorder
-from .tick_records import KEY_SIZE, JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
+from .tick_records import JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
 
 Array = np.ndarray[Any, Any]
 
 MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written: what a killed process loses
+EPISODE = 2  # in what keys a world
 MAX_PENDING_SECONDS = 5.0  # that they wait, as long as ticks go on
-NO_KEYS = np.zeros((0, KEY_SIZE), np.uint64)
 
 
 class Recorder:
@@ -50,6 +52,7 @@ class Recorder:
             *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
             *(len(self._digests.names), self._digests.period),
             policy.dtype if policy else None,
+            worlds.dims.get(VARIED, 0),
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
         if policy:
@@ -58,7 +61,10 @@ class Recorder:
         self._finalizer = weakref.finalize(self, self._file.close)  # also when the process ends without close()
         self._owner = os.getpid()
         self._continuous = False  # whether the worlds are where the last recorded tick left them
-        self._keyed = np.zeros((worlds.count, KEY_SIZE - 1), np.uint64)  # their clocks, as far as they are recorded
+        self._no_keys = np.zeros((0, form.key_size), np.uint64)
+        self._keyed = np.zeros(
+            (worlds.count, form.key_size - 1), np.uint64
+        )  # their clocks, as far as they are recorded
 
     @property
     def recording(self) -> bool:
@@ -91,8 +97,8 @@ class Recorder:
             self._worlds.run(mode)
             return
         self.check(mode)
-        steps, keys = mode == STEP, NO_KEYS
-        if all_step := bool(steps.all()):
+        steps, keys = mode == STEP, self._no_keys
+        if all_step := bool(steps.all()) and Given not in self._worlds:  # which may have changed between any two
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
@@ -100,7 +106,7 @@ class Recorder:
         self._continuous = False
         self._worlds.run(mode)
         if not all_step:
-            self._keyed[mode == RESET, -1] += np.uint64(1)  # episode
+            self._keyed[mode == RESET, EPISODE] += np.uint64(1)  # episode
         digest = self._digests.compute(self.ticks)
         try:
             self._file.append(TickRecord(mode.copy(), codes, keys, digest, thought))
@@ -131,7 +137,8 @@ class Recorder:
     def _new_keys(self) -> Array:
         """What keys random numbers, of the worlds where the recording so far does not imply it; it does from now on."""
         clock = self._worlds[Clock]
-        now = np.concatenate([clock.seed, clock.world, clock.episode], 1)
+        given = [self._worlds[Given].words] if Given in self._worlds else []
+        now = np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
         rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
         self._keyed[rows] = now[rows]
         return np.concatenate([rows[:, None].astype(np.uint64), now[rows]], 1)
@@ -225,6 +232,7 @@ def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, d
         "machine": f"{platform.system()} {platform.machine()}",
         "scenario": fingerprint(scenario),
         "modules": classes(scenario),
+        "given": form.given,
         "worlds": form.worlds,
         "agents": form.agents,
         "actions": [list(column) for column in joint_actions.columns],

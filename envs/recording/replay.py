@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End
-from outlast.ecs import STEP, Clock, EngineError, Worlds
+from outlast.ecs import STEP, Clock, EngineError
+from outlast.ecs.varied import Given
 
 from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
@@ -17,7 +18,7 @@ from ..rollout.summary import Summary
 from ..scenarios import renamed
 from .digests import Digests
 from .reader import Recording
-from .tick_records import JointActions, TickRecord
+from .tick_records import KEY_SIZE, JointActions, TickRecord
 
 Array = np.ndarray[Any, Any]
 
@@ -44,7 +45,7 @@ class Replay:
         self.recording, self.summary, scenario = recording, Summary(), recording.scenario
         self.policy: Array | None = None
         try:
-            self.worlds = Worlds(scenario.modules, recording.num_worlds, threads, ordered=scenario.order)
+            self.worlds = scenario.worlds(recording.num_worlds, threads)
             check_playable(self.worlds, scenario.name)
         except (EngineError, ScenarioError, MemoryError) as error:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
@@ -103,7 +104,9 @@ class Replay:
 
     def _run(self, record: TickRecord) -> None:
         clock, rows = self.worlds[Clock], record.keys[:, 0].astype(np.intp)
-        clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0] = record.keys[:, 1:].T
+        clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0] = record.keys[:, 1:KEY_SIZE].T
+        if Given in self.worlds:
+            self.worlds[Given].words[rows] = record.keys[:, KEY_SIZE:]
         try:
             self.worlds.actions[:, record.mode == STEP] = self._joint_actions.decode(record.codes)
         except ValueError as error:

@@ -15,7 +15,7 @@ from .container import unpack
 
 Array = np.ndarray[Any, Any]
 
-KEY_SIZE = 4  # numbers in a row of TickRecord.keys
+KEY_SIZE = 4  # numbers in a row of TickRecord.keys, without those that are given
 MAX_JOINT_ACTIONS = 2**32
 
 
@@ -29,6 +29,12 @@ class TickFormat:
     digest_size: int  # numbers in a digest
     digest_period: int  # ticks until a digest is made in the same way again
     policy: np.dtype[Any] | None = None  # what a policy thought of an agent's tick, see policy_record; None: unknown
+    given: int = 0  # words of varied numbers that can be given, see ecs.varied.Given
+
+    @property
+    def key_size(self) -> int:
+        """Numbers in a row of TickRecord.keys."""
+        return KEY_SIZE + self.given
 
     @property
     def code(self) -> np.dtype[Any]:
@@ -39,7 +45,7 @@ class TickFormat:
     def max_bytes(self) -> int:
         """Bytes that a tick record takes, at most."""
         each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
-        return self.worlds * (1 + self.agents * each + 8 * KEY_SIZE) + 2 * self.digest_size + 4
+        return self.worlds * (1 + self.agents * each + 8 * self.key_size) + 2 * self.digest_size + 4
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,8 @@ class TickRecord:
     """What decided one tick of all worlds.
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
-    keys: uint64 (n, 4), worlds that were keyed anew just before, as (row, seed, world, episode); see ecs.Clock.
+    keys: uint64 (n, 4 + given), worlds that were keyed anew just before, or got other numbers, as (row, seed, world,
+        episode, words of numbers); see ecs.Clock and ecs.varied.Given.
     digest: uint16 (digest_size,), of the state after it; see digests.
     policy: TickFormat.policy (worlds that took a STEP, agents), what the policy thought; None: not recorded.
     """
@@ -93,7 +100,7 @@ def decode_ticks(content: bytes, count: int, form: TickFormat, behind: bytes = b
     if ((modes < 0) | (modes > 2)).any():
         raise ValueError("modes")
     keyed = take("<u4", count).astype(np.int64)
-    keys = take("<u8", int(keyed.sum()), KEY_SIZE)
+    keys = take("<u8", int(keyed.sum()), form.key_size)
     if (keys[:, 0] >= form.worlds).any():
         raise ValueError("rows of worlds")
     digests = take("<u2", form.digest_size, count).T.copy()

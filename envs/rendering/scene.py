@@ -4,8 +4,10 @@ import functools
 import math
 from typing import Any, TypeVar
 
-from outlast.components import Body, Floor, Shape
-from outlast.ecs import Component, Entity, Event, Layout, Module, Worlds
+from outlast.components import Body, Floor, Shape, Side
+from outlast.ecs import Clock, Component, Entity, Event, Layout, Module, Worlds
+from outlast.ecs.per_agent import agent_values, initial_image
+from outlast.ecs.varied import Varied, VariedNumber
 
 from .style import SIZES
 
@@ -60,14 +62,36 @@ class Scene:
 
     def prefab(self, component: type[Component]) -> Any:
         """The table as it is at the start of an episode."""
+        if self.worlds.layout.per_agent:
+            return _table(self.worlds.layout, component, initial_image(self.worlds, self.w))
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 
-    def mechanic(self, kind: type[M]) -> M:
-        """The mechanic of this class, with its numbers. KeyError if this scenario lacks it."""
-        for module in self.worlds.layout.modules:
+    def mechanic(self, kind: type[M], agent: int | None = None) -> M:
+        """The mechanic of this class, with the numbers of this world, or of the agent of a row in it.
+
+        KeyError if this scenario lacks it.
+        """
+        for k, module in enumerate(self.worlds.modules):
             if isinstance(module, kind):
-                return module
+                own = [number for number in self.worlds.layout.varied.values() if number.module == k]
+                drawn = {number.number: self._drawn(number) for number in own}
+                drawn |= self._of_agent(k, agent) if agent is not None else {}
+                return module.replace(**drawn) if drawn else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
+
+    def _of_agent(self, module: int, e: int) -> dict[str, Any]:
+        """The numbers of that mechanic that differ by role, as the agent of row `e` has them; none before a reset."""
+        own = [number for number in self.worlds.layout.per_agent.values() if number.module == module]
+        if not (own and self[Clock].episode[0]):
+            return {}
+        i = self.rows(Side).index(e)
+        return {number.field: agent_values(self.worlds, number)[self.w, i].item() for number in own}
+
+    def _drawn(self, number: VariedNumber) -> Any:
+        """The value that a varied number has in this world."""
+        words = self.worlds[Varied].words[self.w, None]
+        value = number.decode(words, self.worlds.modules[number.module])[0]
+        return tuple(value.tolist()) if value.ndim else value.item()
 
     def _reach(self) -> float:
         if Floor in self.worlds:
@@ -85,5 +109,9 @@ def _rows(layout: Layout, components: tuple[type[Component], ...]) -> tuple[int,
 
 @functools.lru_cache(maxsize=64)
 def _birth(layout: Layout, component: type[Component]) -> Any:
-    columns = layout.columns(layout.initial_image[None], component)
-    return component.Table(*(tuple(column[0].tolist()) for column in columns))
+    return _table(layout, component, layout.initial_image)
+
+
+def _table(layout: Layout, component: type[Component], image: Any) -> Any:
+    """The table of a component in the state of a world."""
+    return component.Table(*(tuple(column[0].tolist()) for column in layout.columns(image[None], component)))

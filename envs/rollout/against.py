@@ -7,7 +7,8 @@ import numpy as np
 from outlast.components import End
 
 from ..core.agents import side
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.described import Actions, Arrays
+from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import tell
 from .mixture import Mixture, key_of
@@ -49,7 +50,7 @@ class Against:
         tell(self.policy, where)
         tell(self._others, where)
         _, worlds, episodes = key_of(self._env.worlds, where)
-        self._own[where] = own_side(worlds, episodes, self._life.shape[1])
+        self._own[where] = own_side(worlds, episodes, side(self._env.worlds, where).max(1) + 1)
         self._life[where] = 0
 
     def __call__(self, observations: Arrays) -> Actions:

@@ -6,7 +6,8 @@ import numpy as np
 
 from outlast.ecs import Clock
 
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.described import Actions, Arrays
+from ..core.vector_env import SurvivalVectorEnv
 from .policies import Policy
 
 Array = np.ndarray[Any, Any]

@@ -10,8 +10,9 @@ import numpy as np
 
 from outlast.ecs import Clock, Worlds
 
+from ..core.described import Actions, Arrays
 from ..core.validation import checked_actions
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from .memory import has_memory, tell
 from .policies import POLICIES, Policy, hashed, others_policy

@@ -10,7 +10,8 @@ import numpy as np
 
 from outlast.ecs import Clock, columns_of
 
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.described import Actions, Arrays
+from ..core.vector_env import SurvivalVectorEnv
 
 Policy = Callable[[Arrays], Actions]
 

@@ -4,13 +4,21 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from outlast.ecs import NumberError, roles
+from outlast.ecs.distributions import NAMES
 from outlast.ecs.identity import PYTHON, code_digest, full_name
 from outlast.ecs.references import is_outside
 
-from .renamed import NUMBERS, current
+from .differing import plain
+from .renamed import current_numbers
 from .scenario import Scenario, sorted_
 
 LONGEST = 200  # characters of a name, and entries of an order
+MORE = {  # what a fingerprint may have, and what it is
+    "varied": "what numbers are drawn from",
+    "observed": "which numbers are observed",
+    "roles": "who has which role",
+}
 
 
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
@@ -18,7 +26,8 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
 
     The name is that of the scenario that it was derived from, if it was: what its own name says of changes is in the
     "label". Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not
-    outlast's own: by name, the full name of the class, the version of Python and the hash of its code (ecs.identity).
+    outlast's own: by name, the full name of the class, the version of Python and the hash of its code (ecs.identity);
+    and what `differing.plain` has.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
@@ -28,7 +37,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
         "order": [list(chain) for chain in scenario.order],
         "code": {each.name: [full_name(type(each))[:LONGEST], PYTHON, code_digest(each)] for each in users},
     }
-    return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value}
+    return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value} | plain(scenario)
 
 
 def _line(name: str) -> str:
@@ -40,7 +49,9 @@ def is_fingerprint(given: Any) -> bool:
     if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
         return False
     values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
-    code, order = given.get("code", {}), given.get("order", [])
+    code, order, varied, observed = (
+        given.get(key, kind()) for key, kind in (("code", dict), ("order", list), ("varied", dict), ("observed", list))
+    )
     return (
         is_word(values[0])
         and is_word(given.get("label", ""))
@@ -48,9 +59,26 @@ def is_fingerprint(given: Any) -> bool:
         and isinstance(order, list)
         and len(order) <= LONGEST
         and all(_are_words(chain) and 1 < len(chain) <= LONGEST for chain in order)
+        and isinstance(varied, dict)
+        and all(is_word(name) and _is_distribution(entry) for name, entry in varied.items())
+        and isinstance(observed, list)
+        and all(map(is_word, observed))
+        and ("roles" not in given or _are_roles(given["roles"]))
         and isinstance(code, dict)
         and all(is_word(name) and _are_words(entry) and len(entry) == 3 for name, entry in code.items())
     )
+
+
+def _is_distribution(given: Any) -> bool:
+    return isinstance(given, list) and 2 < len(given) <= LONGEST and given[0] in NAMES and all(map(_is_plain, given))
+
+
+def _are_roles(given: Any) -> bool:
+    try:
+        found = roles.from_plain(given)
+    except (NumberError, TypeError):
+        return False
+    return all(is_word(name) and len(each.numbers) <= LONGEST for each in found.roles for name, _ in each.numbers)
 
 
 def _is_plain(given: Any) -> bool:
@@ -80,7 +108,7 @@ def difference(given: Any, own: dict[str, Any]) -> str:
 
 
 def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
-    numbers = current(given["numbers"], NUMBERS, own["numbers"])
+    numbers = current_numbers(given["numbers"], own["numbers"])
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:
@@ -88,6 +116,9 @@ def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
     code, other = own.get("code", {}), given.get("code", {})
     for name in sorted(code.keys() | other.keys()):
         yield from _code_differences(name, other.get(name), code.get(name))
+    for key, about in MORE.items():
+        if given.get(key) != own.get(key):
+            yield f"{about} is {given.get(key, 'nothing')} there and {own.get(key, 'nothing')} here"
     if given.get("order", []) != own.get("order", []):
         yield f"the order of systems is {given.get('order', [])} there and {own.get('order', [])} here"
 

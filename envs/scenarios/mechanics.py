@@ -10,7 +10,7 @@ from outlast.ecs import Module
 from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
-from .renamed import CLASSES, NUMBERS, current
+from .renamed import CLASSES, current_numbers
 
 KNOWN: dict[str, type[Module]] = {
     full_name(kind): kind for kind in (getattr(systems, name) for name in systems.__all__)
@@ -45,7 +45,7 @@ def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: 
         ScenarioError: A class was not imported, or a number is missing or unknown.
         NumberError: A number cannot be.
     """
-    left, made, known = current(dict(numbers), NUMBERS), [], imported()
+    left, made, known = current_numbers(dict(numbers)), [], imported()
     for name in map(current_class, names):
         if name not in known:
             raise ScenarioError(

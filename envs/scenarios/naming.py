@@ -7,7 +7,8 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-from outlast.ecs import Module
+from outlast.ecs import Distribution, Module
+from outlast.ecs.distributions import from_plain
 
 from ..errors import ScenarioError
 from .ablations import ablated
@@ -97,6 +98,30 @@ def mechanic(text: str) -> Module:
         raise ScenarioError(f"{text}: a mechanic is needed, as in 'DropLast(offset=2.0)' or FILE.py:NAME")
     kind = mechanic_in(match["place"], match["name"]) if match["place"] else _known(match["name"])
     return kind(**_literals(text, match["numbers"] or "()", [item.name for item in dataclasses.fields(kind)]))
+
+
+def distribution(text: str) -> Distribution:
+    """What numbers are drawn from, as users type it.
+
+    Args:
+        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals:
+            nothing is evaluated.
+
+    Raises:
+        ScenarioError: It is something else.
+        NumberError: Values of which nothing can be drawn.
+    """
+    try:
+        call = ast.parse(text.strip(), mode="eval").body
+        if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)) or call.keywords:
+            raise ValueError(text)
+        name, values = call.func.id, [ast.literal_eval(value) for value in call.args]
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        raise ScenarioError(
+            f"{text:.80}: a distribution of literals is needed, as in 'uniform(5, 20)', 'integers(2, 8)' or "
+            "'choice(1, 2, 3)'"
+        ) from None
+    return from_plain(name, *values)
 
 
 def _known(name: str) -> type[Module]:

@@ -54,6 +54,18 @@ ARRAYS = {  # of states
 }
 
 
+ADDED = {  # numbers by what was beside them when they were not there yet, and what was meant
+    "inventory_capacity": ("inventory_slots", 0),
+    "teams_sizes": ("teams_count", []),
+}
+
+
+def current_numbers(given: dict[str, Any], known: Collection[str] = ()) -> dict[str, Any]:
+    """The numbers of a file by current names, with those that there were not yet; see `current`."""
+    found = current(given, NUMBERS, known)
+    return found | {new: value for new, (old, value) in ADDED.items() if old in found and new not in found}
+
+
 def current(given: dict[str, Any], table: dict[str, str], known: Collection[str] = ()) -> dict[str, Any]:
     """The same by current names. A key that is `known` stays: a mechanic of the user's can have such a name.
 

@@ -10,13 +10,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from outlast.ecs import Module, NumberError
+from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
 from outlast.ecs.identity import full_name
+from outlast.ecs.per_agent import checked_roles
+from outlast.ecs.roles import NEVER
+from outlast.ecs.varied import place
+from outlast.systems import ObserveRoles
 
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
 from .changes import as_file_name, changes, derived_about, derived_name, following, numbers
+from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
@@ -37,6 +42,9 @@ class Scenario:
         modules: The mechanics, in any order.
         about: One line for people.
         order: What `ordered` added: chains of systems, each of which runs before the next one.
+        varied: What `vary` added: numbers of which each world has its own, by name, and what they are drawn from.
+        observed: Those of them that `observe_numbers` shows to agents.
+        by_role: What `roles` added: which agents have numbers of their own.
         origin: The scenario that it was derived from by `replace`, `with_`, `without` and `ordered`; None: by none.
 
     Raises:
@@ -47,6 +55,9 @@ class Scenario:
     modules: tuple[Module, ...]
     about: str = ""
     order: tuple[tuple[str, ...], ...] = ()
+    varied: tuple[tuple[str, Distribution], ...] = ()
+    observed: tuple[str, ...] = ()
+    by_role: Roles | None = None
     origin: "Scenario | None" = dataclasses.field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -107,7 +118,7 @@ class Scenario:
         return self._derived(order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
-        """The same with other numbers.
+        """The same with other numbers, which vary no more if they did.
 
         Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, which is
         logged at level INFO; those that were set by hand, here or before, stay.
@@ -130,7 +141,88 @@ class Scenario:
             given[self.find_number(key)] = value
             about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
             LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
-        return self._derived(modules=_all_replaced(self.modules, given))
+        fixed = {"_".join(found) for found in given}
+        varied = tuple(entry for entry in self.varied if entry[0] not in fixed)
+        return self._derived(modules=_all_replaced(self.modules, given), varied=varied)
+
+    def vary(self, **numbers: Distribution) -> "Scenario":
+        """The same with numbers that each world draws anew when an episode begins.
+
+        >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
+
+        Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts; who
+        is above the count of a world is absent from it: not alive, neither observed nor rewarded.
+
+        Args:
+            **numbers: By name, as for `replace`: outlast.uniform, log_uniform, integers or choice.
+
+        Raises:
+            NumberError: An unknown number, or one that cannot have the values.
+        """
+        varied = dict(self.varied)
+        for key, distribution in numbers.items():
+            module, name = self.find_number(key)
+            if not isinstance(distribution, Distribution):
+                raise NumberError(
+                    f"{key} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
+                    "one value for all worlds"
+                )
+            varied[f"{module}_{name}"] = distribution
+        place(list(self.modules), varied)  # raises what is wrong with a number by itself
+        return self._derived(varied=tuple(sorted(varied.items())))
+
+    def observe_numbers(self, *names: str) -> "Scenario":
+        """The same with varied numbers as an observation, "numbers": float32 (agents, numbers), for every agent there.
+
+        Args:
+            *names: Of numbers that vary; none: all of them.
+
+        Raises:
+            ScenarioError: One does not vary.
+        """
+        varied = dict(self.varied)
+        full = ["_".join(self.find_number(name)) for name in names] or [*varied]
+        if missing := [name for name in full if name not in varied]:
+            raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
+        return self._derived(observed=tuple(sorted({*full})))
+
+    def roles(self, *, drawn: str = NEVER, observed: bool = True, **roles: Role) -> "Scenario":
+        """The same with agents that have numbers of their own, by role; roles that there were are replaced.
+
+        >>> scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
+
+        Whether the roles fit the number of agents is checked when worlds are made.
+
+        Args:
+            drawn: "never": agents have the roles of their ids, in the order of the roles. "anyone": who has which role
+                is drawn when an episode begins, "side": among the agents of each side.
+            observed: Whether agents observe their own and the others' roles, as the field "role" of their rows: a
+                one-hot vector. Without it, rows have the fields that they had.
+            **roles: By name, what outlast.role() returns.
+
+        Raises:
+            NumberError: No roles, a number that is unknown, the same for all agents, or out of its range.
+        """
+        named = []
+        for name, each in roles.items():
+            if not isinstance(each, Role):
+                raise NumberError(f"{name} = {each!r:.60}: a role is needed, as in {name}=outlast.role(1)")
+            numbers = {"_".join(self.find_number(key)): value for key, value in each.numbers}
+            named.append(dataclasses.replace(each, name=name, numbers=tuple(sorted(numbers.items()))))
+        by_role = checked_roles(self.modules, Roles(tuple(named), drawn))
+        others = tuple(module for module in self.modules if not isinstance(module, ObserveRoles))
+        shown = (ObserveRoles(count=len(named)),) if observed else ()
+        return self._derived(modules=(*others, *shown), by_role=by_role)
+
+    def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
+        """Worlds of it. options: those of ecs.Worlds. Raises what that raises."""
+        options |= {
+            "ordered": self.order,
+            "varied": dict(self.varied),
+            "observed": self.observed,
+            "roles": self.by_role,
+        }
+        return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":
         """The same by the name of another one that it was derived from: for changes that make no other game."""
@@ -144,9 +236,22 @@ class Scenario:
         return as_file_name(self.name).lstrip(".") or "scenario"
 
     def _derived(self, **fields: Any) -> "Scenario":
-        """The same with other fields, and a name and sentence that say what is not as in the origin."""
+        """The same with other fields, and a name and sentence that say what is not as in the origin.
+
+        What mechanics there lack, varies no more.
+        """
         origin, made = self.origin or self, dataclasses.replace(self, **fields)
+        known = made.numbers()
+        varied = tuple(entry for entry in made.varied if entry[0] in known)
+        observed = tuple(name for name in made.observed if name in dict(varied))
+        by_role = made.by_role and made.by_role.only(known)
+        made = dataclasses.replace(made, varied=varied, observed=observed, by_role=by_role)
         changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
+        changed += [f"{name}={drawn}" for name, drawn in varied if (name, drawn) not in origin.varied]
+        changed += ["numbers observed"] * (origin.observed != observed)
+        if by_role and by_role != origin.by_role:
+            shown = "" if "with observe_roles" in changed else " unobserved"
+            changed = [each for each in changed if each != "with observe_roles"] + [f"roles {by_role}{shown}"]
         name, about = derived_name(origin.name, changed), derived_about(origin.about, changed)
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
@@ -157,10 +262,10 @@ class Scenario:
         return numbers(self.modules)
 
     def to_json(self) -> str:
-        """Its name, sentence, mechanics (full names of their classes), numbers and order, as JSON."""
+        """All of it but its origin, as JSON: mechanics by the full names of their classes."""
         classes = [full_name(type(module)) for module in self.modules]
         form = {"version": VERSION, "name": self.name, "about": self.about, "modules": classes}
-        return json.dumps(form | {"numbers": self.numbers(), "order": self.order}, indent=1) + "\n"
+        return json.dumps(form | {"numbers": self.numbers(), "order": self.order} | plain(self), indent=1) + "\n"
 
     @classmethod
     def from_json(cls, text: str) -> "Scenario":
@@ -178,7 +283,8 @@ class Scenario:
             texts = [name, about, *names, *(label for chain in order for label in chain)]
             if not all(isinstance(each, str) and each.isprintable() for each in texts):
                 raise ScenarioError("its names cannot be")
-            return cls(name, rebuilt_mechanics(names, form["numbers"]), about, tuple(map(tuple, order)))
+            modules = rebuilt_mechanics(names, form["numbers"])
+            return cls(name, modules, about, tuple(map(tuple, order)), **restored(modules, form))
         except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
 

@@ -10,6 +10,7 @@ from outlast.ecs import Layout
 from outlast.ecs.identity import full_name
 
 from ..errors import ScenarioError
+from .differing import restored
 from .mechanics import current_class, rebuilt_mechanics
 from .scenario import Scenario
 
@@ -30,7 +31,8 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
     """The scenario of a fingerprint and of the full names of its classes. Raises as `rebuilt_mechanics` does."""
     modules = rebuilt_mechanics(current_classes(names), fingerprint["numbers"], strict)
     name = str(fingerprint.get("label") or fingerprint["name"])
-    return Scenario(name, modules, order=tuple(map(tuple, fingerprint.get("order", ()))))
+    order = tuple(map(tuple, fingerprint.get("order", ())))
+    return Scenario(name, modules, order=order, **restored(modules, fingerprint))
 
 
 class _Plan(Layout):
@@ -45,7 +47,7 @@ def planned(scenario: Scenario) -> tuple[int, int]:
 
     Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
     """
-    layout = _Plan(scenario.modules)
+    layout = _Plan(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
     if layout.world_bytes > LARGEST:

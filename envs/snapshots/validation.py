@@ -21,10 +21,12 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, BoxItem, Died, Gift, Health, Item, Side, Sight, Weapon
+from outlast.components.inventory import CLOSED
 from outlast.components.sight import MODES
-from outlast.ecs import Clock, Component, Entity, Layout, Singleton
+from outlast.ecs import AgentRoles, Clock, Component, Entity, Layout, Singleton
 from outlast.ecs.event import EventMemory, table
 from outlast.ecs.layout import Place
+from outlast.ecs.varied import GIVEN, WORD, Given, Varied, misfits
 
 from ..errors import StateError
 
@@ -49,15 +51,16 @@ LARGEST = 2**63
 ROW, SIDE, DAMAGE_TYPE = Range(-1, "rows"), Range(-1, "sides"), Range(-1, "damage_types")  # -1: none
 UNITS = {"entity": ROW, "side": SIDE, "damage type": DAMAGE_TYPE}  # of columns of events
 RANGES: dict[type[Component], dict[str, Range]] = {
-    Bag: {"items": ROW, "count": Range(0, "slots", included=True)},
+    AgentRoles: {"role": Range(0, "roles")},
+    Bag: {"items": Range(CLOSED, "rows"), "count": Range(0, "slots", included=True)},
     BoxItem: {"index": Range(0, "boxes")},
     Clock: {"tick": Range(0, 2**62)},  # which determines the phase of the zone
     Died: {"damage_type": DAMAGE_TYPE, "source": SIDE},
-    Entity: {"alive": Range(0, 2), "identity": Range(0, LARGEST)},
+    Entity: {"alive": Range(0, 2), "identity": Range(-1, LARGEST)},
     Gift: {"taker": ROW},
     Health: {"damage_type": DAMAGE_TYPE, "source": SIDE},
     Item: {"holder": ROW, "user": ROW},
-    Side: {"side": Range(0, "sides")},
+    Side: {"side": SIDE},
     Sight: {"mode": Range(0, len(MODES))},
     Weapon: {"target": ROW},
 }
@@ -84,6 +87,9 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)
     _check_sight(layout, block)
+    started = arrays.get("started", np.ones(len(block), bool))
+    _check_varied(layout, block, started)
+    _check_absent(layout, block, started)
 
 
 def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
@@ -180,6 +186,41 @@ def _check_sight(layout: Layout, block: Array) -> None:
         visible = layout.columns(block, Sight).visible
         if (bad := visible & ~layout.bitset(Entity) != 0).any():
             raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
+
+
+def _check_absent(layout: Layout, block: Array, started: Array) -> None:
+    """Absent is who is above a count that varies; nobody else is without a side."""
+    identity = layout.columns(block, Entity).identity
+    absent = np.zeros_like(identity, dtype=bool)
+    for number in layout.varied.values():
+        words = layout.columns(block, Varied).words[:, number.start, None]
+        for name in number.archetypes:
+            rows = np.array(layout.spans[name])
+            absent[:, rows] = rows - rows[0] >= words
+    if (bad := started[:, None] & ((identity < 0) != absent)).any():
+        raise _refusal(
+            "Entity.identity", slice(None), identity, bad, "-1 is needed of who is absent, and of nobody else"
+        )
+    if Side in layout.components:
+        rows = layout.rows(Side)
+        side = layout.columns(block, Side).side[:, rows]
+        bad = started[:, None] & ((side < 0) != absent[:, rows])
+        if bad.any():
+            raise _refusal("Side.side", rows, side, bad, f"0 to {layout.dims['sides'] - 1} is needed")
+
+
+def _check_varied(layout: Layout, block: Array, started: Array) -> None:
+    """Varied numbers, and those that are given, are some that could have been drawn; counts are used as indices."""
+    if not layout.varied:
+        return
+    words, given = layout.columns(block, Varied).words, layout.columns(block, Given).words
+    for name, number in layout.varied.items():
+        module, own = layout.modules[number.module], given[:, number.words]
+        set_, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
+        wrong = started & misfits(number, module, words[:, number.words])
+        wrong |= set_ & ((own >> GIVEN != 1).any(1) | misfits(number, module, low))
+        if wrong.any():
+            raise StateError(f"the state's {name} in world {int(wrong.argmax())} is not of {number.distribution}")
 
 
 def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:

@@ -86,7 +86,8 @@ const Bodies = (() => {
     const { agents, objects } = snapshot, { target } = agent;
     const shape = target < agents.length ? description.agents[target] : description.objects[target - agents.length];
     const body = target < agents.length ? agents[target] : objects[target - agents.length];
-    const far = Math.min(description.reach, target < 0 ? Infinity : distance(agent, shape, body));
+    const { reach } = description.agents[agents.indexOf(agent)];
+    const far = Math.min(reach, target < 0 ? Infinity : distance(agent, shape, body));
     return [agent.x + far * Math.cos(agent.angle), agent.y + far * Math.sin(agent.angle)];
   }
 
@@ -127,8 +128,8 @@ const Bodies = (() => {
   }
 
   function health(scene, agent, i) {
-    const whole = scene.description.health;
-    if (whole) bar(scene, agent.x, agent.y, scene.description.agents[i].radius, agent.health / whole);
+    const { health: whole, radius } = scene.description.agents[i];
+    if (whole) bar(scene, agent.x, agent.y, radius, agent.health / whole);
   }
 
   // The colour of a bar by its name.

@@ -2,9 +2,9 @@
 const Sight = (() => {
   const NUDGE = 1e-4; // radians: rays pass a corner on both sides
 
-  // The corners of what agent i sees of its vision cone, [metres ahead, metres to the left] as description.cone.
+  // The corners of what agent i sees of its vision cone, [metres ahead, metres to the left] as description.agents[i].cone.
   function cone(description, snapshot, i) {
-    const [, ...rim] = description.cone, bearings = rim.map(([x, y]) => Math.atan2(y, x));
+    const [, ...rim] = description.agents[i].cone, bearings = rim.map(([x, y]) => Math.atan2(y, x));
     const [first, last] = [bearings[0], bearings[bearings.length - 1]];
     const bodies = hiding(description, snapshot, i);
     const rays = bodies.flatMap(({ edges }) => edges.flatMap((edge) => [edge - NUDGE, edge, edge + NUDGE]));
@@ -18,7 +18,7 @@ const Sight = (() => {
 
   // What hides from agent i, as it lies around it: {x, y, angle, radius, width, height, edges: bearings of its outline}.
   function hiding(description, snapshot, i) {
-    const me = snapshot.agents[i], depth = Math.max(...description.cone.map(([x, y]) => Math.hypot(x, y)));
+    const me = snapshot.agents[i], depth = Math.max(...description.agents[i].cone.map(([x, y]) => Math.hypot(x, y)));
     const cosine = Math.cos(me.angle), sine = Math.sin(me.angle);
     const found = [];
     const add = (shape, body) => {

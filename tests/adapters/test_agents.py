@@ -13,13 +13,13 @@ from outlast import make_vec
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import equal, short
+from tests.helpers.execution_modes import HUNT, equal, short
 
-KINDS = ("ffa_3", "teams_3")
+KINDS = ("ffa_3", "teams_3", HUNT)
 MODES = [mode.value for mode in AutoresetMode]
 WORLDS, SEED = scaled(20, least=2), 5
 STEPS = 65  # enough for every world of short() to end
-SIDES = {"ffa_3": [0, 1], "teams_3": [0, 0, 1, 1]}
+SIDES = {"ffa_3": [0, 1], "teams_3": [0, 0, 1, 1], HUNT: [0, 1, 1, 1]}
 
 
 def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> SurvivalAgentVectorEnv:

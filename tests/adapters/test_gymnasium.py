@@ -19,7 +19,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import equal, short
+from tests.helpers.execution_modes import HUNT, equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]
@@ -54,8 +54,8 @@ def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize("learner", [0, 2, 3])
-def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> None:
+@pytest.mark.parametrize(("name", "learner"), [("teams_3", 0), ("teams_3", 2), ("teams_3", 3), (HUNT, 0), (HUNT, 2)])
+def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead: str) -> None:
     """The others' actions are noted by the function that gives them, and the world is played again."""
     others: list[Any] = []
 
@@ -65,7 +65,8 @@ def test_it_is_an_agent_of_the_batched_environment(learner: int, dead: str) -> N
         others.append((ids, np.random.default_rng(len(others)).integers(0, [3, 3, 3, 2, 2, 2], (1, 3, 6))))
         return others[-1][1]
 
-    env, batch = make(learner=learner, dead=dead, others=play), make_vec(short("teams_3"), 1, autoreset_mode="Disabled")
+    env = make(name, learner=learner, dead=dead, others=play)
+    batch = make_vec(short(name), 1, autoreset_mode="Disabled")
     seen, info = env.reset(seed=SEED)
     expected, _ = batch.reset(seed=[SEED])
     assert info["alive"] is True

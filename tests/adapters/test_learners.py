@@ -17,7 +17,7 @@ from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
 from outlast.envs.rollout.policies import noop_policy, scripted_policy
 from tests.conftest import COMPILED, digest, scaled
-from tests.helpers.execution_modes import equal, short
+from tests.helpers.execution_modes import HUNT, equal, short
 from tests.helpers.remembering import Remembering
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
@@ -35,6 +35,7 @@ def by_id(observations: dict[str, Any]) -> np.ndarray[Any, Any]:
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "free for all": ("ffa_3", {}),
     "the last of a team": ("teams_3", {"learner": 3, "others": "scripted"}),
+    "the last of three": (HUNT, {"learner": 3, "others": "scripted"}),
     "in the middle, to the end": ("teams_3", {"learner": 1, "dead": "keep"}),
     "a function": ("teams_3", {"learner": 2, "others": by_id}),
     "a mixture": ("teams_3", {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),

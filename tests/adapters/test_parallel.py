@@ -17,7 +17,8 @@ from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import SHORT
+from tests.helpers.execution_modes import HUNT, SHORT
+from tests.helpers.execution_modes import short as scenario
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -35,7 +36,7 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
 CYCLES = scaled(1000, least=20)
 NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
 both = pytest.mark.parametrize("dead", ["end", "keep"])
-everywhere = pytest.mark.parametrize("name", NAMES)
+everywhere = pytest.mark.parametrize("name", [*NAMES, pytest.param(scenario(HUNT), id=HUNT)])
 Env = parallel.SurvivalParallelEnv
 
 
@@ -149,7 +150,7 @@ def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "parallel_registry"), reason="a PettingZoo without a registry")
 @pytest.mark.parametrize("kind", ["parallel", "aec"])
-@everywhere
+@pytest.mark.parametrize("name", NAMES)
 def test_the_registry_makes_them(kind: Any, name: str) -> None:
     env = pettingzoo.make(kind, f"outlast/{name}-v1", max_cycles=7, melee_damage=2)
     assert isinstance(env, pettingzoo.ParallelEnv if kind == "parallel" else pettingzoo.AECEnv)

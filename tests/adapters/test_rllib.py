@@ -34,11 +34,12 @@ def idle(env):
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT])
 def test_it_is_world_0_of_a_batch(variant, dead):
     """Observations, rewards and ends, with the same actions."""
-    env = SurvivalMultiAgentEnv({"scenario": variant, "dead": dead, **SHORT})
-    batch = outlast.make_vec(outlast.variant(variant).replace(**SHORT), 1, seed=9)
+    scenario = execution_modes.short(variant).replace(ending_limit=25)
+    env = SurvivalMultiAgentEnv({"scenario": scenario, "dead": dead})
+    batch = outlast.make_vec(scenario, 1, seed=9)
     rng, lost = np.random.default_rng(0), set()
     (mine, infos), (theirs, _) = env.reset(seed=9), batch.reset()
     assert list(mine) == list(infos) == env.possible_agents == [f"agent_{i}" for i in range(batch.num_agents)]

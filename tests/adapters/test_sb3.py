@@ -12,7 +12,7 @@ import outlast
 from outlast import make_vec, variant
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import short
+from tests.helpers.execution_modes import HUNT, short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
@@ -95,9 +95,9 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
     assert {True, False} == set(ends)
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT])
 def test_spaces_are_those_of_one_agent(name: str) -> None:
-    env, batch = make_sb3(name, 3, seed=0), make_vec(name, 3)
+    env, batch = make_sb3(short(name), 3, seed=0), make_vec(short(name), 3)
     assert env.num_envs == 3 * batch.num_agents
     assert env.action_space.nvec.tolist() == [3, 3, 3, 2, 2, 2]
     for key, box in batch.single_observation_space.items():
@@ -110,9 +110,11 @@ def test_spaces_are_those_of_one_agent(name: str) -> None:
         assert env.observation_space.contains(agent(observations, i))
 
 
-def test_it_is_the_batched_environment() -> None:
+@pytest.mark.parametrize("name", ["teams_3", HUNT])
+def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i."""
-    env, batch = make_sb3(SHORT, WORLDS, seed=3), make_vec(SHORT, WORLDS, autoreset_mode="SameStep")
+    scenario = short(name).replace(ending_limit=22)
+    env, batch = make_sb3(scenario, WORLDS, seed=3), make_vec(scenario, WORLDS, autoreset_mode="SameStep")
     assert same(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
     rng, ended, cut = np.random.default_rng(0), 0, 0
     for _ in range(STEPS):

@@ -271,7 +271,7 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
     "camera too wide": (teams(cameras_fov=4.0), NumberError, "cameras.fov = 4.0", "> 0", "<= 3.14159"),
     "blocked a number": (teams(melee_blocked=1), NumberError, "melee.blocked = 1", "True or False"),
     "walls a string": (teams(room_walls="yes"), NumberError, "room.walls = 'yes'", "True or False"),
-    "unknown choice": (teams(ending_rule="never"), NumberError, "ending.rule = 'never'", "'all dead', 'last alive'"),
+    "unknown choice": (teams(ending_rule="soon"), NumberError, "ending.rule = 'soon'", "'all dead', 'last alive'"),
     "choice a number": (teams(cameras_cone=0), NumberError, "cameras.cone = 0", "'sector', 'kite'"),
     "choice an array": (teams(cameras_cone=np.ones(2)), NumberError, "cameras.cone", "'sector', 'kite'"),
     "unknown backend": (teams(physics_backend="fast"), NumberError, "physics.backend = 'fast'", "'auto', 'native'"),

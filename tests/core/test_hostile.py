@@ -15,6 +15,7 @@ from outlast import components
 from outlast.components import Bag, Item, Side, Sight, Weapon
 from outlast.ecs import (
     Action,
+    AgentRoles,
     Archetype,
     Clock,
     Component,
@@ -40,7 +41,8 @@ from tests.fuzz.mutations import BOMB, bomb, memory_limit, npy, with_entry_heade
 @pytest.fixture(scope="module")
 def env() -> SurvivalVectorEnv:
     """Three worlds with everything in them, some time after the start."""
-    env, rng = outlast.make_vec("teams_3", 3, seed=0), np.random.default_rng(0)
+    scenario = outlast.variant("teams_3").roles(one=outlast.role(1), others=outlast.role())
+    env, rng = outlast.make_vec(scenario, 3, seed=0), np.random.default_rng(0)
     env.reset()
     for _ in range(scaled(100, 3)):
         env.step(draw_actions(env, rng))
@@ -101,7 +103,12 @@ def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
                 integers = [key for key, each in kind.columns.items() if each.dtype.kind in "iu"]
                 found |= {f"{kind.__name__}.{key}": key in validation.RANGES.get(kind, {}) for key in integers}
     assert {name for name, checked in found.items() if not checked} == HARMLESS
-    assert set(validation.RANGES) <= {Clock, Entity, *(getattr(components, name) for name in components.__all__)}
+    assert set(validation.RANGES) <= {
+        AgentRoles,
+        Clock,
+        Entity,
+        *(getattr(components, name) for name in components.__all__),
+    }
 
 
 SPOILS: dict[str, tuple[Callable[[Any], None], str]] = {

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast import Scenario, make_vec, variant
+from outlast import Scenario, make_vec, role, variant
 from outlast.components import Body
 from outlast.ecs import Entity
 from outlast.envs.errors import FaultError
@@ -19,13 +19,17 @@ SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 8
     "agents_health": 10, "safe_zone_radii": (9.0, 4.0), "safe_zone_stand": 10, "safe_zone_shrink": 10,
     "ending_limit": 60,
 }  # fmt: skip
+HUNT = "one against three"  # unequal teams, with roles
 PROBABILITY = 0.03  # per tick, of an intervention
 Actions = np.ndarray[Any, Any]
 
 
 def short(name: str) -> Scenario:
-    """A variant whose episodes are short."""
-    return variant(name).replace(**SHORT)
+    """A variant, or HUNT, whose episodes are short."""
+    if name != HUNT:
+        return variant(name).replace(**SHORT)
+    hunter, prey = role(1, melee_damage=8, cameras_depth=14, agents_radius=0.7, agents_health=20), role(3)
+    return variant("teams_3").replace(teams_sizes=(1, 3), **SHORT).roles(hunter=hunter, prey=prey, observed=False)
 
 
 def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:

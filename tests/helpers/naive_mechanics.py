@@ -91,7 +91,7 @@ def use(world: World, actions: Actions) -> None:
             agent.health += world.numbers["heals_amount"]
             world.statistics["heals_used"] += 1
         else:
-            x, y = ahead(agent, world.numbers["boxes_offset"])
+            x, y = ahead(agent, world.own(agent)["boxes_offset"])
             box = world.of("box")[item.index]
             box.here, box.x, box.y, box.angle = True, agent.x + x, agent.y + y, 0.0
             box.vx = box.vy = box.omega = 0.0
@@ -99,7 +99,7 @@ def use(world: World, actions: Actions) -> None:
             box.health, box.losses = world.numbers["boxes_toughness"], []
             world.statistics["boxes_placed"] += 1
     for agent in world.of("agent"):
-        agent.health = min(agent.health, world.numbers["mortality_limit"] or math.inf)
+        agent.health = min(agent.health, world.own(agent)["mortality_limit"] or math.inf)
 
 
 def give(world: World, actions: Actions) -> None:
@@ -108,9 +108,16 @@ def give(world: World, actions: Actions) -> None:
         a for a in world.live("agent") if actions[a.index]["give"] and (a.bag or world.numbers["give_last_passes_on"])
     ]
     for giver, taker in [(giver, choose_taker(world, giver)) for giver in givers]:
-        if taker and giver.bag and len(taker.bag) < world.numbers["inventory_slots"]:
+        if taker and giver.bag and len(taker.bag) < slots(world, taker):
             taker.bag.append(giver.bag.pop())
             world.entities[taker.bag[-1]].holder = taker.row
+
+
+def slots(world: World, agent: NaiveEntity) -> int:
+    """How many items fit into its bag."""
+    numbers = world.own(agent)
+    found: int = numbers["inventory_capacity"] or numbers["inventory_slots"]
+    return found
 
 
 def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
@@ -122,7 +129,7 @@ def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
     others = [entity for entity in world.entities if entity.here and entity is not giver]
     if world.numbers["give_last_nearest"] == "suitable":
         others = [entity for entity in others if suits(entity)]
-    near = [entity for entity in others if within(distance(giver, entity), world.numbers["give_last_reach"])]
+    near = [entity for entity in others if within(distance(giver, entity), world.own(giver)["give_last_reach"])]
     if not near:
         return None
     nearest = min(near, key=lambda entity: distance(giver, entity))
@@ -139,14 +146,14 @@ def melee(world: World, actions: Actions) -> None:
         if agent.wait > 0:
             agent.wait -= 1
         elif actions[agent.index]["attack"]:
-            strike = ahead(agent, world.numbers["melee_reach"])
+            strike = ahead(agent, world.own(agent)["melee_reach"])
             target = first_on_ray((agent.x, agent.y), strike, in_the_way(world, agent))
             if target:
-                agent.wait = world.numbers["melee_cooldown"]
+                agent.wait = world.own(agent)["melee_cooldown"]
                 blows.append((agent, target))
     for agent, target in blows:
         if target.health is not None and not is_immune(world, target, agent.side):
-            hurt(world, target, world.numbers["melee_damage"], "melee", agent.side)
+            hurt(world, target, world.own(agent)["melee_damage"], "melee", agent.side)
 
 
 def in_the_way(world: World, agent: NaiveEntity) -> list[NaiveEntity]:
@@ -189,10 +196,10 @@ def pick_up(world: World) -> None:
     fallen = [row for row, _ in world.fallen]
     for agent in world.live("agent"):
         for item in world.live("box_item", "heal"):
-            reach = world.numbers["pickup_reach"] + (item.radius if world.numbers["pickup_touch"] else 0)
+            reach = world.own(agent)["pickup_reach"] + (item.radius if world.numbers["pickup_touch"] else 0)
             if item.row in fallen and abs(distance(agent, item) - reach) < TOLERANCE:
                 ambiguous("an item fell to where reach ends")
-            if within(distance(agent, item), reach) and len(agent.bag) < world.numbers["inventory_slots"]:
+            if within(distance(agent, item), reach) and len(agent.bag) < slots(world, agent):
                 agent.bag.append(item.row)
                 item.here, item.holder = False, agent.row
 
@@ -216,7 +223,7 @@ def zone_damage(world: World) -> None:
     x, y, radius = zone_at(world, world.tick - 1)[:3]
     for agent in world.live("agent"):
         if radius == 0 or not within(math.dist((agent.x, agent.y), (x, y)), radius):
-            hurt(world, agent, world.numbers["safe_zone_damage"], "zone", -1)
+            hurt(world, agent, world.own(agent)["safe_zone_damage"], "zone", -1)
 
 
 def tick(world: World, actions: Actions, move: Move, fall: Fall, see: Callable[[World], list[set[int]]]) -> World:

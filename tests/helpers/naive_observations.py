@@ -22,7 +22,7 @@ def see(world: World) -> list[set[int]]:
 
 def sees(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
     """Whether its centre is in the cone, and nothing is nearer on the ray to it."""
-    fov, depth = world.numbers["cameras_fov"], world.numbers["cameras_depth"]
+    fov, depth = world.own(me)["cameras_fov"], world.own(me)["cameras_depth"]
     cone = in_kite if world.numbers["cameras_cone"] == "kite" else in_sector
     place, eye = (entity.x, entity.y), (me.x, me.y)
     if place == eye:
@@ -113,8 +113,8 @@ def killed(world: World, side: int) -> int:
 
 def reward(world: World, i: int) -> float:
     """Of agent `i` for this tick: its side's (paper, section 3.5)."""
-    side = world.of("agent")[i].side
-    pay = {name.removeprefix("rewards_"): value for name, value in world.numbers.items() if name.startswith("rewards_")}
+    side, own = world.of("agent")[i].side, world.own(world.of("agent")[i])
+    pay = {name.removeprefix("rewards_"): value for name, value in own.items() if name.startswith("rewards_")}
     total = pay["alive"] if alive(world, side) else pay["dead"]
     if pay["basis"] == "members":
         mates = [agent for agent in world.of("agent") if agent.side == side]

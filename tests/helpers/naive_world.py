@@ -70,12 +70,17 @@ class World:
     used: list[int] = field(default_factory=list)  # items used in this tick
     fallen: list[tuple[int, int]] = field(default_factory=list)  # (item, agent that dropped it dying) in this tick
     seen: list[set[int]] = field(default_factory=list)  # by agent: rows that its camera sees
+    by_role: dict[str, list[Any]] = field(default_factory=dict)  # numbers that differ by role, by agent
 
     def of(self, *kinds: str) -> list[NaiveEntity]:
         return [entity for entity in self.entities if entity.kind in kinds]
 
     def live(self, *kinds: str) -> Iterator[NaiveEntity]:
         return (entity for entity in self.of(*kinds) if entity.here)
+
+    def own(self, agent: NaiveEntity) -> dict[str, Any]:
+        """The numbers of an agent."""
+        return self.numbers | {name: values[agent.index] for name, values in self.by_role.items()}
 
     @property
     def teams(self) -> bool:
@@ -129,6 +134,7 @@ def read(env: SurvivalVectorEnv, w: int) -> World:
         _deaths(env, w),
         _statistics(env, w),
         (int(clock["seed"][0]), int(clock["world"][0]), int(clock["episode"][0])),
+        by_role={name: values[w].tolist() for name, values in tables.agent_numbers().items()},
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 import outlast
 from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Weapon, Zone
+from outlast.components.inventory import CLOSED
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -49,6 +50,22 @@ KINDS = {
     "teams as run": ("teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),
 }
+SIDED = RUNS | {"agents_count": 6, "teams_count": 3, "teams_sizes": (1, 2, 3), "boxes_dynamic": True}
+KINDS["teams with roles"] = ("teams_4", SIDED)
+ROLES = {  # by kind of world
+    "teams with roles": {
+        "hunter": outlast.role(
+            2, melee_damage=20, melee_reach=3.0, melee_cooldown=2, cameras_depth=14.0, cameras_fov=2.2,
+            agents_radius=0.6, agents_density=1.5, motors_ahead=0.5, motors_turn=0.03, inventory_capacity=1,
+            give_last_reach=4.0, boxes_offset=1.5, rewards_kill=30.0, rewards_alive=0.25, safe_zone_damage=0,
+        ),
+        "prey": outlast.role(
+            cameras_depth=outlast.uniform(4.0, 8.0), pickup_reach=1.25, death_drop_radius=2.0, inventory_capacity=3,
+            motors_left=outlast.choice(0.1, 0.3), mortality_limit=120, rewards_death=-7.0, rewards_outlive=3.0,
+            safe_zone_damage=outlast.integers(2, 4), agents_health=60,
+        ),
+    },
+}  # fmt: skip
 TURNING_POINTS = (0, 98, 99, 100, 101, 199, 200, 399, 699, 1300, 1398, 1399, 1400, 1700)
 
 
@@ -69,7 +86,10 @@ class Played:
 def play(kind: str) -> tuple[Played, ...]:
     """Ticks from random worlds of one of KINDS, in which rounding does not decide."""
     variant, numbers = KINDS[kind]
-    env = outlast.make_vec(outlast.variant(variant).replace(**numbers), COUNT, seed=5)
+    scenario = outlast.variant(variant).replace(**numbers)
+    if roles := ROLES.get(kind):
+        scenario = scenario.roles(**roles, drawn="anyone", observed=False)
+    env = outlast.make_vec(scenario, COUNT, seed=5)
     rng = np.random.default_rng(6)
     env.reset()
     for w in range(COUNT):
@@ -178,7 +198,7 @@ def _scatter_items(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> 
     for item in rng.permutation(loose).tolist():
         holder = int(rng.choice(living)) if living and rng.random() < 0.6 else -1
         alive[item] = holder < 0 and rng.random() < 0.8
-        if holder >= 0 and bag.count[w, holder] < slots:
+        if holder >= 0 and bag.count[w, holder] < slots and bag.items[w, holder, bag.count[w, holder]] != CLOSED:
             bag.items[w, holder, bag.count[w, holder]] = item
             bag.count[w, holder] += 1
             tables[Item].holder[w, item] = holder

@@ -36,7 +36,8 @@ def test_items_of_the_dead_lie_around_them(kind: str) -> None:
     """On the rim of the circle, or anywhere in it; the test after the next says in which direction."""
     for tick in play(kind):
         for item, agent in tick.want.fallen:
-            one, other, numbers = tick.after.entities[item], tick.after.entities[agent], tick.after.numbers
+            one, other = tick.after.entities[item], tick.after.entities[agent]
+            numbers = tick.after.own(other)
             far = math.dist((one.x, one.y), (other.x, other.y))
             assert far <= numbers["death_drop_radius"] + TOLERANCE
             if numbers["death_drop_scatter"] == "rim":

@@ -37,11 +37,11 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     },
     "DeathDrop": {"radius": (0.5, STRONG), "scatter": ("disc", ("disc", "rim"))},
     "DropLast": {"offset": (1.0, STRONG)},
-    "Ending": {"rule": ("all dead", ("all dead", "last alive")), "limit": (0, TICKS)},
+    "Ending": {"rule": ("all dead", ("all dead", "last alive", "never")), "limit": (0, TICKS)},
     "FreeForAll": {},
     "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
-    "Inventory": {"slots": (4, MANY)},
+    "Inventory": {"slots": (4, MANY), "capacity": (0, "[0,65536]")},
     "Melee": {
         "reach": (2.0, FAR), "damage": (5, POINTS), "cooldown": (0, TICKS),
         "blocked": (False, SWITCH),
@@ -51,7 +51,12 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "ahead": (0.25, STRONG), "left": (0.25, STRONG), "turn": (0.0125, STRONG),
         "give": ("evenly", ("evenly", "at once")),
     },
+    "ObserveRoles": {"count": (2, MANY)},
+    "Preparation": {
+        "ticks": (100, TICKS), "sides": ((), "[0,65536]"), "frozen": (True, SWITCH), "blind": (False, SWITCH),
+    },
     "Record": {},
+    "Respawn": {"ticks": (100, "[1,1e9]")},
     "Rewards": {
         "alive": (1.0, REWARD), "dead": (0.0, REWARD), "kill": (0.0, REWARD), "death": (0.0, REWARD),
         "posthumous": (True, SWITCH),
@@ -64,7 +69,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     },
     "SpawnGrid": {"cells": (8, "[1,256]")},
     "Steering": {"speed": (5.0, STRONG), "spin": (math.pi, STRONG)},
-    "Teams": {"count": (2, MANY)},
+    "Teams": {"count": (2, MANY), "sizes": ((), "whole numbers")},  # see tests/core/test_roles.py
 }  # fmt: skip
 TINY, HUGE = 1e-6, 10**6
 
@@ -80,7 +85,9 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [True, False], [0, 1, "yes"]
     if isinstance(spec, tuple):
         return [*spec], ["", *range(len(spec))]
-    one = default[0] if isinstance(default, tuple) else default
+    if spec == "whole numbers":
+        return [(), (1, 3)], [(0, 1), (1, 0.5)]
+    one = (default or (1.0,))[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)
     if isinstance(default, tuple):

@@ -12,13 +12,13 @@ def move(world: World, actions: naive_mechanics.Actions) -> None:
     """The substeps of a new Box2D world that holds everything that can be touched."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]
-    bodies = [(entity, create_body(box2d, entity, numbers)) for entity in world.live("agent", "box", "wall")]
-    agents = [(body, actions[entity.index]) for entity, body in bodies if entity.kind == "agent"]
+    bodies = [(entity, create_body(box2d, entity, world)) for entity in world.live("agent", "box", "wall")]
+    agents = [(entity, body, actions[entity.index]) for entity, body in bodies if entity.kind == "agent"]
     evenly = numbers["motors_give"] == "evenly"
-    given = [impulses(body, action, numbers) for body, action in agents]
+    given = [impulses(body, action, world.own(agent)) for agent, body, action in agents]
     for substep in range(numbers["physics_substeps"]):
         if evenly or substep == 0:
-            for (body, _), (force, turn) in zip(agents, given, strict=True):
+            for (_, body, _), (force, turn) in zip(agents, given, strict=True):
                 share = 1 / numbers["physics_substeps"] if evenly else 1
                 body.ApplyLinearImpulse((force.x * share, force.y * share), body.worldCenter, True)
                 body.ApplyAngularImpulse(turn * share, True)
@@ -30,8 +30,9 @@ def move(world: World, actions: naive_mechanics.Actions) -> None:
             (entity.vx, entity.vy), entity.omega = body.linearVelocity, body.angularVelocity
 
 
-def create_body(box2d: Any, entity: NaiveEntity, numbers: dict[str, Any]) -> Any:
+def create_body(box2d: Any, entity: NaiveEntity, world: World) -> Any:
     """The entity as a body with one fixture."""
+    numbers = world.own(entity) if entity.kind == "agent" else world.numbers
     moves = entity.kind == "agent" or (entity.kind == "box" and numbers["boxes_dynamic"])
     body = (box2d.CreateDynamicBody if moves else box2d.CreateStaticBody)(
         position=(entity.x, entity.y),

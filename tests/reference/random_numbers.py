@@ -20,8 +20,13 @@ def draw_index(entity: NaiveEntity) -> int:
 
 def philox(world: World, stream: str, index: int) -> list[int]:
     """Four uint64: Philox4x64-10 of (seed, world) as key and (episode, tick, stream, index) as counter."""
-    seed, number, episode = world.key
-    counter = episode + (world.tick << 64) + (name_hash(stream) << 128) + (index << 192)
+    return keyed(world.key, world.tick, stream, index)
+
+
+def keyed(key: tuple[int, int, int], tick: int, stream: str, index: int) -> list[int]:
+    """The same by (seed, world, episode)."""
+    seed, number, episode = key
+    counter = episode + (tick << 64) + (name_hash(stream) << 128) + (index << 192)
     generator = np.random.Philox(counter=(counter - 1) % 2**256, key=seed + (number << 64))  # it counts before it draws
     return [int(word) for word in generator.random_raw(4)]
 
@@ -36,5 +41,5 @@ def scattered(world: World, item: NaiveEntity, agent: NaiveEntity) -> tuple[floa
     """Where an item of a dead agent falls: on a circle around it, or anywhere inside."""
     direction, area = uniform2(world, "drop.scatter", draw_index(item))
     share = math.sqrt(area) if world.numbers["death_drop_scatter"] == "disc" else 1.0
-    radius, angle = world.numbers["death_drop_radius"] * share, 2 * math.pi * direction
+    radius, angle = world.own(agent)["death_drop_radius"] * share, 2 * math.pi * direction
     return agent.x + radius * math.cos(angle), agent.y + radius * math.sin(angle)

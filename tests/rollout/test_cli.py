@@ -129,7 +129,7 @@ def others(name: str) -> Iterator[tuple[Any, Scenario]]:
     elif isinstance(value, bool):
         values = (not value,)
     elif isinstance(value, tuple):
-        values = (value[:2], value[:1], tuple(x / 2 for x in value))
+        values = (value[:2], value[:1], tuple(x / 2 for x in value)) if value else ((1.0, 3.0),)
     else:
         values = (value + 1, value / 2)
     for each in values:

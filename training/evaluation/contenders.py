@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from outlast.envs.core.described import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
-from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.mixture import checked_entries
 from outlast.envs.rollout.policies import POLICIES, Policy

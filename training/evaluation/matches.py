@@ -10,7 +10,7 @@ from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import ROLES, role_of, wins
 
-from ..metrics import AgentMetrics, first_of_sides
+from ..metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
@@ -70,10 +70,11 @@ class Match:
     def _assign(self) -> None:
         """Assign agents to policies, in the worlds that go on."""
         worlds = np.arange(self.base_env.num_worlds)
-        self.role = role_of(self.metrics.sides, worlds[:, None], self.done[:, None])
+        sides, absent = self.metrics.sides, self.metrics.sides < 0
+        self.role = np.where(absent, -1, role_of(sides, worlds[:, None], self.done[:, None]))
         going = (self.done < self.each)[:, None]
         both = len(self.acts) == 1
-        masks = (going & (both | (self.role == role)) for role in range(len(self.acts)))
+        masks = (going & ((both & ~absent) | (self.role == role)) for role in range(len(self.acts)))
         self.indices: list[AgentIndices] = [(worlds, agents) for worlds, agents in map(np.nonzero, masks)]
 
     def _step(self) -> int:
@@ -109,7 +110,8 @@ class Match:
         life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
         self.results.enter(where, "wins", wins(life))
         self.results.enter(where, "life", life)
-        by_side = mine[:, :, first_of_sides(self.base_env)]
+        sides = np.arange(self.base_env.worlds.dims["sides"])
+        by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
         for name, values in statistics.items():  # of agents, the mean over those of a role; of sides, the sum
             if self.dims.get(name) == ("agents",):
                 self.results.enter(where, name, (values[rows, None] * mine).sum(2), mine.sum(2))

@@ -9,7 +9,6 @@ from outlast.envs.films import Looks, write_film_of
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.sides import role_of
 
-from ..metrics import first_of_sides
 from .evaluation import Evaluation
 from .matches import MatchResults
 from .pairing import Pairing
@@ -23,7 +22,7 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
     recording: of all its episodes. Raises RecordingError, FilmError, PageError.
     """
     names, results = [evaluation.chosen[k].label for k in pairing.pair], pairing.results
-    players = _with_sides(names, len(first_of_sides(evaluation.env)), results)
+    players = _with_sides(names, evaluation.env.worlds.dims["sides"], results)
     title, target = f"{evaluation.scenario.name}: {' against '.join(players)}", folder / "-".join(names)
     from outlast.envs.web.replay import write_page
 

@@ -50,16 +50,14 @@ class CamerasLayer(Layer):
 
     def _draw_cones(self, canvas: Canvas, scene: Scene, watching: list[int]) -> None:
         """Of the agents in these rows, up to the first body that blocks sight."""
-        cameras, body = scene.mechanic(systems.Cameras), scene.body
+        body, cameras = scene.body, scene.mechanic(systems.Cameras)
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
         rows = np.array(scene.living(*kinds), int)
         blockers = np.array([_blocker(scene, e) for e in rows.tolist()])
         for e in watching:
             if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
-                pose = body.x[e], body.y[e], body.angle[e]
-                corners = visible_corners(
-                    *pose, cameras.fov, cameras.depth, cameras.cone == "kite", blockers[rows != e]
-                )
+                own, pose = scene.mechanic(systems.Cameras, e), (body.x[e], body.y[e], body.angle[e])
+                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", blockers[rows != e])
                 canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
 
 

@@ -22,9 +22,9 @@ class MeleeLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """From the attacker's place after the tick: it has moved since it struck."""
-        reach, alive = scene.mechanic(systems.Melee).reach, set(scene.living(Body, Shape))
+        alive = set(scene.living(Body, Shape))
         for strike in scene.events(Strike):
-            me = strike.agent
+            me, reach = strike.agent, scene.mechanic(systems.Melee, strike.agent).reach
             if me in alive and strike.target >= 0:
                 far = _distance(scene, me, strike.target, reach)
                 self._draw(canvas, scene, me, far, INK, 2 * self.width)
@@ -47,9 +47,10 @@ class HitsLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """On the skin of what was hit, as both stand after the tick."""
-        reach, alive = scene.mechanic(systems.Melee).reach, set(scene.living(Body, Shape))
+        alive = set(scene.living(Body, Shape))
         for strike in scene.events(Strike):
             if strike.agent in alive and strike.target >= 0:
+                reach = scene.mechanic(systems.Melee, strike.agent).reach
                 x, y = _ahead(scene, strike.agent, _distance(scene, strike.agent, strike.target, reach))
                 for radius, color in ((self.radius + self.rim, INK), (self.radius, STRIKE), (self.radius / 2, WHITE)):
                     _star(canvas, x, y, radius, color)

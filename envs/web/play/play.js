@@ -54,7 +54,7 @@
       }
     }
     for (const dd of list.querySelectorAll("dd")) write(dd, state.text[dd.dataset.heading].join("\n"));
-    const dying = Bodies.healthColor(state.snapshot.agents[world.agent].health / world.health) === "dying";
+    const dying = Bodies.healthColor(state.snapshot.agents[world.agent].health / world.agents[world.agent].health) === "dying";
     list.querySelector("[data-heading=Health]").classList.toggle("dying", dying);
   }
 

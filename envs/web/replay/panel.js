@@ -64,7 +64,7 @@ const Panel = (() => {
 
   function show(card, description, snapshot, i, followed, tally) {
     const { alive, health, bag } = snapshot.agents[i];
-    const share = alive && description.health ? health / description.health : 0;
+    const whole = description.agents[i].health, share = alive && whole ? health / whole : 0;
     card.button.classList.toggle("dead", !alive);
     card.button.setAttribute("aria-pressed", followed);
     write(card.status, alive ? (followed ? "following" : "alive") : tally?.status || "dead");

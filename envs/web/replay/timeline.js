@@ -65,7 +65,8 @@ const Timeline = (() => {
     function health(pen, i) {
       const { description } = episode, y = top(i), tall = strip();
       const points = episode.history("agent.health", i), alive = episode.history("agent.alive", i);
-      const whole = 1.25 * Math.max(1, description.health), color = description.sides[description.agents[i].side].color;
+      const { health: full, side } = description.agents[i];
+      const whole = 1.25 * Math.max(1, full), color = description.sides[side].color;
       pen.fillStyle = colors.ink;
       pen.globalAlpha = 0.07;
       pen.fillRect(LEFT, y, width - LEFT - RIGHT, tall);

@@ -1,0 +1,105 @@
+"""What the numbers of a mechanic can be drawn from, anew in every episode of every world."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .errors import NumberError
+
+UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE = range(4)
+
+
+@dataclass(frozen=True, repr=False)
+class Distribution:
+    """What a number is drawn from; made by `uniform`, `log_uniform`, `integers` or `choice`.
+
+    Attributes:
+        kind: UNIFORM, LOG_UNIFORM, INTEGERS or CHOICE.
+        values: The lowest and the highest value; of a choice, all values.
+    """
+
+    kind: int
+    values: tuple[Any, ...]
+
+    def __repr__(self) -> str:
+        return f"{NAMES[self.kind]}({', '.join(map(repr, self.values))})"
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether it could be drawn."""
+        if self.kind == CHOICE:
+            given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
+            return any(given == each and isinstance(given, bool) == isinstance(each, bool) for each in self.values)
+        real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        whole = self.kind != INTEGERS or (real and float(value).is_integer())
+        return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
+
+    def extremes(self) -> tuple[Any, ...]:
+        """The lowest and the highest value; of a choice among other things than numbers, all."""
+        plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)
+        return (min(self.values), max(self.values)) if plain else self.values
+
+    def probes(self) -> tuple[Any, ...]:
+        """Values that stand for all: the ends and one between them; of a choice, all."""
+        if self.kind == CHOICE:
+            return self.values
+        low, high = self.values
+        return (low, high, (low + high) // 2 if self.kind == INTEGERS else low + (high - low) / 2)
+
+
+def uniform(low: float, high: float) -> Distribution:
+    """Every value from `low` to `high` is equally likely. For numbers that are floats."""
+    return Distribution(UNIFORM, _ends("uniform", low, high))
+
+
+def log_uniform(low: float, high: float) -> Distribution:
+    """The logarithm is uniform: as many values between 1 and 10 as between 10 and 100. 0 < low. For floats."""
+    ends = _ends("log_uniform", low, high)
+    if ends[0] <= 0:
+        raise NumberError(f"log_uniform({low!r}, {high!r}): the lower end must be above 0")
+    return Distribution(LOG_UNIFORM, ends)
+
+
+def integers(low: int, high: int) -> Distribution:
+    """Every integer from `low` to `high`, both included, is equally likely."""
+    if not all(type(each) is not bool and isinstance(each, (int, np.integer)) for each in (low, high)):
+        raise NumberError(f"integers({low!r}, {high!r}): two integers are needed")
+    ends = _ends("integers", low, high)
+    return Distribution(INTEGERS, (int(ends[0]), int(ends[1])))
+
+
+def choice(*values: Any) -> Distribution:
+    """Each of the values is equally likely; name one twice to make it twice as likely. For numbers of any type."""
+    if len(values) < 2:
+        raise NumberError(f"choice{values!r}: at least two values are needed, as in choice(1, 2, 3)")
+    return Distribution(CHOICE, tuple(tuple(each) if isinstance(each, list) else each for each in values))
+
+
+NAMES = ("uniform", "log_uniform", "integers", "choice")
+
+
+def plain(distribution: Distribution) -> list[Any]:
+    """A distribution as JSON has it: the name of its kind, and its values."""
+    return [NAMES[distribution.kind], *(list(v) if isinstance(v, tuple) else v for v in distribution.values)]
+
+
+def from_plain(name: Any, *values: Any) -> Distribution:
+    """The distribution that `plain` was made of. NumberError for one that cannot be."""
+    made = {"uniform": uniform, "log_uniform": log_uniform, "integers": integers, "choice": choice}.get(str(name))
+    if made is None or (made is not choice and len(values) != 2):
+        raise NumberError(
+            f"{[name, *values]!r:.80} is no distribution: {', '.join(NAMES)}, with two ends or all values"
+        )
+    return made(*values)
+
+
+def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
+    """Both, as they are. NumberError unless they are finite numbers and in order."""
+    for each in (low, high):
+        real = isinstance(each, (int, float, np.integer, np.floating)) and not isinstance(each, bool)
+        if not real or not math.isfinite(each):
+            raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")
+    if not low < high:
+        raise NumberError(f"{name}({low!r}, {high!r}): the first must be below the second")
+    return low, high

@@ -1,0 +1,174 @@
+"""The draws of numbers that differ from world to world, and what is absent where a count is below the highest."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .component import Array, Observation, Signal
+from .distributions import CHOICE, INTEGERS, LOG_UNIFORM
+from .jit import kernel
+from .random import integer, stream_number, words
+from .varied import GIVEN, WORD, VariedNumber, encode, patches
+
+ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
+TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What draws the numbers of one world, as arrays; see `draw`.
+
+    Attributes:
+        kinds: int8 (numbers,), of their distributions.
+        real: int8 (numbers,), 1 where words are float32.
+        spans: int32 (numbers, 2), the first word and how many.
+        streams: uint64 (numbers,), of random numbers: that of the number's name.
+        ends: float64 (numbers, 2), lowest and highest; of choices 0.
+        choices: int32 (words,), of all choices, one behind the other.
+        options: int32 (numbers, 2), where a number's choices begin, and how many there are.
+        patches: int32 (patches, 3), of prefab values: a word, where it goes in the state, and in bytes how wide it is
+            there, 1 or 4.
+        absences: int32 (archetypes, 3), of counts: the word, and the first row and one after the last of the entities.
+    """
+
+    kinds: Array
+    real: Array
+    spans: Array
+    streams: Array
+    ends: Array
+    choices: Array
+    options: Array
+    patches: Array
+    absences: Array
+
+
+def plan(layout: Any) -> Plan:
+    """The arrays for `draw`, for an ecs.layout.Layout. Raises what `patches` raises."""
+    numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
+    for number in numbers:
+        values = number.distribution.values if number.distribution.kind == CHOICE else ()
+        options.append((len(choices), len(values)))
+        for value in values:
+            choices += encode(layout.modules[number.module], number.number, value).tolist()
+    absences = [
+        (number.start, layout.spans[name].start, layout.spans[name].stop)
+        for number in numbers
+        for name in number.archetypes
+    ]
+    ends = [(0, 0) if number.distribution.kind == CHOICE else number.distribution.values for number in numbers]
+    return Plan(
+        kinds=np.array([number.distribution.kind for number in numbers], np.int8),
+        real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
+        spans=np.array([(number.start, number.width) for number in numbers], np.int32),
+        streams=np.array([stream_number(f"vary {number.name}") for number in numbers], np.uint64),
+        ends=np.array(ends, np.float64),
+        choices=np.array(choices or [0], np.int32),
+        options=np.array(options, np.int32),
+        patches=np.array(patches(layout), np.int32).reshape(-1, 3),
+        absences=np.array(absences, np.int32).reshape(-1, 3),
+    )
+
+
+@kernel
+def between(kind: int, low: float, high: float, key: Any) -> float:
+    """A draw between two ends, float64."""
+    if kind == INTEGERS:
+        return low + np.float64(integer(key, 0, int(high) - int(low) + 1))
+    unit = np.float64(words(key, 0)[0] >> TO_53_BITS) * ULP_53
+    if kind == LOG_UNIFORM:
+        return min(max(math.exp(math.log(low) + unit * (math.log(high) - math.log(low))), low), high)
+    return low + unit * (high - low)
+
+
+@kernel
+def draw(
+    clock: Any,
+    entities: Any,
+    given: Any,
+    values: Any,
+    reals: Any,
+    state: Any,
+    state_bytes: Any,
+    kinds: Any,
+    real: Any,
+    spans: Any,
+    streams: Any,
+    ends: Any,
+    choices: Any,
+    options: Any,
+    patches: Any,
+    absences: Any,
+) -> None:
+    """Set the numbers of a world whose episode begins, and the prefab values that they are.
+
+    given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
+    its state, as int32 and as uint8. kinds and all that follow: see Plan.
+    """
+    for n in range(kinds.size):
+        start, width = spans[n, 0], spans[n, 1]
+        if given[start] >> GIVEN:
+            for k in range(start, start + width):
+                values[k] = np.int32(np.uint32(given[k] & WORD))
+            continue
+        key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), streams[n])
+        if kinds[n] == CHOICE:
+            first = options[n, 0] + width * integer(key, 0, options[n, 1])
+            for k in range(width):
+                values[start + k] = choices[first + k]
+        elif real[n]:
+            reals[start] = np.float32(between(kinds[n], ends[n, 0], ends[n, 1], key))
+        else:
+            values[start] = np.int32(between(kinds[n], ends[n, 0], ends[n, 1], key))
+    for p in range(patches.shape[0]):
+        word, where = values[patches[p, 0]], patches[p, 1]
+        if patches[p, 2] == 4:
+            state[where >> 2] = word
+        else:
+            state_bytes[where] = np.uint8(word)
+    for a in range(absences.shape[0]):
+        for e in range(absences[a, 1] + values[absences[a, 0]], absences[a, 2]):
+            entities.alive[e], entities.identity[e] = 0, ABSENT
+
+
+def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:
+    """What learners get a row of for each entity of a varied count: the number, the component and the column."""
+    return [
+        (number, component, name)
+        for number in layout.varied.values()
+        for component in layout.components
+        if issubclass(component, (Observation, Signal))
+        for name, column in component.columns.items()
+        if column.dims[:1] and column.dims[0] in number.dims
+    ]
+
+
+@kernel
+def show(rows: Any, words: Any, reals: Any, shown: Any) -> None:
+    """Fill the rows of NumbersView.
+
+    rows: float32 (agents, n). words, reals: of Varied, as int32 and as float32. shown: int32 (n, 2), of each column the
+    word, and whether it is a float32.
+    """
+    for i in range(rows.shape[0]):
+        for k in range(shown.shape[0]):
+            rows[i, k] = reals[shown[k, 0]] if shown[k, 1] else np.float32(words[shown[k, 0]])
+
+
+def shown(layout: Any) -> Array:
+    """For `show`, int32 (n, 2)."""
+    numbers = [layout.varied[name] for name in layout.fields["numbers"]]
+    words = [(number.start + k, number.dtype.kind == "f") for number in numbers for k in range(number.width)]
+    return np.array(words, np.int32)
+
+
+@kernel
+def clear_rows(rows: Any, count: Any) -> None:
+    """Nothing is observed by who is absent, nor rewarded.
+
+    rows: float32 (most, n), one behind the other. count: int32 (1,), how many are there.
+    """
+    for i in range(count[0], rows.shape[0]):
+        for k in range(rows.shape[1]):
+            rows[i, k] = 0

@@ -1,0 +1,385 @@
+"""Numbers that differ from agent to agent: where they lie, how they are set at resets, and how kernels read them.
+
+Each has a four-byte word for every row of agents in the state of its world: the bits of a float32, or an int32. The
+systems of its mechanic get that array in place of the number; `of` reads either, so kernels are written once, and what
+no role changes is compiled to what it was. Prefab values that are the number itself, such as hit points at the start,
+are written into the state.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+from .component import Array, Clock, Singleton, column
+from .distributions import CHOICE, INTEGERS, Distribution
+from .draw import between
+from .errors import NumberError
+from .jit import intrinsic, kernel
+from .random import integer, stream_number
+from .roles import NEVER, SIDE, Roles, spread
+from .varied import encode
+
+AGENT = "agent"  # the archetype that has roles
+ROLES, ROWS, WORDS = "roles", "role rows", "role words"  # dimensions
+STREAM = stream_number("roles")
+FLAG = ir.IntType(1)
+
+
+class AgentRoles(Singleton):
+    """The engine's own component of worlds with roles: the role of each agent in this episode."""
+
+    role: Array = column("i4", "agents")
+
+
+class AgentNumbers(Singleton):
+    """The engine's own component of worlds with roles that change numbers: their values in this episode."""
+
+    words: Array = column("i4", WORDS)  # int32, or the bits of float32; of a number, one for each row
+
+
+@dataclass(frozen=True)
+class AgentNumber:
+    """A number of which each agent has its own.
+
+    Attributes:
+        name: "module_number".
+        module: Index of the mechanic among layout.modules.
+        field: The number's name in the mechanic.
+        start: The first of its words, which is that of row 0.
+        dtype: Of its words.
+        values: What it is for each role: a value or a Distribution.
+    """
+
+    name: str
+    module: int
+    field: str
+    start: int
+    dtype: np.dtype[Any]
+    values: tuple[Any, ...]
+
+
+def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
+    """Where the words of numbers that differ by role lie, by name; their dimensions are added to the layout's.
+
+    Raises:
+        NumberError: Roles that do not fit the agents, or a number that is unknown or the same for all agents.
+    """
+    rows = layout.spans.get(AGENT, range(0))
+    if not rows:
+        raise NumberError("roles: this scenario has no agents to have them; add Agents")
+    roles.of_agents(len(rows))
+    roles = checked_roles(layout.modules, roles)
+    owners = _owners(layout.modules)
+    found: dict[str, AgentNumber] = {}
+    for name in roles.numbers:
+        if name in layout.varied:
+            raise NumberError(
+                f"{name} is varied from world to world and differs by role: choose one, as in "
+                f"role({name}=uniform(...)), from which each agent draws"
+            )
+        k, field = owners[name]
+        base = getattr(layout.modules[k], field)
+        values = tuple(dict(each.numbers).get(name, base) for each in roles.roles)
+        dtype = np.dtype("f4" if isinstance(base, float) else "i4")
+        found[name] = AgentNumber(name, k, field, len(found) * rows.stop, dtype, values)
+    layout.dims[ROLES], layout.dims[ROWS] = len(roles.roles), rows.stop
+    if found:
+        layout.dims[WORDS] = len(found) * rows.stop
+    return found
+
+
+def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
+    """The roles with numbers as the mechanics have them, each checked by itself.
+
+    Raises:
+        NumberError: One that is unknown, the same for all agents, or out of its range; as "role NAME: ...".
+    """
+    owners = _owners(modules)
+    able = [name for name, (k, field) in owners.items() if _metadata(modules[k], field).get("per_agent")]
+    found = []
+    for each in roles.roles:
+        values = dict[str, Any]()
+        for name, value in each.numbers:
+            if name not in able:
+                what = "is the same for all agents, as its mechanic declares it" if name in owners else "does not exist"
+                known = ", ".join(sorted(able)) or "none"
+                raise NumberError(f"role {each.name}: the number {name} {what}; a role can have: {known}")
+            k, field = owners[name]
+            try:
+                probes = _probes(name, value, type(getattr(modules[k], field)))
+                own = [getattr(modules[k].replace(**{field: probe}), field) for probe in probes]
+            except NumberError as error:
+                raise NumberError(f"role {each.name}: {error}") from None
+            values[name] = value if isinstance(value, Distribution) else own[0]
+        found.append(replace(each, numbers=tuple(values.items())))
+    return replace(roles, roles=tuple(found))
+
+
+def _owners(modules: Sequence[Any]) -> dict[str, tuple[int, str]]:
+    """The index of the mechanic and its own name for every number, by full name."""
+    return {f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(modules) for item in fields(module)}
+
+
+def _metadata(module: Any, field: str) -> Any:
+    return next(item.metadata for item in fields(module) if item.name == field)
+
+
+def _probes(name: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """What stands for all values of a number. NumberError for a distribution of floats of which an int is drawn."""
+    if not isinstance(value, Distribution):
+        return (value,)
+    if kind is int and value.kind not in (INTEGERS, CHOICE):
+        raise NumberError(f"{name} = {value}: it is of type int, so take integers or choice")
+    return value.probes()
+
+
+def forms(layout: Any) -> list[Any]:
+    """The layouts of worlds in which everybody has one role: for bounds and systems, and whether its numbers can be.
+
+    Distributions at their lowest, and at their highest values.
+
+    Raises:
+        NumberError: A role's number is out of its range, or does not fit what the other mechanics say; as
+            "role NAME: ...".
+    """
+    found = []
+    for role, values in spread(layout.roles):
+        try:
+            found.append(_form(layout, values))
+        except NumberError as error:
+            raise NumberError(f"role {role.name}: {error}") from None
+    return found
+
+
+def _form(layout: Any, values: dict[str, Any], checks: bool = True) -> Any:
+    modules = list(layout.modules)
+    for name, value in values.items():
+        number = layout.per_agent[name]
+        modules[number.module] = modules[number.module].replace(**{number.field: value})
+    return layout.with_modules(modules, layout.roles.bare(), checks)
+
+
+def differing_numbers(layout: Any, module: str) -> list[str]:
+    """The numbers in which roles differ, by their names in the mechanic of that name."""
+    return [number.field for number in layout.per_agent.values() if layout.modules[number.module].name == module]
+
+
+def agent_values(worlds: Any, number: AgentNumber) -> Array:
+    """A number of each agent, (worlds, agents): a copy."""
+    rows = worlds.layout.spans[AGENT]
+    words = worlds[AgentNumbers].words[:, number.start + rows.start : number.start + rows.stop]
+    return words.copy().view(number.dtype)
+
+
+@functools.lru_cache(maxsize=64)
+def _written(layout: Any) -> list[tuple[int, int, int]]:
+    """All of `_patches`."""
+    return [each for number in layout.per_agent.values() for each in _patches(layout, number)]
+
+
+def initial_image(worlds: Any, w: int) -> Array:
+    """uint8 (world_bytes,): what the episode of world `w` began with, with the prefab values of its agents."""
+    image: Array = worlds.layout.initial_image.copy()
+    if worlds.layout.per_agent and worlds[Clock].episode[w, 0]:
+        words = worlds[AgentNumbers].words[w].view(np.uint8)
+        for word, offset, width in _written(worlds.layout):
+            image[offset : offset + width] = words[4 * word : 4 * word + width]
+    return image
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What sets the roles and numbers of the agents of one world, as arrays; see `assign`.
+
+    Attributes:
+        rows: int32 (agents,), of the agents.
+        fixed: int32 (agents,), the role of each, before any is drawn.
+        groups: int32 (groups + 1,), where groups of agents begin within which roles are drawn; of none, (0,).
+        real: int8 (numbers,), 1 where words are float32.
+        starts: int32 (numbers,), the first word.
+        streams: uint64 (numbers,), of random numbers.
+        kinds: int8 (numbers, roles), of distributions; a value is a choice with one option.
+        ends: float64 (numbers, roles, 2), lowest and highest; of choices 0.
+        choices: int32 (words,), of all choices, one behind the other.
+        options: int32 (numbers, roles, 2), where choices begin, and how many there are.
+        patches: int32 (patches, 3), of prefab values: a word, where it goes in the state, and in bytes how wide it is.
+    """
+
+    rows: Array
+    fixed: Array
+    groups: Array
+    real: Array
+    starts: Array
+    streams: Array
+    kinds: Array
+    ends: Array
+    choices: Array
+    options: Array
+    patches: Array
+
+
+def plan(layout: Any) -> Plan:
+    """The arrays for `assign`, for an ecs.layout.Layout with roles. Raises what `_patches` raises."""
+    numbers, choices = list(layout.per_agent.values()), list[int]()
+    shape = (len(numbers), len(layout.roles.roles))
+    kinds, ends, options = np.zeros(shape, np.int8), np.zeros((*shape, 2)), np.zeros((*shape, 2), np.int32)
+    for n, number in enumerate(numbers):
+        for r, value in enumerate(number.values):
+            given = value if isinstance(value, Distribution) else Distribution(CHOICE, (value,))
+            kinds[n, r] = given.kind
+            if given.kind == CHOICE:
+                options[n, r] = len(choices), len(given.values)
+                for each in given.values:
+                    choices += encode(layout.modules[number.module], number.field, each).tolist()
+            else:
+                ends[n, r] = given.values
+    agents = layout.spans[AGENT]
+    return Plan(
+        rows=np.array(agents, np.int32),
+        fixed=np.array(layout.roles.of_agents(len(agents)), np.int32),
+        groups=np.array(_groups(layout), np.int32),
+        real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
+        starts=np.array([number.start for number in numbers], np.int32),
+        streams=np.array([stream_number(f"role {number.name}") for number in numbers], np.uint64),
+        kinds=kinds,
+        ends=ends,
+        choices=np.array(choices or [0], np.int32),
+        options=options,
+        patches=np.array(_written(layout), np.int32).reshape(-1, 3),
+    )
+
+
+def _groups(layout: Any) -> list[int]:
+    """Where groups of agents begin within which roles are drawn. NumberError if there are no sides to be drawn in."""
+    agents = len(layout.spans[AGENT])
+    if layout.roles.drawn == NEVER:
+        return [0]
+    sizes = (agents,)
+    if layout.roles.drawn == SIDE:
+        sizes = layout.groups()
+        if not sizes:
+            raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
+    starts: list[int] = np.cumsum([0, *sizes]).tolist()
+    return starts
+
+
+def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
+    """Which prefab values of agents are the number: rows as in Plan.patches.
+
+    Found by comparing what worlds would begin with if all agents had another value.
+
+    Raises:
+        NumberError: More than that depends on the number.
+    """
+    base = getattr(layout.modules[number.module], number.field)
+    values = [value for each in number.values for value in _probes(number.name, each, type(base))]
+    probes = sorted({base, *values})
+    forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # others belong to a value
+    if any(form.places != forms[0].places for form in forms):
+        raise NumberError(f"{number.name} cannot differ by role: it decides how large tables are")
+    here = {(each.component, each.name): each.offset for each in layout.places}
+    images, found = np.stack([form.initial_image for form in forms]), []
+    for where in [each for each in forms[0].places if each.offset >= 0]:
+        dtype = where.component.columns[where.name].dtype
+        size = dtype.itemsize * math.prod(where.shape)
+        there = images[:, where.offset : where.offset + size].copy().view(dtype)
+        for k in np.flatnonzero((there != there[0]).any(0)).tolist():
+            same = dtype == number.dtype and there[:, k].tolist() == np.array(probes).astype(dtype).tolist()
+            if not same or where.shape != (layout.dims["rows"],) or k not in layout.spans[AGENT]:
+                what = f"{where.component.__name__}.{where.name}"
+                raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
+            found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
+    return found
+
+
+@kernel
+def assign(
+    clock: Any,
+    roles: Any,
+    values: Any,
+    reals: Any,
+    state: Any,
+    rows: Any,
+    fixed: Any,
+    groups: Any,
+    real: Any,
+    starts: Any,
+    streams: Any,
+    kinds: Any,
+    ends: Any,
+    choices: Any,
+    options: Any,
+    patches: Any,
+) -> None:
+    """Set the roles of the agents of a world whose episode begins, their numbers, and the prefab values that they are.
+
+    roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
+    world's state, as int32. rows and all that follow: see Plan. Draws for a number have the agent's id in the place of
+    the tick.
+    """
+    key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
+    for i in range(rows.size):
+        roles.role[i] = fixed[i]
+    for g in range(groups.size - 1):
+        for i in range(groups[g + 1] - 1, groups[g], -1):  # Fisher and Yates
+            o = groups[g] + integer(key, i, i - groups[g] + 1)
+            roles.role[i], roles.role[o] = roles.role[o], roles.role[i]
+    for n in range(starts.size):
+        for i in range(rows.size):
+            r, word = roles.role[i], starts[n] + rows[i]
+            own = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(i), streams[n])
+            if kinds[n, r] == CHOICE:
+                values[word] = choices[options[n, r, 0] + integer(own, 0, options[n, r, 1])]
+            elif real[n]:
+                reals[word] = np.float32(between(kinds[n, r], ends[n, r, 0], ends[n, r, 1], own))
+            else:
+                values[word] = np.int32(between(kinds[n, r], ends[n, r, 0], ends[n, r, 1], own))
+    for p in range(patches.shape[0]):
+        state[patches[p, 1] >> 2] = values[patches[p, 0]]
+
+
+def _is_array(number: Any) -> bool:
+    return isinstance(number, np.ndarray)
+
+
+def _element(number: Any, e: int) -> Any:
+    if not _is_array(number):
+        return number
+    return number[e] if number.dtype.kind == "f" else np.int64(number[e])
+
+
+@intrinsic(_element)
+def of(typing: Any, number: Any, e: Any) -> Any:
+    """(number, row) -> the number of the agent of that row, where roles differ in it; else the number itself."""
+    if not hasattr(number, "ndim"):  # of arrays
+
+        def same(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+            return arguments[0]
+
+        return number(number, types.intp), same
+
+    def element(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        array = cgutils.create_struct_proxy(kinds.args[0])(context, builder, arguments[0])
+        value = builder.load(builder.gep(array.data, [arguments[1]]))
+        return value if kinds.return_type == types.float32 else builder.sext(value, ir.IntType(64))
+
+    value = types.float32 if number.dtype == types.float32 else types.int64
+    return value(number, types.intp), element
+
+
+@intrinsic(_is_array)
+def differs(typing: Any, number: Any) -> Any:
+    """Whether roles differ in a number: known when a kernel is compiled, so the other branch costs nothing."""
+    value = hasattr(number, "ndim")
+
+    def constant(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
+        return ir.Constant(FLAG, value)
+
+    return types.boolean(number), constant

@@ -1,0 +1,207 @@
+"""Roles: which agents have numbers of their own, as data.
+
+A role has a name, says which agents have it, and gives some numbers of mechanics other values for them, or
+distributions, from which each agent draws when an episode begins. Where the values lie in memory: ecs.per_agent.
+"""
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from .distributions import Distribution
+from .distributions import from_plain as distribution_of
+from .distributions import plain as plain_distribution
+from .errors import NumberError
+
+NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
+OPTIONS = ("drawn", "observed")  # of Scenario.roles
+LONGEST = 64  # characters of a name, and roles of a scenario
+
+
+@dataclass(frozen=True)
+class Role:
+    """A role; made by `role`.
+
+    Attributes:
+        count: How many agents have it: those that follow the ones of the role before. None: all that are left.
+        agents: Their ids instead; empty: see count.
+        numbers: (name, value or Distribution) of each number that the role changes, in order of names.
+        name: In its scenario.
+    """
+
+    count: int | None
+    agents: tuple[int, ...]
+    numbers: tuple[tuple[str, Any], ...]
+    name: str = ""
+
+    def values(self, corner: int) -> dict[str, Any]:
+        """Its numbers by name, distributions at their lowest (corner 0) or highest (corner -1) value."""
+        return {
+            name: value.extremes()[corner] if isinstance(value, Distribution) else value for name, value in self.numbers
+        }
+
+
+def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any) -> Role:
+    """A role of agents, for `Scenario.roles`.
+
+    >>> hunted = scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
+
+    Args:
+        count: How many agents have it. Roles take agents in order: the first role those of the lowest ids. One role may
+            leave it out, and gets the agents that are left.
+        agents: Their ids, instead of a count.
+        **numbers: By name, "module_number": the value for these agents, or a distribution, such as
+            outlast.uniform(5, 20), from which each of them draws its own when an episode begins. Numbers that a role
+            does not name are those of the scenario.
+
+    Raises:
+        NumberError: A count below 1, ids that are no distinct integers from 0, or both.
+    """
+    ids = tuple(agents)
+    if count is not None and ids:
+        raise NumberError(f"role({count!r}, agents={ids!r}): give a count or ids, not both")
+    if count is not None and not (_is_whole(count) and count >= 1):
+        raise NumberError(f"role({count!r}): the count is a whole number from 1; leave it out for all agents left")
+    if not all(_is_whole(i) and i >= 0 for i in ids) or len({*ids}) != len(ids):
+        raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, whole numbers from 0")
+    return Role(count, ids, tuple(sorted(numbers.items())))
+
+
+def _is_whole(given: Any) -> bool:
+    return isinstance(given, int) and not isinstance(given, bool)
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The roles of a scenario.
+
+    Attributes:
+        roles: In the order in which they take agents; a role's number is its place in it.
+        drawn: "never": agents keep the roles of their ids. "anyone": who has which role is drawn when an episode
+            begins, among all agents. "side": among the agents of each side. In each world anew, by the random numbers
+            of (seed, world, episode).
+
+    Raises:
+        NumberError: No roles, names that are no words or occur twice, an unknown way to draw, or an agent in two roles.
+    """
+
+    roles: tuple[Role, ...]
+    drawn: str = NEVER
+
+    def __post_init__(self) -> None:
+        if not self.roles:
+            raise NumberError("roles: at least one is needed, as in roles(hunter=role(1), prey=role(3))")
+        for each in self.roles:
+            if not isinstance(each, Role):
+                raise NumberError(f"roles: {each!r:.60} is no role; write role(...), as in roles(hunter=role(1))")
+            if not each.name.isidentifier() or len(each.name) > LONGEST:
+                raise NumberError(f"roles: {each.name!r:.80} is no name of a role; letters, digits and _ are allowed")
+            if each.name in OPTIONS:
+                raise NumberError(f"roles: a role cannot be called {each.name!r}, which is an option of Scenario.roles")
+        names = [each.name for each in self.roles]
+        if len({*names}) < len(names) or len(names) > LONGEST:
+            raise NumberError(f"roles: {', '.join(names)}: different names are needed, at most {LONGEST}")
+        if self.drawn not in DRAWN:
+            raise NumberError(f"roles: drawn = {self.drawn!r:.60}; allowed are {', '.join(map(repr, DRAWN))}")
+        ids = [i for each in self.roles for i in each.agents]
+        if len({*ids}) < len(ids):
+            raise NumberError(f"roles: agent {next(i for i in ids if ids.count(i) > 1)} is in two roles")
+        if len([each for each in self.roles if each.count is None and not each.agents]) > 1:
+            raise NumberError("roles: only one role can leave out its count, and gets the agents that are left")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the roles, by number."""
+        return tuple(each.name for each in self.roles)
+
+    @property
+    def numbers(self) -> list[str]:
+        """Names of all numbers that a role changes, in order."""
+        return sorted({name for each in self.roles for name, _ in each.numbers})
+
+    def __str__(self) -> str:
+        counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
+        drawn = {NEVER: "", ANYONE: " drawn", SIDE: " drawn by side"}[self.drawn]
+        return " and ".join(f"{count} {name}" for count, name in counts) + drawn
+
+    def only(self, known: Container[str]) -> "Roles":
+        """The same without the numbers that are not known."""
+        kept = [tuple((name, value) for name, value in each.numbers if name in known) for each in self.roles]
+        return replace(self, roles=tuple(replace(r, numbers=own) for r, own in zip(self.roles, kept, strict=True)))
+
+    def bare(self) -> "Roles":
+        """The same roles without numbers."""
+        return self.only(())
+
+    def of_agents(self, agents: int) -> list[int]:
+        """The role of each agent by its id, before any is drawn. NumberError if they do not fit that many agents."""
+        found: list[int | None] = [None] * agents
+        for number, each in enumerate(self.roles):
+            for i in each.agents:
+                if i >= agents:
+                    raise NumberError(f"role {each.name}: there is no agent {i}, only 0 to {agents - 1}")
+                found[i] = number
+        free = iter([i for i in range(agents) if found[i] is None])
+        left = found.count(None) - sum(each.count or 0 for each in self.roles)
+        rest = next((each for each in self.roles if each.count is None and not each.agents), None)
+        if left < (rest is not None) or (left and rest is None):
+            raise NumberError(self._misfit(agents, rest))
+        for number, each in enumerate(self.roles):
+            for _ in range(left if each is rest else each.count or 0):
+                found[next(free)] = number
+        return [number for number in found if number is not None]
+
+    def _misfit(self, agents: int, rest: Role | None) -> str:
+        sizes = [(each.count or len(each.agents), each.name) for each in self.roles if each is not rest]
+        needed = sum(size for size, _ in sizes) + (rest is not None)
+        listed = " + ".join(f"{size} {name}" for size, name in sizes) + (f" + at least 1 {rest.name}" if rest else "")
+        return (
+            f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
+        )
+
+
+def plain(roles: Roles) -> dict[str, Any]:
+    """Roles as JSON has them: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
+
+    A distribution is ["uniform", low, high], by the name of its kind.
+    """
+    return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
+
+
+def _plain_role(role: Role) -> dict[str, Any]:
+    who: dict[str, Any] = {"agents": list(role.agents)} if role.agents else {"count": role.count}
+    numbers = {
+        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in role.numbers
+    }
+    return {"name": role.name, **who, "numbers": numbers}
+
+
+def from_plain(given: Any) -> Roles:
+    """The roles that `plain` was made of. NumberError for anything else."""
+    if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
+        raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
+    return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
+
+
+def _role_of(given: Any) -> Role:
+    if (
+        not isinstance(given, Mapping)
+        or given.keys() not in ({"name", "count", "numbers"}, {"name", "agents", "numbers"})
+        or not isinstance(given["name"], str)
+        or not isinstance(given["numbers"], Mapping)
+        or not isinstance(given.get("agents", []), list)
+    ):
+        raise NumberError(f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}')
+    numbers = {
+        str(name): distribution_of(*value) if isinstance(value, list) else value
+        for name, value in given["numbers"].items()
+    }
+    found = role(given.get("count"), agents=given.get("agents", ()))
+    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
+
+
+def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:
+    """Each role with its numbers, once with all distributions at their lowest and once at their highest values."""
+    for each in roles.roles:
+        drawn = any(isinstance(value, Distribution) for _, value in each.numbers)
+        yield from ((each, each.values(corner)) for corner in ((0, -1) if drawn else (0,)))

@@ -1,0 +1,314 @@
+"""Numbers that differ from world to world: how they are drawn at resets, where they lie, and which ones can.
+
+A varied number has four-byte words in the state of its world: the bits of a float32, an int32, or several of either for
+a tuple. The systems of its mechanic read them there instead of from their argument blocks, so what varies nothing is
+compiled to what it was. Prefab values that are the number itself, such as hit points at the start, are written into the
+state at each reset.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from .component import Array, Observation, Singleton, column
+from .distributions import CHOICE, INTEGERS, NAMES, Distribution
+from .errors import NumberError
+from .fields import Field
+
+DIM = "varied words"
+GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
+HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
+CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
+
+
+class Given(Singleton):
+    """The engine's own component of worlds with varied numbers: those that are not drawn, as somebody has set them."""
+
+    words: Array = column("u8", DIM)  # 0: drawn; else the word, and bit 32
+
+
+class Varied(Singleton):
+    """The engine's own component of worlds with varied numbers: their values in this episode."""
+
+    words: Array = column("i4", DIM)  # int32, or the bits of float32
+
+
+class NumbersView(Observation):
+    """What agents are told of varied numbers: the same for every agent that is there, dead or alive."""
+
+    numbers: Array = column("f4", "agents", "numbers fields")
+
+
+@dataclass(frozen=True)
+class VariedNumber:
+    """A number of which each world has its own.
+
+    Attributes:
+        name: "module_number".
+        module: Index of the mechanic among layout.modules.
+        number: Its name in the mechanic.
+        distribution: What it is drawn from.
+        kind: Its type in Python: int, float, bool, str or tuple.
+        start: The first of its words.
+        width: How many words it has.
+        archetypes: Of a count, the kinds of entities whose number it is. Tables have room for its highest value; the
+            last entities of a world that has fewer are absent.
+        dims: Of a count, the dimensions that it is the size of.
+    """
+
+    name: str
+    module: int
+    number: str
+    distribution: Distribution
+    kind: type
+    start: int
+    width: int
+    archetypes: tuple[str, ...] = ()
+    dims: tuple[str, ...] = ()
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of its words."""
+        return np.dtype("f4" if self.kind in (float, tuple) else "i4")
+
+    @property
+    def words(self) -> slice:
+        """Which words are its."""
+        return slice(self.start, self.start + self.width)
+
+    def field(self, start: int) -> Field:
+        """It as a field of NumbersView; of a choice among words, their indices."""
+        ends = self.distribution.extremes()
+        plain = [value for end in ends for value in (end if self.kind is tuple else (end,)) if self.kind is not str]
+        low, high = (min(0, *plain), max(0, *plain)) if plain else (0, math.inf)  # 0: of who is absent
+        scale = max(abs(low), abs(high), 1e-3) if math.isfinite(high) else 1
+        return Field(self.name, low=low, high=high, scale=scale, size=self.width, start=start)
+
+    def decode(self, words: Array, module: Any) -> Array:
+        """Its values in worlds, from their words.
+
+        Args:
+            words: int32 (worlds, all words).
+            module: The mechanic.
+
+        Returns:
+            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). A new array.
+        """
+        values = np.ascontiguousarray(words[:, self.words]).view(self.dtype)
+        if self.kind is tuple:
+            return values
+        if self.kind is str:
+            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
+            return np.array(choices)[values[:, 0]]
+        return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
+
+    def check(self, value: Any) -> None:
+        """NumberError unless the distribution could have drawn the value."""
+        if value not in self.distribution:
+            raise NumberError(f"{self.name} = {value!r}: it varies as {self.distribution}; take a value of that")
+
+
+def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
+    """Where the words of varied numbers lie, by name.
+
+    Args:
+        modules: The mechanics, in order. Those with varied counts are replaced by ones with the highest.
+        distributions: By name, "module_number".
+
+    Raises:
+        NumberError: There is no such number, or it cannot have the values.
+    """
+    owners = {
+        f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(modules) for item in fields(module)
+    }
+    found: dict[str, VariedNumber] = {}
+    start = 0
+    for name in sorted(distributions):
+        if name not in owners:
+            raise NumberError(f"there is no number '{name}' to vary; known: {', '.join(owners)}")
+        k, field = owners[name]
+        kind, distribution = type(getattr(modules[k], field)), distributions[name]
+        _check_kind(name, kind, distribution)
+        widths = {encode(modules[k], field, value).size for value in distribution.probes()}
+        if len(widths) > 1:
+            raise NumberError(f"{name} = {distribution}: tuples of one length are needed, as they size memory")
+        counted = _counted(modules[k], field, distribution) if kind is int else ((), ())
+        found[name] = VariedNumber(name, k, field, distribution, kind, start, width := widths.pop(), *counted)
+        start += width
+        if counted[0]:
+            modules[k] = modules[k].replace(**{field: distribution.extremes()[-1]})
+    return found
+
+
+def _counted(module: Any, field: str, distribution: Distribution) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The archetypes and the dimensions of whose size a number is."""
+    values = distribution.probes()
+    probes = [module.replace(**{field: value}) for value in values]
+    counts: list[list[tuple[str, Any]]] = [[(each.name, each.count) for each in probe.archetypes()] for probe in probes]
+    sizes: list[list[tuple[str, Any]]] = [list(probe.dims().items()) for probe in probes]
+    found = []
+    for rows in (counts, sizes):
+        entries = zip(*rows, strict=True) if len({len(row) for row in rows}) == 1 else ()
+        found.append(tuple(entry[0][0] for entry in entries if [size for _, size in entry] == list(values)))
+    return found[0], found[1]
+
+
+def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
+    """A number's value as int32 words. NumberError if the mechanic cannot have it."""
+    kernels = module.replace(**{field: value}).value(field)
+    real = isinstance(kernels, (float, tuple))
+    return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
+
+
+def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> Array:
+    """Values that somebody sets in some worlds, for their column of Given.
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        values: One, or one for each of the worlds.
+        count: How many worlds.
+
+    Returns:
+        uint64 (count, width).
+
+    Raises:
+        NumberError: Another number of values, or one that could not be drawn.
+    """
+    listed = list(values) if np.ndim(values) and not isinstance(values, tuple) else [values] * count
+    if len(listed) != count:
+        raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
+    keys, found = [_plain(value) for value in listed], dict[Any, Array]()
+    for value in dict.fromkeys(keys):
+        number.check(value)
+        found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
+    given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
+    return given
+
+
+def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
+    """Which worlds have words that could not have been drawn: bool (worlds,).
+
+    Args:
+        number: The number.
+        module: The mechanic.
+        words: int32 (worlds, width), its own.
+    """
+    if number.distribution.kind == CHOICE:
+        known = np.array([encode(module, number.number, value) for value in number.distribution.values])
+        fits = (words[:, None] == known).all(2).any(1)
+    else:
+        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
+        low, high = (number.dtype.type(end) for end in number.distribution.values)
+        fits = (low <= values) & (values <= high)
+    return ~np.asarray(fits)
+
+
+def _plain(value: Any) -> Any:
+    """A value as Python has it; what stands for a tuple is one, of floats."""
+    if np.ndim(value):
+        return tuple(map(float, value))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
+    allowed = {float: (0, 1, 2, 3), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
+    if distribution.kind not in allowed:
+        names = " or ".join(NAMES[k] for k in allowed)
+        raise NumberError(f"{name} = {distribution}: it is of type {kind.__name__}, so take {names}")
+
+
+def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]]:
+    """Extreme values of varied numbers together: what holds for all of these is taken to hold for all between."""
+    ends = [number.distribution.extremes() for number in numbers]
+    if math.prod(map(len, ends)) <= CORNERS:
+        combined: Iterable[Sequence[Any]] = product(*ends)
+    else:
+        lowest, highest = [values[0] for values in ends], [values[-1] for values in ends]
+        singles = [[*lowest[:k], value, *lowest[k + 1 :]] for k, values in enumerate(ends) for value in values]
+        combined = [lowest, highest, *singles]
+    for values in combined:
+        yield dict(zip(numbers, values, strict=True))
+
+
+def replaced(modules: Sequence[Any], values: Mapping[VariedNumber, Any]) -> list[Any]:
+    """The mechanics with these values of varied numbers. Raises what they say to them."""
+    found = list(modules)
+    for number, value in values.items():
+        found[number.module] = found[number.module].replace(**{number.number: value})
+    return found
+
+
+def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
+    """The layout of worlds in which varied numbers have these values, with room for the highest counts."""
+    return layout.with_modules(replaced(layout.modules, values))
+
+
+def extreme_layouts(layout: Any) -> list[Any]:
+    """Layouts with the extreme values of varied numbers, and of those that differ by role; without these, its like."""
+    there = [with_values(layout, values) for values in corners([*layout.varied.values()])]
+    return [form for each in there for form in each.forms]
+
+
+def patches(layout: Any) -> list[tuple[int, int, int]]:
+    """Which prefab values are varied numbers: rows as in Plan.patches.
+
+    Found by comparing what worlds with other values of the numbers would begin with.
+
+    Args:
+        layout: An ecs.layout.Layout.
+
+    Raises:
+        NumberError: The size of a table depends on a varied number, or a prefab value that is not the number itself.
+    """
+    numbers, found = list(layout.varied.values()), list[tuple[int, int, int]]()
+    for number in numbers:
+        found += _own_patches(layout, number)
+    for values in corners(numbers):
+        type(layout)(replaced(layout.modules, values))  # raises what mechanics say to fewer entities
+        image, there = layout.initial_image.copy(), with_values(layout, values)
+        for number, value in values.items():
+            encoded = encode(layout.modules[number.module], number.number, value)
+            for word, offset, width in found:
+                if number.start <= word < number.start + number.width:
+                    image[offset : offset + width] = encoded[word - number.start :].view(np.uint8)[:width]
+        if not np.array_equal(image, there.initial_image):
+            names = ", ".join(number.name for number in numbers)
+            raise NumberError(f"{names} cannot vary together: what an episode begins with is computed from several")
+    return found
+
+
+def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]]:
+    """Those of one number."""
+    probes = number.distribution.probes()
+    layouts = [with_values(layout, {number: value}) for value in probes]
+    for there in layouts:
+        if sized := [dim for dim, size in layout.dims.items() if there.dims.get(dim) != size]:
+            sizes = ", ".join(map(repr, sized))
+            raise NumberError(f"{number.name} cannot vary: it decides how large tables are ({sizes})")
+        if there.places != layout.places:
+            raise NumberError(f"{number.name} cannot vary: it decides which components there are")
+    images = np.stack([layout.initial_image, *(there.initial_image for there in layouts)])
+    found = []
+    for where in [each for each in layout.places if each.offset >= 0]:
+        dtype = where.component.columns[where.name].dtype
+        size = dtype.itemsize * math.prod(where.shape)
+        values = images[:, where.offset : where.offset + size].copy().view(dtype)
+        for k in np.flatnonzero((values != values[0]).any(0)):
+            if number.kind is tuple or dtype.itemsize not in (1, 4) or not _is_number(values[1:, k], number, probes):
+                column = f"{where.component.__name__}.{where.name}"
+                raise NumberError(
+                    f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it"
+                )
+            found.append((number.start, where.offset + int(k) * dtype.itemsize, dtype.itemsize))
+    return found
+
+
+def _is_number(values: Array, number: VariedNumber, probes: Sequence[Any]) -> bool:
+    """Whether a prefab value is the number, whatever it is, and has the same bits."""
+    same = values.dtype == number.dtype if values.dtype.itemsize == 4 else number.dtype.kind == "i"
+    return same and values.tolist() == np.array(probes).astype(values.dtype).tolist()

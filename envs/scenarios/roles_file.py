@@ -1,0 +1,37 @@
+"""Roles as a JSON file, for commands."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from outlast.ecs import NumberError
+from outlast.ecs.roles import from_plain
+
+from ..errors import ScenarioError
+from .scenario import Scenario
+
+FORM = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
+
+
+def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
+    """The scenario with the roles that a file says, as FORM; see ecs.roles.plain.
+
+    Raises:
+        ScenarioError: The file cannot be read, or is something else.
+        NumberError: The roles cannot be, in this scenario.
+    """
+    name = os.fspath(path)
+    try:
+        given = json.loads(Path(path).read_text(encoding="utf-8"))
+        found = from_plain(given)
+    except OSError as error:
+        raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, RecursionError) as error:
+        said = f"{error}; " if isinstance(error, NumberError) else ""
+        raise ScenarioError(f"{name} does not say roles: {said}as in {FORM}") from error
+    try:
+        named: Any = {each.name: each for each in found.roles}
+        return scenario.roles(drawn=found.drawn, **named)
+    except NumberError as error:
+        raise NumberError(f"{name}: {error}") from None

@@ -1,0 +1,34 @@
+"""Observed roles: every agent is told its own role, and those of the others that it sees."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from outlast.components import Phase, SelfView, Side
+from outlast.components.limits import MANY
+from outlast.ecs import AgentRoles, Field, Layout, Module, NumberError, Offset, Read, Rows, Write, number
+
+
+@dataclass(frozen=True)
+class ObserveRoles(Module):
+    """Adds the field "role" to rows of agents: a one-hot vector of `count` numbers. Scenario.roles brings it."""
+
+    count: int = number(2, low=1, high=MANY, about="how many roles there are")
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"own": (Field("role", low=0, high=1, size=self.count),)}
+
+    def check(self, layout: Layout) -> None:
+        roles = len(layout.roles.roles) if layout.roles else 0
+        if roles != self.count:
+            raise NumberError(
+                f"observe_roles.count = {self.count}, but there are {roles} roles: say them by Scenario.roles(...), "
+                'which brings it; for none, leave it out: without("observe_roles")'
+            )
+
+
+@ObserveRoles.system(Phase.OBSERVE)
+def see_role(roles: Read[AgentRoles], view: Write[SelfView], agents: Rows[Side], own_role: Offset, count: int) -> None:
+    """The role of each agent, dead or alive."""
+    for i in range(agents.size):
+        for k in range(count):
+            view.own[i, own_role + k] = 1 if roles.role[i] == k else 0

@@ -1,0 +1,130 @@
+"""Preparation: the first ticks of an episode, in which some agents are frozen, or blind."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from outlast.components import Body, Phase, Push, SelfView, Side, Sight, Weapon
+from outlast.components.limits import MANY, TICKS
+from outlast.ecs import (
+    Array,
+    Clock,
+    Field,
+    Layout,
+    Module,
+    NumberError,
+    Offset,
+    Read,
+    Rows,
+    System,
+    Write,
+    kernel,
+    number,
+    of,
+)
+
+
+def usual_ticks(layout: Layout) -> float:
+    """How long it is, the scale of the ticks that are left."""
+    return layout.numbers("preparation").get("ticks") or 1.0
+
+
+@dataclass(frozen=True)
+class Preparation(Module):
+    """Agents of some sides wait for `ticks` ticks, as seekers do while others hide.
+
+    frozen: they have no motors and do not attack; others can push and hurt them. blind: they see nothing, as if their
+    cameras were off. Each agent observes how many ticks it still waits: the field "preparation" of its row.
+    """
+
+    ticks: int = number(100, low=0, high=TICKS, per_agent=True, unit="ticks", about="that agents wait")
+    sides: tuple[float, ...] = number((), low=0, high=MANY, about="numbers of the sides that wait; (): all")
+    frozen: bool = number(True, about="who waits stands still, and does not attack")
+    blind: bool = number(False, about="who waits sees nothing")
+
+    def systems(self) -> Iterable[System]:
+        left_out = {"see_nothing"} if not self.blind else set[str]()
+        left_out |= {"hold", "hold_fire"} if not self.frozen else set()
+        return [system for system in super().systems() if system.name not in left_out]
+
+    def fields(self) -> Mapping[str, tuple[Field, ...]]:
+        return {"own": (Field("preparation", "ticks", low=0, scale=usual_ticks),)}
+
+    def bounds(self, layout: Layout) -> Mapping[str, Any]:
+        return {"own": {"preparation": (0, self.ticks)}}
+
+    def check(self, layout: Layout) -> None:
+        if not (self.frozen or self.blind):
+            raise NumberError("preparation: neither frozen nor blind would change nothing; set one, or leave it out")
+        known = layout.dims.get("sides", 0)
+        for side in self.sides:
+            if side != int(side) or side >= known:
+                raise NumberError(f"preparation.sides: there is no side {side:g}; take some of 0 to {known - 1}")
+        mode = layout.numbers("cameras").get("mode", "omniscient")
+        if self.blind and mode == "omniscient":
+            raise NumberError(
+                "preparation.blind: agents see everything, as there are no cameras or cameras_mode is omniscient; add "
+                "Cameras, or set preparation_blind=False"
+            )
+
+
+@kernel
+def left(side: Array, sides: Array, ticks: int, tick: int, e: int) -> int:
+    """Ticks that agent `e` still waits."""
+    waits = len(sides) == 0
+    for s in sides:
+        waits = waits or s == side.side[e]
+    return max(ticks - tick, 0) if waits else 0
+
+
+@Preparation.system(Phase.SPAWN)
+def hold_fire(
+    weapon: Write[Weapon], side: Read[Side], agents: Rows[Weapon, Side], sides: tuple[float, ...], ticks: int
+) -> None:
+    """Weapons begin with a cooldown."""
+    for e in agents:
+        weapon.cooldown[e] = left(side, sides, of(ticks, e), 0, e)
+
+
+@Preparation.system(Phase.DRIVE, after=(Body, Push))
+def hold(
+    body: Write[Body],
+    push: Write[Push],
+    side: Read[Side],
+    clock: Read[Clock],
+    agents: Rows[Side, Push],
+    sides: tuple[float, ...],
+    ticks: int,
+) -> None:
+    """Who waits stands still."""
+    for e in agents:
+        if left(side, sides, of(ticks, e), int(clock.tick[0]) - 1, e) > 0:
+            body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
+            push.x[e], push.y[e], push.turn[e] = 0, 0, 0
+
+
+@Preparation.system(Phase.SEE, after=Sight)
+def see_nothing(
+    sight: Write[Sight], side: Read[Side], clock: Read[Clock], agents: Rows[Side], sides: tuple[float, ...], ticks: int
+) -> None:
+    """What is seen in a tick decides on the next one's actions: the last observation of the wait shows something."""
+    for i in range(agents.size):
+        if left(side, sides, of(ticks, agents[i]), int(clock.tick[0]), agents[i]) > 0:
+            for b in range(sight.visible.shape[1]):
+                sight.visible[i, b] = 0
+
+
+@Preparation.system(Phase.OBSERVE)
+def see_time(
+    view: Write[SelfView],
+    side: Read[Side],
+    clock: Read[Clock],
+    agents: Rows[Side],
+    own_preparation: Offset,
+    sides: tuple[float, ...],
+    ticks: int,
+) -> None:
+    """How long each agent still waits, dead or alive."""
+    for i in range(agents.size):
+        e = agents[i]
+        view.own[i, own_preparation] = left(side, sides, of(ticks, e), int(clock.tick[0]), e)

@@ -1,0 +1,315 @@
+"""Scenarios with roles and unequal teams: the games that they make, what is told of them, and what files keep."""
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import Recording, Replay, State, make_vec, variant
+from outlast.components import Bag, Health, Phase, Shape, Side, Solid
+from outlast.ecs import Module, NumberError, Rows, Write
+from outlast.ecs.roles import plain
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import ScenarioError, StateError
+from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
+from outlast.envs.scenarios.roles_file import with_roles
+from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.systems import DropLast, Teams
+from tests.conftest import COMPILED, draw_actions, run, scaled
+
+WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
+QUICK: dict[str, Any] = {"agents_health": 40, "room_size": 14.0, "safe_zone_radii": (6.0, 3.0), "safe_zone_stand": 30}
+ONE_THREE = variant("teams_4").replace(teams_sizes=(1, 3), rewards_kill=5, **QUICK)
+HUNT = ONE_THREE.roles(
+    hunter=outlast.role(1, melee_damage=20, agents_health=200, agents_radius=0.7, cameras_depth=12, motors_ahead=0.4),
+    prey=outlast.role(3, melee_damage=outlast.integers(0, 2), inventory_capacity=2),
+)
+DRAWN = variant("ffa_3").replace(n_agents=3, **QUICK).roles(
+    strong=outlast.role(1, agents_health=90, cameras_fov=2.0, mortality_limit=90, rewards_alive=2),
+    weak=outlast.role(mortality_limit=60, motors_left=outlast.uniform(0.1, 0.2)),
+    drawn="anyone",
+)  # fmt: skip
+# A value for each number that roles can differ in, unlike that of the variants.
+OTHERS: dict[str, Any] = {
+    "agents_radius": 0.6, "agents_density": 1.5, "agents_health": 45, "boxes_offset": 1.0, "cameras_fov": 1.0,
+    "cameras_depth": 7.0, "death_drop_radius": 0.8, "drop_last_offset": 1.5, "give_last_reach": 3.0,
+    "inventory_capacity": 2, "melee_reach": 2.5, "melee_damage": 7, "melee_cooldown": 1, "mortality_limit": 90,
+    "motors_ahead": 0.4, "motors_left": 0.3, "motors_turn": 0.02, "pickup_reach": 0.8, "rewards_alive": 2.0,
+    "rewards_dead": -2.0, "rewards_kill": 9.0, "rewards_death": -3.0, "rewards_outlive": 1.5, "safe_zone_damage": 2,
+}  # fmt: skip
+
+
+def steps(env: SurvivalVectorEnv, ticks: int = TICKS) -> Iterable[Any]:
+    """What reset and random steps return."""
+    rng = np.random.default_rng(4)
+    yield env.reset(seed=3)
+    for _ in range(ticks):
+        yield env.step(draw_actions(env, rng))
+
+
+def flat(outcome: Any) -> list[Any]:
+    """Observations, rewards and ends."""
+    return [*(value for _, value in sorted(outcome[0].items())), *outcome[1:-1]]
+
+
+def alike(one: Any, other: Any) -> None:
+    """AssertionError unless two scenarios play the same game, bit for bit."""
+    for first, second in zip(*(steps(make_vec(scenario, WORLDS)) for scenario in (one, other)), strict=True):
+        for a, b in zip(flat(first), flat(second), strict=True):
+            assert a.dtype == b.dtype
+            assert np.array_equal(a, b)
+
+
+def test_all_numbers_that_can_differ_are_tried_here() -> None:
+    scenario = ONE_THREE.with_(DropLast())
+    able = {f"{m.name}_{item.name}" for m in scenario.modules for item in fields(m) if item.metadata.get("per_agent")}
+    assert able == OTHERS.keys()
+
+
+def test_a_role_that_all_have_is_the_game_with_its_numbers() -> None:
+    """Kernels read the same values from arrays, and so compute the same bits."""
+    scenario = ONE_THREE.with_(DropLast())
+    alike(scenario.roles(all=outlast.role(**OTHERS), observed=False), scenario.replace(**OTHERS))
+
+
+def test_steering_by_role() -> None:
+    scenario, other = variant("ffa_2+steering").replace(**QUICK), {"steering_speed": 3.0, "steering_spin": 2.0}
+    alike(scenario.roles(all=outlast.role(**other), observed=False), scenario.replace(**other))
+
+
+@dataclass(frozen=True)
+class Strong(Module):
+    """By hand: the first agent has more hit points, is larger, heavier, and carries less."""
+
+
+@Strong.system(Phase.DRAW, after=Shape)
+def make_strong(
+    health: Write[Health], shape: Write[Shape], solid: Write[Solid], bag: Write[Bag], agents: Rows[Side]
+) -> None:
+    e = agents[0]
+    health.points[e], shape.radius[e], solid.density[e] = 70, 0.8, 2
+    for k in range(1, bag.items.shape[1]):
+        bag.items[e, k] = -2
+
+
+def test_a_role_is_what_a_mechanic_that_writes_columns_makes() -> None:
+    strong = outlast.role(1, agents_health=70, agents_radius=0.8, agents_density=2.0, inventory_capacity=1)
+    alike(ONE_THREE.roles(strong=strong, others=outlast.role(), observed=False), ONE_THREE.with_(Strong()))
+
+
+def test_roles_that_change_nothing_leave_the_game_as_it_is() -> None:
+    alike(ONE_THREE.roles(one=outlast.role(1), others=outlast.role(), observed=False), ONE_THREE)
+
+
+def test_teams_have_their_sizes() -> None:
+    env = make_vec(ONE_THREE, 2, seed=0)
+    observations, _ = env.reset()
+    assert observations["own"][..., 1].tolist() == [[0, 1, 1, 1]] * 2
+    assert env.sides == ("team 0", "team 1")
+    many = variant("teams_2").replace(n_agents=6, teams_count=3, teams_sizes=(2, 1, 3))
+    assert make_vec(many, 1).reset()[0]["own"][0, :, 1].tolist() == [0, 0, 1, 2, 2, 2]
+
+
+@pytest.mark.parametrize("agents", range(1, 8))
+def test_even_teams_say_their_sizes(agents: int) -> None:
+    for count in range(1, agents + 1):
+        teams = [((i + 1) * count - 1) // agents for i in range(agents)]
+        assert Teams(count=count).groups(agents) == tuple(np.bincount(teams, minlength=count))
+
+
+REFUSED = {
+    "another count": (
+        {"teams_sizes": (1, 1, 2)},
+        "(1, 1, 2) are 3 teams, but teams.count is 2: set both, as in replace",
+    ),
+    "no whole number": ({"teams_sizes": (1.5, 2.5)}, "1.5 is no number of agents; take whole numbers"),
+    "nobody": ({"teams_sizes": (0, 4)}, "must be >= 1"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_impossible_sizes_are_refused(name: str) -> None:
+    numbers, message = REFUSED[name]
+    with pytest.raises(NumberError, match=re.escape(message)):
+        variant("teams_3").replace(**numbers)
+
+
+def test_sizes_fit_the_number_of_agents() -> None:
+    with pytest.raises(NumberError, match=re.escape("(1, 4) are 5 agents, but n_agents is 4: say replace(n_agents=5)")):
+        make_vec("teams_3", 1, teams_sizes=(1, 4))
+
+
+# ---- what is told
+
+
+def test_agents_observe_roles() -> None:
+    env = make_vec(DRAWN, WORLDS, seed=1)
+    for k, (observations, *_, info) in enumerate(steps(env)):
+        role = env.fields["own"]["role"].columns
+        assert (observations["own"][..., role].argmax(-1) == info["roles"]).all()
+        assert (observations["own"][..., role].sum(-1) == 1).all()
+        own, others = observations["own"][0], observations["others"][0]
+        for i in range(3):
+            for k, o in enumerate(o for o in range(3) if o != i):
+                assert (others[i, k, role] == own[o, role] * (observations["others_mask"][0, i, k])).all()
+    assert env.roles == ("strong", "weak")
+    assert {tuple(row) for row in info["roles"].tolist()} <= {(0, 1, 1), (1, 0, 1), (1, 1, 0)}
+    assert all(box.contains(value) for box, value in zip(env.observation_space.values(), observations.values()))
+
+
+def test_observations_are_in_their_spaces() -> None:
+    """The widest range of all roles: each of them may use heals up to a limit of its own."""
+    env = make_vec(DRAWN, WORLDS, seed=1)
+    health = env.fields["own"]["health"].columns
+    assert (env.single_observation_space["own"].high[:, health] == 90).all()  # type: ignore[index]
+    for observations, *_ in steps(env):
+        assert env.observation_space.contains(observations)
+
+
+def test_roles_and_sides_are_named() -> None:
+    env = make_vec(HUNT, 2, seed=0)
+    assert env.sides == env.roles == ("hunter", "prey")
+    _, info = env.reset()
+    assert info["roles"].tolist() == [[0, 1, 1, 1]] * 2
+    assert env.numbers()["agents_health"].tolist() == [[200, 40, 40, 40]] * 2
+    assert env.numbers()["melee_reach"] == 2.0
+    assert make_vec("ffa_1", 1).sides == ("agent 0", "agent 1")
+    assert make_vec("ffa_1", 1).roles == ()
+    mixed = variant("teams_3").roles(a=outlast.role(1), b=outlast.role(3), observed=False)
+    assert make_vec(mixed, 1).sides == ("team 0", "team 1")
+
+
+def test_rewards_follow_the_role() -> None:
+    env = make_vec(DRAWN, WORLDS, seed=1)
+    for k, (_, *rest) in enumerate(steps(env, 20)):
+        if k:
+            rewards, info = rest[0], rest[-1]
+            assert (rewards[info["alive"]] == np.where(info["roles"] == 0, 2, 1)[info["alive"]]).all()
+
+
+# ---- as data
+
+
+@pytest.mark.parametrize("scenario", [HUNT, DRAWN], ids=["hunt", "drawn"])
+def test_a_scenario_is_rebuilt_with_its_roles(scenario: Any) -> None:
+    kept = json.loads(json.dumps(fingerprint(scenario)))
+    assert is_fingerprint(kept)
+    assert not difference(kept, fingerprint(scenario))
+    again = rebuilt(kept, classes(scenario))
+    assert again.by_role == scenario.by_role
+    assert not difference(kept, fingerprint(again))
+    other = fingerprint(scenario.roles(all=outlast.role()))
+    assert "who has which role" in difference(kept | {"numbers": other["numbers"]}, other)
+
+
+def test_derived_scenarios_say_their_roles() -> None:
+    assert DRAWN.name != HUNT.name != ONE_THREE.name
+    assert "roles 1 hunter and 3 prey" in HUNT.about
+    assert HUNT.replace(melee_reach=3).by_role == HUNT.by_role
+    bare = HUNT.without("melee")
+    assert "melee_damage" not in bare.by_role.numbers  # type: ignore[union-attr]
+    assert "agents_health" in bare.by_role.numbers  # type: ignore[union-attr]
+    assert "observe_roles" not in HUNT.roles(all=outlast.role(), observed=False)
+
+
+def test_unknown_numbers_get_a_hint() -> None:
+    with pytest.raises(NumberError, match="has no number 'melee_damge'; did you mean melee_damage"):
+        variant("ffa_1").roles(a=outlast.role(melee_damge=3))
+    with pytest.raises(NumberError, match=r"a = 3: a role is needed, as in a=outlast\.role\(1\)"):
+        variant("ffa_1").roles(a=3)  # type: ignore[arg-type]
+    with pytest.raises(NumberError, match=r"role b: mortality\.limit = 50: agents begin with 80"):
+        make_vec(variant("ffa_1").replace(mortality_limit=50, agents_health=10).roles(
+            a=outlast.role(1), b=outlast.role(agents_health=80)), 1)  # fmt: skip
+
+
+def test_numbers_of_a_role_need_to_fit_each_other_only() -> None:
+    scenario = variant("ffa_1").replace(mortality_limit=50, agents_health=10)
+    env = make_vec(scenario.roles(a=outlast.role(1), b=outlast.role(agents_health=80, mortality_limit=90)), 1, seed=0)
+    env.reset()
+    assert env.worlds[Health].points[0, :2].tolist() == [10, 80]
+
+
+def test_roles_are_not_observed_without_roles() -> None:
+    with pytest.raises(NumberError, match=r"observe_roles\.count = 2, but there are 0 roles"):
+        make_vec(variant("ffa_1").with_(outlast.systems.ObserveRoles()), 1)
+
+
+def test_states_keep_roles(tmp_path: Path) -> None:
+    env = make_vec(DRAWN, 4, seed=1)
+    for _ in steps(env, 10):
+        pass
+    env.get_state().save(tmp_path / "state.npz")
+    other = make_vec(DRAWN, 4, seed=99)
+    other.reset()
+    other.set_state(State.load(tmp_path / "state.npz"))
+    assert (other.worlds.block == env.worlds.block).all()
+    rng = np.random.default_rng(0)
+    actions = [draw_actions(env, rng) for _ in range(10)]
+    for action in actions:
+        for a, b in zip(flat(env.step(action)), flat(other.step(action)), strict=True):
+            assert np.array_equal(a, b)
+    with pytest.raises(StateError, match="who has which role is"):
+        make_vec(DRAWN.roles(strong=outlast.role(1), weak=outlast.role()), 4).set_state(env.get_state())
+
+
+def test_a_hostile_role_is_refused() -> None:
+    env = make_vec(DRAWN, 2, seed=1)
+    env.reset()
+    env.worlds[outlast.ecs.AgentRoles].role[0, 1] = 7
+    with pytest.raises(StateError, match=r"AgentRoles\.role is 7"):
+        env.set_state(env.get_state())
+
+
+@pytest.mark.skipif(not COMPILED, reason="whole episodes")
+def test_recordings_replay_with_roles(tmp_path: Path) -> None:
+    env = make_vec(DRAWN, 4, seed=1)
+    with outlast.record(env, tmp_path / "run.rec"):
+        for _ in steps(env, 40):
+            pass
+    recording = Recording.open(tmp_path / "run.rec")
+    assert recording.scenario.by_role == DRAWN.by_role
+    replay = Replay(recording)
+    for _ in replay.ticks():
+        pass
+    assert (replay.worlds.block == env.worlds.block).all()
+
+
+def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
+    file = tmp_path / "hunt.json"
+    file.write_text(json.dumps(plain(HUNT.by_role)))  # type: ignore[arg-type]
+    game = ("teams_3", "--set", "teams_sizes=1,3", "--roles")
+    assert with_roles(variant("teams_3"), file).by_role == HUNT.by_role
+    status, out, _ = run(capsys, "schedule", *game, file)
+    assert status == 0
+    assert "observe_roles" in out
+    for text, message in (
+        ("[]", "does not say roles: roles: [] is not"),
+        ("{", "does not say roles: as in"),
+        (
+            '{"drawn": "never", "roles": [{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}]}',
+            "role a: melee.dam",
+        ),
+        ('{"drawn": "never", "roles": [{"name": "drawn", "count": 4, "numbers": {}}]}', "cannot be called 'drawn'"),
+        (
+            '{"drawn": "never", "roles": [{"name": "a", "count": 9, "numbers": {}}]}',
+            "9 a are 9 agents, but n_agents is 4",
+        ),
+    ):
+        file.write_text(text)
+        status, _, error = run(capsys, "schedule", *game, file)
+        assert status == 2
+        assert message in error
+    status, _, error = run(capsys, "schedule", *game, tmp_path / "nothing.json")
+    assert status == 2
+    assert "nothing.json cannot be read: No such file" in error
+
+
+def test_data_without_roles_is_refused() -> None:
+    with pytest.raises((ScenarioError, NumberError)):
+        rebuilt(fingerprint(HUNT) | {"roles": {"drawn": "never", "roles": []}}, classes(HUNT))

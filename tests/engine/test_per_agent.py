@@ -1,0 +1,333 @@
+"""Roles: who has which, what numbers agents then have, and what is refused."""
+
+import dataclasses
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Body, Health, Phase, Shape, Side, Solid
+from outlast.ecs import (
+    RESET,
+    AgentRoles,
+    Array,
+    Component,
+    DeclarationError,
+    Module,
+    NumberError,
+    Roles,
+    Rows,
+    Worlds,
+    Write,
+    column,
+    differs,
+    kernel,
+    number,
+    of,
+)
+from outlast.ecs.layout import Archetype
+from outlast.ecs.roles import from_plain, plain
+from outlast.systems import Agents, Ending, FreeForAll, Rewards, Room, SpawnGrid, Teams
+from tests.conftest import scaled
+
+WORLDS = scaled(2000, least=200)
+
+
+class Pace(Component):
+    step: Array = column("f4")
+    count: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Walk(Module):
+    """Notes what kernels get for every agent."""
+
+    step: float = number(0.5, low=0, per_agent=True)
+    count: int = number(3, per_agent=True)
+    alike: float = number(1.0)
+
+    def archetypes(self) -> Any:
+        return [Archetype("agent", (Pace(),))]
+
+
+@Walk.system(Phase.SPAWN)
+def note(pace: Write[Pace], agents: Rows[Side], step: float, count: int, alike: float) -> None:
+    for e in agents:
+        pace.step[e], pace.count[e] = of(step, e) * alike, of(count, e) * 2
+        if differs(step):
+            pace.count[e] += 1000
+
+
+MODULES = (Agents(count=5), Room(), SpawnGrid(), FreeForAll(), Rewards(), Ending(), Walk())
+
+
+def roles(drawn: str = "never", **given: outlast.ecs.Role) -> Roles:
+    return Roles(tuple(dataclasses.replace(each, name=name) for name, each in given.items()), drawn)
+
+
+def started(worlds: Worlds) -> Worlds:
+    """In the first tick of their second episodes."""
+    worlds.seed(7, np.arange(worlds.count))
+    for _ in range(2):
+        worlds.run(np.full(worlds.count, RESET, np.int8))
+    return worlds
+
+
+def made(given: Roles | None, count: int = 3, modules: Any = MODULES, **options: Any) -> Worlds:
+    return started(Worlds(modules, count, roles=given, **options))
+
+
+def test_kernels_get_one_number_or_one_for_each_agent() -> None:
+    pace = made(None)[Pace]
+    assert pace.step[:, :5].tolist() == [[0.5] * 5] * 3
+    assert pace.count[:, :5].tolist() == [[6] * 5] * 3
+    worlds = made(roles(a=outlast.role(2, walk_step=1.25), b=outlast.role(walk_count=-4)))
+    assert worlds[Pace].step[:, :5].tolist() == [[1.25, 1.25, 0.5, 0.5, 0.5]] * 3
+    assert worlds[Pace].count[:, :5].tolist() == [[1006, 1006, 992, 992, 992]] * 3
+    assert worlds.number("walk_step").tolist() == [[1.25, 1.25, 0.5, 0.5, 0.5]] * 3
+    assert worlds.number("walk_count").dtype == np.int32
+    assert worlds.number("walk_alike") == 1.0
+    assert worlds.agent_numbers().keys() == {"walk_step", "walk_count"}
+    with pytest.raises(NumberError, match="no number 'walk_pace'"):
+        worlds.number("walk_pace")
+
+
+def test_systems_that_run_as_python_get_the_same() -> None:
+    given = roles(a=outlast.role(2, walk_step=1.25, walk_count=9), b=outlast.role())
+    plain_, interpreted = made(given), made(given, interpret=["walk.note"])
+    assert (plain_.block == interpreted.block).all()
+
+
+def test_what_episodes_begin_with_is_of_the_role() -> None:
+    given = roles(big=outlast.role(agents=(1, 4), agents_health=250, agents_radius=0.75), other=outlast.role())
+    worlds = made(given)
+    assert worlds[Health].points[:, :5].tolist() == [[100, 250, 100, 100, 250]] * 3
+    assert worlds[Shape].radius[:, :5].tolist() == [[0.5, 0.75, 0.5, 0.5, 0.75]] * 3
+    assert worlds[Shape].bound[:, :5].tolist() == [[0.5, 0.75, 0.5, 0.5, 0.75]] * 3
+    assert (worlds[Solid].density[:, :5] == 1).all()
+
+
+def test_values_are_drawn_for_each_agent_of_each_world_and_episode() -> None:
+    draw = outlast.uniform(2.0, 3.0)
+    given = roles(a=outlast.role(3, walk_step=draw, walk_count=outlast.integers(-2, 5)), b=outlast.role())
+    worlds = Worlds(MODULES, WORLDS, roles=given)
+    worlds.seed(7, np.arange(WORLDS))
+    seen = []
+    for _ in range(2):
+        worlds.run(np.full(WORLDS, RESET, np.int8))
+        seen.append(worlds.number("walk_step"))
+        counts = worlds.number("walk_count")[:, :3]
+    steps = np.concatenate([each[:, :3].ravel() for each in seen])
+    assert np.unique(steps).size > 0.99 * steps.size
+    assert steps.min() >= 2
+    assert steps.max() <= 3
+    assert steps.mean() == pytest.approx(2.5, abs=5 * 0.29 / steps.size**0.5)
+    assert {*np.unique(counts)} == {*range(-2, 6)}
+    assert (seen[0][:, 3:] == 0.5).all()
+    part = Worlds(MODULES, 1, roles=given)
+    part.seed(7, [WORLDS - 1])
+    part.run(np.full(1, RESET, np.int8))
+    assert (part.number("walk_step") == seen[0][-1:]).all()  # a function of seed, world and episode
+
+
+@pytest.mark.parametrize(("drawn", "sizes"), [("never", ()), ("anyone", ()), ("side", (2, 3))])
+def test_who_has_which_role_is_drawn(drawn: str, sizes: tuple[int, ...]) -> None:
+    """All arrangements that the rule allows, each about as often."""
+    modules = [*(m for m in MODULES if not isinstance(m, FreeForAll)), Teams(sizes=sizes) if sizes else FreeForAll()]
+    given = roles(drawn, one=outlast.role(1), two=outlast.role(2), rest=outlast.role(walk_step=7.0))
+    worlds = made(given, WORLDS, modules)
+    found, counts = np.unique(worlds[AgentRoles].role, axis=0, return_counts=True)
+    possible = {"never": 1, "anyone": 30, "side": 2 * 3}[drawn]  # side: [0 1] [1 2 2]
+    assert len(found) == possible
+    expected = WORLDS / possible
+    assert ((counts - expected) ** 2 / expected).sum() < possible - 1 + 6 * (2 * possible) ** 0.5
+    assert ((worlds[Pace].step[:, :5] == 7) == (worlds[AgentRoles].role == 2)).all()
+
+
+def test_a_world_with_other_numbers_varied_has_roles_too() -> None:
+    given = roles("anyone", a=outlast.role(1, walk_step=2.0), b=outlast.role(agents_health=7))
+    worlds = made(given, 50, varied={"walk_alike": outlast.uniform(1, 2)})
+    steps = np.where(worlds[AgentRoles].role == 0, np.float32(2), np.float32(0.5))
+    assert (worlds[Pace].step[:, :5] == steps * worlds.number("walk_alike")[:, None]).all()
+    assert ((worlds[Health].points[:, :5] == 7) == (worlds[AgentRoles].role == 1)).all()
+
+
+def test_roles_without_numbers_are_names() -> None:
+    worlds = made(roles(a=outlast.role(2), b=outlast.role()))
+    assert worlds[AgentRoles].role.tolist() == [[0, 0, 1, 1, 1]] * 3
+    assert not worlds.agent_numbers()
+
+
+def test_roles_are_data() -> None:
+    given = roles(
+        "side",
+        a=outlast.role(2, walk_step=1.0, walk_count=outlast.choice(1, 5)),
+        b=outlast.role(agents=(4, 0)),
+        c=outlast.role(walk_step=outlast.log_uniform(0.1, 2)),
+    )
+    assert from_plain(json.loads(json.dumps(plain(given)))) == given
+    assert str(given) == "2 a and 2 b and other c drawn by side"
+
+
+BROKEN: dict[str, Any] = {
+    "nothing": None,
+    "a list": [],
+    "no roles": {"drawn": "never"},
+    "no list": {"drawn": "never", "roles": {}},
+    "none": {"drawn": "never", "roles": []},
+    "drawn": {"drawn": [], "roles": [{"name": "a", "count": 1, "numbers": {}}]},
+    "a name": {"drawn": "never", "roles": [{"name": "a b", "count": 1, "numbers": {}}]},
+    "a number as name": {"drawn": "never", "roles": [{"name": 1, "count": 1, "numbers": {}}]},
+    "a count": {"drawn": "never", "roles": [{"name": "a", "count": 1.5, "numbers": {}}]},
+    "both": {"drawn": "never", "roles": [{"name": "a", "count": 1, "agents": [1], "numbers": {}}]},
+    "ids": {"drawn": "never", "roles": [{"name": "a", "agents": [-1], "numbers": {}}]},
+    "the same ids": {"drawn": "never", "roles": [{"name": "a", "agents": [1, 1], "numbers": {}}]},
+    "a distribution": {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {"x": ["normal", 1, 2]}}]},
+    "no distribution": {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {"x": []}}]},
+    "three ends": {"drawn": "never", "roles": [{"name": "a", "count": 1, "numbers": {"x": ["uniform", 1, 2, 3]}}]},
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_data_is_refused(name: str) -> None:
+    with pytest.raises((NumberError, TypeError)):
+        from_plain(BROKEN[name])
+
+
+REFUSED: dict[str, tuple[Mapping[str, Any], str]] = {
+    "too few": ({"a": outlast.role(1), "b": outlast.role(2)}, "1 a + 2 b are 3 agents, but n_agents is 5: say replace"),
+    "too many": ({"a": outlast.role(5), "b": outlast.role()}, "5 a + at least 1 b are 6 agents"),
+    "no such agent": (
+        {"a": outlast.role(agents=(5,)), "b": outlast.role()},
+        "role a: there is no agent 5, only 0 to 4",
+    ),
+    "in two": ({"a": outlast.role(agents=(1,)), "b": outlast.role(agents=(1, 2))}, "agent 1 is in two roles"),
+    "two rests": ({"a": outlast.role(), "b": outlast.role()}, "only one role can leave out its count"),
+    "unknown": (
+        {"a": outlast.role(walk_stride=1)},
+        "role a: the number walk_stride does not exist; a role can have: .*",
+    ),
+    "of the world": ({"a": outlast.role(walk_alike=1.0)}, "walk_alike is the same for all agents, as its mechanic"),
+    "out of range": ({"a": outlast.role(walk_step=-1)}, "role a: walk.step = -1: must be >= 0"),
+    "a range that leaves it": ({"a": outlast.role(walk_step=outlast.uniform(-1, 1))}, "role a: walk.step = -1"),
+    "NaN": ({"a": outlast.role(walk_step=float("nan"))}, "role a: walk.step = nan: a finite number"),
+    "another type": ({"a": outlast.role(walk_count=1.5)}, "role a: walk.count = 1.5: an integer"),
+    "floats for an int": (
+        {"a": outlast.role(walk_count=outlast.uniform(1, 2))},
+        "of type int, so take integers or cho",
+    ),
+    "no sides": ({"drawn": "side", "a": outlast.role()}, 'drawn = "side", but agents are not in teams; add Teams'),
+    "drawn": ({"drawn": "daily", "a": outlast.role()}, "drawn = 'daily'; allowed are 'never', 'anyone', 'side'"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_impossible_roles_are_refused(name: str) -> None:
+    given, message = REFUSED[name]
+    with pytest.raises(NumberError, match=re.escape(message).replace(r"\.\*", ".*")):
+        Worlds(MODULES, 1, roles=roles(**given))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: outlast.role(0), "the count is a whole number from 1"),
+        (lambda: outlast.role(True), "the count is a whole number from 1"),
+        (lambda: outlast.role(1, agents=(0,)), "give a count or ids, not both"),
+        (lambda: outlast.role(agents=(0, 0)), "distinct ids"),
+        (lambda: outlast.role(agents=(0.5,)), "whole numbers from 0"),  # type: ignore[arg-type]
+        (lambda: Roles(()), "at least one is needed"),
+        (lambda: roles(**{"a b": outlast.role()}), "is no name of a role"),
+        (lambda: Roles((5,)), "5 is no role"),  # type: ignore[arg-type]
+    ],
+)
+def test_bad_arguments_are_refused(make: Any, message: str) -> None:
+    with pytest.raises(NumberError, match=message):
+        make()
+
+
+def test_a_number_varies_from_world_to_world_or_by_role() -> None:
+    with pytest.raises(NumberError, match="walk_step is varied from world to world and differs by role: choose one"):
+        Worlds(MODULES, 1, roles=roles(a=outlast.role(walk_step=1.0)), varied={"walk_step": outlast.uniform(1, 2)})
+
+
+def test_only_an_int_or_a_float_can_be_of_an_agent() -> None:
+    @dataclass(frozen=True)
+    class Odd(Module):
+        switch: bool = number(False, per_agent=True)
+
+    with pytest.raises(
+        DeclarationError, match=r"odd\.switch is bool and per_agent: roles can differ in an int or a float"
+    ):
+        Odd()
+
+
+def test_what_is_computed_from_a_number_cannot_differ() -> None:
+    @dataclass(frozen=True)
+    class Twice(Module):
+        size: float = number(1.0, low=0, per_agent=True)
+
+        def archetypes(self) -> Any:
+            return [Archetype("agent", (Pace(step=2 * self.size),))]
+
+    given = roles(a=outlast.role(1, twice_size=3.0), b=outlast.role())
+    with pytest.raises(NumberError, match=r"twice_size cannot differ by role: Pace\.step is computed from it"):
+        Worlds([*MODULES[:-1], Twice()], 1, roles=given)
+
+
+def test_a_number_of_roles_does_not_change_while_worlds_run() -> None:
+    worlds = made(roles(a=outlast.role(1, walk_step=2.0), b=outlast.role()))
+    with pytest.raises(NumberError, match="walk_step cannot change while worlds run: roles differ in it"):
+        worlds.set_numbers(walk_step=3.0)
+    worlds.set_numbers(walk_count=4)
+    assert worlds.number("walk_count") == 4
+    started(worlds)
+    assert (worlds[Pace].count[:, :5] == 1008).all()
+
+
+def test_kernels_that_call_kernels_pass_numbers_on() -> None:
+    @kernel
+    def doubled(pace: Array, size: Any, e: int) -> None:
+        pace.step[e] = of(size, e) * np.float32(2)
+
+    @dataclass(frozen=True)
+    class Deep(Module):
+        size: float = number(1.0, per_agent=True)
+
+        def archetypes(self) -> Any:
+            return [Archetype("agent", (Pace(),))]
+
+    @Deep.system(Phase.SPAWN, after=Body)
+    def act(pace: Write[Pace], agents: Rows[Side], size: float) -> None:
+        for e in agents:
+            doubled(pace, size, e)
+
+    for given, first in ((None, 2.0), (roles(a=outlast.role(1, deep_size=5.0), b=outlast.role()), 10.0)):
+        worlds = made(given, modules=[*MODULES[:-1], Deep()])
+        assert worlds[Pace].step[0, :5].tolist() == [first, 2.0, 2.0, 2.0, 2.0]
+
+
+def test_a_kernel_that_takes_a_number_as_one_value_is_told_what_to_write() -> None:
+    @dataclass(frozen=True)
+    class Rash(Module):
+        size: float = number(1.0, per_agent=True)
+
+        def archetypes(self) -> Any:
+            return [Archetype("agent", (Pace(),))]
+
+    @Rash.system(Phase.SPAWN)
+    def act(pace: Write[Pace], agents: Rows[Side], size: float) -> None:
+        for e in agents:
+            pace.step[e] = np.float32(2) * size
+
+    modules = [*MODULES[:-1], Rash()]
+    assert made(None, modules=modules)[Pace].step[0, 0] == 2  # as before, where no role changes it
+    with pytest.raises(
+        DeclarationError, match=r"rash\.act .* computes with size, in which roles differ: write of\(size, e\)"
+    ):
+        Worlds(modules, 1, roles=roles(a=outlast.role(1, rash_size=5.0), b=outlast.role()))

@@ -1,0 +1,178 @@
+"""Respawn: when and where agents come back, with what, and what that means for episodes."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import make_vec, variant
+from outlast.components import Body, Box, Died, Health, Return, Shape, Solid
+from outlast.ecs import Entity, NumberError
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import scripted_policy
+from outlast.systems import Respawn
+from tests.conftest import COMPILED, draw_actions, scaled
+
+WORLDS, DELAY, LIMIT = scaled(60, least=3), 7, scaled(250, least=40)
+FIGHT = (
+    variant("teams_4")
+    .replace(ending_rule="never", ending_limit=LIMIT, agents_health=15, room_size=10.0, cameras_fov=3.0)
+    .with_(Respawn(ticks=DELAY))
+)
+
+
+def make(scenario: Any = FIGHT, worlds: int = WORLDS) -> SurvivalVectorEnv:
+    return make_vec(scenario, worlds, seed=3)
+
+
+def touches(env: SurvivalVectorEnv, w: int, e: int) -> bool:
+    """Whether the disc of agent `e` overlaps something solid, in plain Python."""
+    body, shape = env.worlds[Body], env.worlds[Shape]
+    for o in env.worlds.layout.rows(Solid):
+        if o == e or not env.worlds[Entity].alive[w, o]:
+            continue
+        dx, dy = float(body.x[w, e] - body.x[w, o]), float(body.y[w, e] - body.y[w, o])
+        if shape.radius[w, o]:
+            distance = math.hypot(dx, dy) - float(shape.radius[w, o])
+        else:
+            c, s = math.cos(body.angle[w, o]), math.sin(body.angle[w, o])
+            x, y = abs(c * dx + s * dy) - shape.half_width[w, o], abs(c * dy - s * dx) - shape.half_height[w, o]
+            distance = math.hypot(max(x, 0), max(y, 0)) + min(max(x, y), 0)
+        if distance < float(shape.radius[w, e]) - 1e-4:
+            return True
+    return False
+
+
+def test_agents_come_back_after_the_delay_at_a_free_place() -> None:
+    """At rest, with what they began with; some wait longer, as no place is free."""
+    env = make()
+    policy, died, backs, late = scripted_policy(env), {}, 0, 0
+    observations, _ = env.reset()
+    for tick in range(1, LIMIT):
+        observations, *_, info = env.step(policy(observations))
+        for w, e in zip(*(env.events()["respawned"][key] for key in ("world", "agent")), strict=True):
+            assert tick >= died[w, e] + DELAY
+            late += tick > died.pop((w, e)) + DELAY
+            backs += 1
+            assert env.worlds[Died].damage_type[w, e] == env.worlds[Died].source[w, e] == -1 or not info["alive"][w, e]
+        for w, e in zip(*(env.events()["death"][key] for key in ("world", "agent")), strict=True):
+            died[w, e] = tick
+        assert all(not info["alive"][w, e] for w, e in died)
+        assert info["alive"].sum() == info["alive"].size - len(died)
+    assert backs > WORLDS / 2 or LIMIT < 100
+    assert late <= backs / 5
+
+
+def test_who_comes_back_is_new_and_touches_nothing() -> None:
+    env = make(worlds=scaled(300, least=5))
+    env.reset()
+    rng = np.random.default_rng(0)
+    worlds, found = env.worlds, 0
+    for _ in range(4):
+        _, *_, info = env.step(draw_actions(env, rng))
+        worlds[Health].points[:, :4][info["alive"] & (rng.random(info["alive"].shape) < 0.5)] = 0
+        worlds[Return].tick[:, :4][worlds[Return].tick[:, :4] > 0] = 0  # now
+        before = info["alive"]
+        noop = np.broadcast_to(env.noop, (env.num_worlds, 4, len(env.noop)))
+        # The return is the first thing in a tick: without motion, everything stays where it was then.
+        worlds[Body].vx[:], worlds[Body].vy[:], worlds[Body].omega[:] = 0, 0, 0
+        *_, info = env.step(noop)
+        for w, e in np.argwhere(info["alive"] & ~before):
+            assert not touches(env, w, e)
+            assert worlds[Health].points[w, e] <= 15
+            assert max(abs(worlds[Body].x[w, e]), abs(worlds[Body].y[w, e])) < 5
+            found += 1
+    assert found > 0
+
+
+def test_where_they_come_back_is_spread_over_the_room() -> None:
+    scenario = variant("ffa_2").replace(ending_rule="never", ending_limit=9, n_agents=2).with_(Respawn(ticks=1))
+    env = make(scenario, worlds=scaled(4000, least=200))
+    env.reset()
+    env.worlds[Health].points[:, 0] = 0
+    noop = np.broadcast_to(env.noop, (env.num_worlds, 2, len(env.noop)))
+    *_, first = env.step(noop)
+    *_, second = env.step(noop)
+    assert not first["alive"][:, 0].any()
+    assert second["alive"].all()
+    body = env.worlds[Body]
+    counts = np.histogram2d(body.x[:, 0], body.y[:, 0], bins=4, range=[[-12.5, 12.5]] * 2)[0]
+    assert counts.min() > (0.5 if COMPILED else 0.25) * counts.mean()
+    assert np.unique(body.x[:, 0]).size > 0.99 * env.num_worlds
+
+
+def test_episodes_end_at_their_limit_and_count_everything() -> None:
+    env = make()
+    policy = scripted_policy(env)
+    observations, _ = env.reset()
+    deaths = backs = 0
+    for tick in range(1, LIMIT + 1):
+        observations, _, terminated, truncated, info = env.step(policy(observations))
+        deaths, backs = deaths + len(env.events()["death"]), backs + len(env.events()["respawned"])
+        assert not terminated.any()
+        assert truncated.all() == (tick == LIMIT)
+    statistics = info["statistics"]
+    assert statistics["respawns"].sum() == backs
+    assert statistics["deaths_melee"].sum() + statistics["deaths_zone"].sum() == deaths
+    assert (statistics["length"] == LIMIT).all()
+
+
+def test_roles_have_delays_and_health_of_their_own() -> None:
+    roles = {"slow": outlast.role(2, respawn_ticks=5, agents_health=33), "fast": outlast.role(respawn_ticks=1)}
+    env = make(FIGHT.replace(room_size=25.0).roles(**roles), worlds=20)
+    env.reset()
+    env.worlds[Health].points[:, :4] = 0
+    noop = np.broadcast_to(env.noop, (20, 4, len(env.noop)))
+    lives = [env.step(noop)[-1]["alive"].mean(0).tolist() for _ in range(7)]
+    assert lives[0] == [0, 0, 0, 0]
+    assert lives[1][2:] == [1, 1]
+    assert lives[4][:2] == [0, 0]
+    assert lives[5][:2] == [1, 1]
+    assert (np.median(env.worlds[Health].points[:, :2], 0) == 33).all()  # the zone may have hurt some since
+
+
+def test_nobody_comes_back_into_a_full_room() -> None:
+    scenario = FIGHT.replace(room_size=4.0, n_boxes=1, boxes_width=3.5, boxes_width_deviation=0.0, boxes_height=3.5,
+                             boxes_height_deviation=0.0, spawn_grid_cells=3, n_heals=1)  # fmt: skip
+    env = make(scenario, worlds=2)
+    env.reset()
+    worlds = env.worlds
+    box = worlds.layout.rows(Box)[0]
+    worlds[Body].x[:, box], worlds[Body].y[:, box] = 0, 0
+    worlds[Entity].alive[:, :4] = 0
+    worlds[Return].tick[:, :4] = 0
+    noop = np.broadcast_to(env.noop, (2, 4, len(env.noop)))
+    for _ in range(5):
+        assert not env.step(noop)[-1]["alive"].any()
+    worlds[Entity].alive[:, box] = 0
+    assert env.step(noop)[-1]["alive"].any()
+
+
+def test_an_episode_with_respawn_has_a_limit() -> None:
+    with pytest.raises(NumberError, match='say replace\\(ending_rule="never", ending_limit=1000\\)'):
+        make_vec(variant("ffa_1").with_(Respawn()), 1)
+    with pytest.raises(NumberError, match=r'ending\.rule = "never" without a limit: .* set ending_limit'):
+        make_vec("ffa_1", 1, ending_rule="never")
+
+
+@pytest.mark.parametrize("make_env", ["parallel_env", "aec_env"])
+def test_adapters_in_which_death_ends_an_episode_refuse_it(make_env: str) -> None:
+    pytest.importorskip("pettingzoo")
+    with pytest.raises(
+        ValueError, match="agents come back in this scenario, so none ends at its death; take dead='keep'"
+    ):
+        getattr(outlast, make_env)(FIGHT)
+    getattr(outlast, make_env)(FIGHT, dead="keep").reset()
+
+
+def test_gymnasium_keeps_the_dead() -> None:
+    import gymnasium
+
+    with pytest.raises(ValueError, match="take dead='keep'"):
+        gymnasium.make("outlast/Teams-v1", scenario=FIGHT)
+    env = gymnasium.make("outlast/Teams-v1", scenario=FIGHT, dead="keep", disable_env_checker=True)
+    env.reset(seed=0)
+    for _ in range(30):
+        assert not env.step(env.action_space.sample())[2]
