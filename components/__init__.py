@@ -11,11 +11,13 @@ from .motor import Drive, Steer
 from .phase import Phase
 from .score import End, Episode, Reward, Score
 from .sight import ObservationMasks, Sight
+from .wall import Before, Unplaced, Wall
 from .zone import Zone, ZoneView
 
 __all__ = [
     "Attack",
     "Bag",
+    "Before",
     "Body",
     "Box",
     "BoxBroken",
@@ -60,7 +62,9 @@ __all__ = [
     "Spawned",
     "Steer",
     "Strike",
+    "Unplaced",
     "Use",
+    "Wall",
     "Weapon",
     "Zone",
     "ZoneView",

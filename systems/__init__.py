@@ -13,18 +13,22 @@ from .free_for_all import FreeForAll
 from .give_last import GiveLast
 from .heals import Heals
 from .inventory import Inventory
+from .maze import Maze
 from .melee import Melee
 from .mortality import Mortality
 from .motors import Motors
 from .physics import Physics
 from .pickup import Pickup
+from .pillars import Pillars
 from .record import Record
 from .rewards import Rewards
 from .room import Room
+from .rooms import Rooms
 from .safe_zone import SafeZone
 from .spawn_grid import SpawnGrid
 from .steering import Steering
 from .teams import Teams
+from .walls import Walls
 
 __all__ = [
     "Agents",
@@ -37,18 +41,22 @@ __all__ = [
     "GiveLast",
     "Heals",
     "Inventory",
+    "Maze",
     "Melee",
     "Mortality",
     "Motors",
     "Physics",
     "Pickup",
+    "Pillars",
     "Record",
     "Rewards",
     "Room",
+    "Rooms",
     "SafeZone",
     "SpawnGrid",
     "Steering",
     "Teams",
+    "Walls",
 ]
 
 RENAMED = {"AutoPickup": "Pickup", "Contacts": "Physics"}

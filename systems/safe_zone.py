@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from outlast.components import Body, Floor, Guard, Health, Hit, Phase, Side, Zone, ZoneView
+from outlast.components.body import room_sides
 from outlast.components.health import MOST, hurt
 from outlast.ecs import (
     Array,
@@ -28,7 +29,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import uniform2
 
-from .geometry.bounds import ROUNDING
+from .geometry.bounds import ROUNDING, ends
 
 HALF = np.float32(0.5)
 
@@ -59,23 +60,21 @@ class SafeZone(Module):
     def check(self, layout: Layout) -> None:
         if not self.radii:
             raise NumberError("safe_zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
-        size = _size(layout)
+        size = min(_sides(layout))
         if max(self.radii) > size / 2:
             raise NumberError(
                 f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        far = _size(layout) / 2 * ROUNDING
-        place, radius = (-far, far), (0, max(self.radii) * ROUNDING)
-        circle = {"x": place, "y": place, "radius": radius}
+        x, y = _sides(layout)
+        circle = ends((x / 2 * ROUNDING, y / 2 * ROUNDING)) | {"radius": (0, max(self.radii) * ROUNDING)}
         return {"zone": circle | {f"next_{name}": ends for name, ends in circle.items()}}
 
 
-def _size(layout: Layout) -> float:
-    """Metres, side of the floor; infinite if there is none."""
-    size: float = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
-    return size
+def _sides(layout: Layout) -> tuple[float, float]:
+    """Metres, width and height of the floor; infinite if there is none."""
+    return room_sides(layout) or (math.inf, math.inf)
 
 
 @SafeZone.system(Phase.DRAW)
@@ -83,9 +82,10 @@ def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centre
     """A centre for every phase, the void one included."""
     for k in range(zone.centres.shape[0]):
         radius = radii[k] if k < len(radii) else np.float32(0)
-        room = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
+        width = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
+        height = floor.size[floor.size.size - 1] - radius - radius if centres == 0 else np.float32(0)
         x, y = uniform2(key, k)
-        zone.centres[k, 0], zone.centres[k, 1] = room * (x - HALF), room * (y - HALF)
+        zone.centres[k, 0], zone.centres[k, 1] = width * (x - HALF), height * (y - HALF)
 
 
 @kernel

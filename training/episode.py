@@ -94,7 +94,7 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
         plain = variant(given["name"])
         if given.get("code"):
             raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
-        numbers = renamed.current(given["numbers"], renamed.NUMBERS)
+        numbers = renamed.current_numbers(given["numbers"])
         check_repetitions(numbers)
         known = {name: value for name, value in numbers.items() if name in plain.numbers()}
         made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})

@@ -20,7 +20,7 @@ from .agents import alive
 from .buffers import final_observations, flat_size, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
-from .lifecycle import EpisodeTracker, check_faults, check_playable
+from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
@@ -162,6 +162,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
+        check_places(self.worlds)
         self._step_events.forget(mask)
         return self._observe(), {"alive": alive(self.worlds)}
 

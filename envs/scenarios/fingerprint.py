@@ -7,7 +7,7 @@ from typing import Any
 from outlast.ecs.identity import PYTHON, code_digest, full_name
 from outlast.ecs.references import is_outside
 
-from .renamed import NUMBERS, current
+from .renamed import current_numbers
 from .scenario import Scenario, sorted_
 
 LONGEST = 200  # characters of a name, and entries of an order
@@ -73,7 +73,7 @@ def difference(given: Any, own: dict[str, Any]) -> str:
 
 
 def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
-    numbers = current(given["numbers"], NUMBERS, own["numbers"])
+    numbers = current_numbers(given["numbers"], own["numbers"])
     for key in sorted(own["numbers"].keys() | numbers.keys()):
         mine, its = own["numbers"].get(key, "not there"), numbers.get(key, "not there")
         if mine != its:

@@ -54,6 +54,15 @@ ARRAYS = {  # of states
 }
 
 
+ADDED = {"room_width": ("room_size", 0.0), "room_height": ("room_size", 0.0)}  # beside which number, and what was meant
+
+
+def current_numbers(given: dict[str, Any], known: Collection[str] = ()) -> dict[str, Any]:
+    """The numbers of a file by current names, with those that there were not yet; see `current`."""
+    found = current(given, NUMBERS, known)
+    return found | {new: value for new, (old, value) in ADDED.items() if old in found and new not in found}
+
+
 def current(given: dict[str, Any], table: dict[str, str], known: Collection[str] = ()) -> dict[str, Any]:
     """The same by current names. A key that is `known` stays: a mechanic of the user's can have such a name.
 

@@ -11,7 +11,7 @@ from outlast import systems
 from outlast.ecs import Layout, Module
 
 from ..errors import ScenarioError
-from .renamed import CLASSES, NUMBERS, current
+from .renamed import CLASSES, current_numbers
 from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
@@ -42,7 +42,7 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
 
     Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
     """
-    names, numbers = current_classes(names), current(fingerprint["numbers"], NUMBERS)
+    names, numbers = current_classes(names), current_numbers(fingerprint["numbers"])
     if foreign := [name for name in names if name not in KNOWN]:
         raise ScenarioError(
             f"the mechanic {foreign[0]} is not one of outlast's own, and what a file names is not imported: "

@@ -1,0 +1,92 @@
+"""Blocks as barriers: bodies that are pushed into one stay outside, and what is aimed through one hits it."""
+
+import numpy as np
+
+from outlast.ecs import Array, kernel
+
+from .points import to_local
+from .rays import NO_HIT, ray_box, raycast_entity
+
+PASSES = 4  # over all blocks, where bodies are held back from several
+ZERO = np.float32(0)
+
+
+@kernel
+def centre_inside(body: Array, shape: Array, e: int, o: int) -> bool:
+    """Whether the centre of body `e` is in rectangle `o`."""
+    x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], body.cosine[o], body.sine[o])
+    return bool(abs(x) < shape.half_width[o] and abs(y) < shape.half_height[o])
+
+
+@kernel
+def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
+    """Whether the centre of body `e` came into rectangle `o`, or through it, in this tick."""
+    reach = shape.half_width[o] + shape.half_height[o]
+    x, y = body.x[e] - body.x[o], body.y[e] - body.y[o]
+    if abs(x) > reach + abs(body.x[e] - before.x[e]) or abs(y) > reach + abs(body.y[e] - before.y[e]):
+        return False
+    if centre_inside(body, shape, e, o):
+        return True
+    hit = ray_box(
+        before.x[e],
+        before.y[e],
+        body.x[e] - before.x[e],
+        body.y[e] - before.y[e],
+        body.x[o],
+        body.y[o],
+        body.cosine[o],
+        body.sine[o],
+        shape.half_width[o],
+        shape.half_height[o],
+    )
+    return bool(hit < NO_HIT)
+
+
+@kernel
+def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
+    """Take back what body `e` moved towards rectangle `o`, and its speed that way; along the side it moved freely.
+
+    A body that was inside before the tick, as only states that somebody set have, is left alone.
+    """
+    cosine, sine = body.cosine[o], body.sine[o]
+    x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], cosine, sine)
+    old_x, old_y = to_local(before.x[e] - body.x[o], before.y[e] - body.y[o], cosine, sine)
+    vx, vy = to_local(body.vx[e], body.vy[e], cosine, sine)
+    beside, above = abs(old_x) - shape.half_width[o], abs(old_y) - shape.half_height[o]
+    if max(beside, above) < ZERO:
+        return
+    if beside >= above:
+        x, vx = old_x, max(vx, ZERO) if old_x > ZERO else min(vx, ZERO)
+    else:
+        y, vy = old_y, max(vy, ZERO) if old_y > ZERO else min(vy, ZERO)
+    body.x[e], body.y[e] = body.x[o] + cosine * x - sine * y, body.y[o] + sine * x + cosine * y
+    body.vx[e], body.vy[e] = cosine * vx - sine * vy, sine * vx + cosine * vy
+
+
+@kernel
+def hold_back(body: Array, before: Array, shape: Array, entities: Array, walls: Array, e: int) -> None:
+    """Keep body `e` on the side of all blocks where it was before it moved."""
+    for _ in range(PASSES):
+        free = True
+        for o in walls:
+            if entities.alive[o] and crossed(body, before, shape, e, o):
+                step_back(body, before, shape, e, o)
+                free = False
+        if free:
+            return
+    body.x[e], body.y[e], body.vx[e], body.vy[e] = before.x[e], before.y[e], ZERO, ZERO
+
+
+@kernel
+def first_barrier(body: Array, shape: Array, entities: Array, walls: Array, me: int, target: int) -> int:
+    """The block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
+    x, y = body.x[target] - body.x[me], body.y[target] - body.y[me]
+    reach = abs(x) + abs(y) + shape.radius[target] + shape.half_width[target] + shape.half_height[target]
+    dx, dy = reach * body.cosine[me], reach * body.sine[me]
+    found, nearest = target, raycast_entity(body, shape, body.x[me], body.y[me], dx, dy, target)
+    for o in walls:
+        if entities.alive[o]:
+            at = raycast_entity(body, shape, body.x[me], body.y[me], dx, dy, o)
+            if at < nearest:
+                found, nearest = o, at
+    return int(found)
