@@ -51,7 +51,7 @@ def plan(layout: Any) -> Plan:
         values = number.distribution.values if number.distribution.kind == CHOICE else ()
         options.append((len(choices), len(values)))
         for value in values:
-            choices += encode(layout.modules[number.module], number.field, value).tolist()
+            choices += encode(layout.modules[number.module], number.number, value).tolist()
     absences = [
         (number.start, layout.spans[name].start, layout.spans[name].stop)
         for number in numbers
@@ -142,6 +142,25 @@ def published_rows(layout: Any) -> list[tuple[VariedNumber, Any, str]]:
         for name, column in component.columns.items()
         if column.dims[:1] and column.dims[0] in number.dims
     ]
+
+
+@kernel
+def show(rows: Any, words: Any, reals: Any, shown: Any) -> None:
+    """Fill the rows of NumbersView.
+
+    rows: float32 (agents, n). words, reals: of Varied, as int32 and as float32. shown: int32 (n, 2), of each column the
+    word, and whether it is a float32.
+    """
+    for i in range(rows.shape[0]):
+        for k in range(shown.shape[0]):
+            rows[i, k] = reals[shown[k, 0]] if shown[k, 1] else np.float32(words[shown[k, 0]])
+
+
+def shown(layout: Any) -> Array:
+    """For `show`, int32 (n, 2)."""
+    numbers = [layout.varied[name] for name in layout.fields["numbers"]]
+    words = [(number.start + k, number.dtype.kind == "f") for number in numbers for k in range(number.width)]
+    return np.array(words, np.int32)
 
 
 @kernel

@@ -19,7 +19,7 @@ from .event import Event, memory_type
 from .fields import Field, placed, width
 from .random import stream_number
 from .simd import SIMD_WIDTH
-from .varied import DIM, Given, Varied, place
+from .varied import DIM, Given, NumbersView, Varied, place
 
 ALIGN = 64  # bytes: a cache line
 
@@ -84,9 +84,15 @@ class Layout:
     Args:
         modules: The mechanics, in any order.
         distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
+        observed: Those of them that are shown to agents, in varied.NumbersView.
     """
 
-    def __init__(self, modules: Sequence[Any], distributions: Mapping[str, Distribution] | None = None) -> None:
+    def __init__(
+        self,
+        modules: Sequence[Any],
+        distributions: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
+    ) -> None:
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.varied = place(self.modules, distributions or {})
         self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
@@ -106,6 +112,8 @@ class Layout:
             self.dims[dim] = self.dims.get(dim, 0) + more
         self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
+        if observed:
+            self._observe(observed)
         self.dims |= {f"{key} fields": width(fields) for key, fields in self.fields.items()}
         for module in self.modules:
             module.check(self)
@@ -177,6 +185,14 @@ class Layout:
                 f"{count} entities have {component.__name__}, but the dimension '{dim}' is {size}: a module that "
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
+
+    def _observe(self, names: Sequence[str]) -> None:
+        """Show varied numbers to agents."""
+        self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
+        for name in names:
+            shown[name] = self.varied[name].field(start)
+            start += self.varied[name].width
+        self.fields["numbers"] = shown
 
     def _events(self) -> tuple[type[Event], ...]:
         """The events, with their capacities among the dimensions; of a dimension that nobody defines, 0."""

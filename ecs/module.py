@@ -211,11 +211,12 @@ class Module:
     @classmethod
     def imported_systems(cls) -> list[System]:
         """The systems of all mechanics that are imported, in a scenario or not."""
-        return [system for kind in cls._imported() for system in kind._all_systems()]
+        return [system for kind in cls.imported() for system in kind._all_systems()]
 
     @classmethod
-    def _imported(cls) -> list[type["Module"]]:
-        return [cls, *(kind for subclass in cls.__subclasses__() for kind in subclass._imported())]
+    def imported(cls) -> list[type["Module"]]:
+        """This class and all classes that extend it, in the order in which they were defined."""
+        return [cls, *(kind for subclass in cls.__subclasses__() for kind in subclass.imported())]
 
     @staticmethod
     def providers(provides: Callable[["Module"], bool]) -> str:
@@ -228,7 +229,7 @@ class Module:
             Their classes' names, without subclasses of each other: "FreeForAll or Teams"; empty if there is none.
         """
         found = list[type[Module]]()
-        for kind in Module._imported():
+        for kind in Module.imported():
             with contextlib.suppress(Exception):  # a user's class that cannot be made, or not without numbers
                 if provides(kind()):
                     found.append(kind)

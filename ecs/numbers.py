@@ -16,6 +16,7 @@ def number(
     high: float = math.inf,
     above: float = -math.inf,
     choices: tuple[str, ...] = (),
+    scales_with: str = "",
 ) -> Any:
     """Declare a number of a module, with its default and its range.
 
@@ -25,8 +26,11 @@ def number(
         high: Inclusive upper bound.
         above: Exclusive lower bound.
         choices: The values of a number that is a str; kernels get the index.
+        scales_with: The full name of another number ("room_size"): where a scenario changes that one, this one changes
+            in proportion, unless it was set by hand.
     """
-    return dataclasses.field(default=default, metadata={"low": low, "high": high, "above": above, "choices": choices})
+    rule = {"low": low, "high": high, "above": above, "choices": choices, "scales_with": scales_with}
+    return dataclasses.field(default=default, metadata=rule)
 
 
 KINDS: dict[str, type] = {"int": int, "float": float, "bool": bool, "str": str, "tuple": tuple}

@@ -23,7 +23,7 @@ import numpy as np
 from .access import Parameter
 from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
 from .component import Clock, Component, Entity
-from .draw import clear_rows, draw, plan, published_rows
+from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
 from .event import clear
 from .fields import offset
@@ -34,7 +34,7 @@ from .module import Module
 from .phase import When
 from .random import stream_number
 from .system import System
-from .varied import DIM, Given, Varied, VariedNumber
+from .varied import DIM, Given, NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
@@ -153,6 +153,16 @@ class Generator:
         ]
         arguments += [self._constant(name, values) for name, values in vars(plan(self.layout)).items()]
         return self._unit(DRAW, None, draw, IDLE[When.RESET], arguments)
+
+    def show(self) -> Unit:
+        """The unit that shows varied numbers to agents."""
+        arguments = [
+            self._view_of("rows", lambda worlds: worlds[NumbersView].numbers, np.dtype("f4"), writable=True, ndim=2),
+            f"{self._table(Varied, 'r')}.words",
+            self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4")),
+            self._constant("shown", shown(self.layout)),
+        ]
+        return self._unit("show numbers", None, show, IDLE[When.ALWAYS], arguments)
 
     def clear(self, number: VariedNumber, component: type[Component], column: str) -> Unit:
         """The unit that clears the rows of who is absent, in a column that learners get."""
@@ -329,6 +339,8 @@ def segments(
     for system in systems:
         python = not system.compiled or system.label in interpret
         units.append(Generator(layout, python).system(modules[system.label], system))
+    if NumbersView in layout.components:
+        units.append(Generator(layout).show())
     units += [Generator(layout).clear(*each) for each in published_rows(layout)]
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:

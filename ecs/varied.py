@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from .component import Array, Singleton, column
+from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, INTEGERS, NAMES, Distribution
 from .errors import NumberError
+from .fields import Field
 
 DIM = "varied words"
 GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
 HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
-CORNERS = 6  # numbers whose ends are combined, each with each; of more, all lowest and all highest ends are
+CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
 
 
 class Given(Singleton):
@@ -36,6 +37,12 @@ class Varied(Singleton):
     words: Array = column("i4", DIM)  # int32, or the bits of float32
 
 
+class NumbersView(Observation):
+    """What agents are told of varied numbers: the same for every agent that is there, dead or alive."""
+
+    numbers: Array = column("f4", "agents", "numbers fields")
+
+
 @dataclass(frozen=True)
 class VariedNumber:
     """A number of which each world has its own.
@@ -43,7 +50,7 @@ class VariedNumber:
     Attributes:
         name: "module_number".
         module: Index of the mechanic among layout.modules.
-        field: The number's name in the mechanic.
+        number: Its name in the mechanic.
         distribution: What it is drawn from.
         kind: Its type in Python: int, float, bool, str or tuple.
         start: The first of its words.
@@ -55,7 +62,7 @@ class VariedNumber:
 
     name: str
     module: int
-    field: str
+    number: str
     distribution: Distribution
     kind: type
     start: int
@@ -73,6 +80,14 @@ class VariedNumber:
         """Which words are its."""
         return slice(self.start, self.start + self.width)
 
+    def field(self, start: int) -> Field:
+        """It as a field of NumbersView; of a choice among words, their indices."""
+        ends = self.distribution.extremes()
+        plain = [value for end in ends for value in (end if self.kind is tuple else (end,)) if self.kind is not str]
+        low, high = (min(0, *plain), max(0, *plain)) if plain else (0, math.inf)  # 0: of who is absent
+        scale = max(abs(low), abs(high), 1e-3) if math.isfinite(high) else 1
+        return Field(self.name, low=low, high=high, scale=scale, size=self.width, start=start)
+
     def decode(self, words: Array, module: Any) -> Array:
         """Its values in worlds, from their words.
 
@@ -87,7 +102,7 @@ class VariedNumber:
         if self.kind is tuple:
             return values
         if self.kind is str:
-            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.field)
+            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
             return np.array(choices)[values[:, 0]]
         return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
 
@@ -170,7 +185,7 @@ def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> A
     keys, found = [_plain(value) for value in listed], dict[Any, Array]()
     for value in dict.fromkeys(keys):
         number.check(value)
-        found[value] = encode(module, number.field, int(value) if number.kind is int else value).view(np.uint32)
+        found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
     given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
     return given
 
@@ -184,7 +199,7 @@ def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
         words: int32 (worlds, width), its own.
     """
     if number.distribution.kind == CHOICE:
-        known = np.array([encode(module, number.field, value) for value in number.distribution.values])
+        known = np.array([encode(module, number.number, value) for value in number.distribution.values])
         fits = (words[:, None] == known).all(2).any(1)
     else:
         values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
@@ -210,7 +225,7 @@ def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
 def corners(numbers: Sequence[VariedNumber]) -> Iterator[dict[VariedNumber, Any]]:
     """Extreme values of varied numbers together: what holds for all of these is taken to hold for all between."""
     ends = [number.distribution.extremes() for number in numbers]
-    if len(ends) <= CORNERS:
+    if math.prod(map(len, ends)) <= CORNERS:
         combined: Iterable[Sequence[Any]] = product(*ends)
     else:
         lowest, highest = [values[0] for values in ends], [values[-1] for values in ends]
@@ -224,14 +239,14 @@ def replaced(modules: Sequence[Any], values: Mapping[VariedNumber, Any]) -> list
     """The mechanics with these values of varied numbers. Raises what they say to them."""
     found = list(modules)
     for number, value in values.items():
-        found[number.module] = found[number.module].replace(**{number.field: value})
+        found[number.module] = found[number.module].replace(**{number.number: value})
     return found
 
 
 def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
     """The layout of worlds in which varied numbers have these values, with room for the highest counts."""
     distributions = {name: number.distribution for name, number in layout.varied.items()}
-    return type(layout)(replaced(layout.modules, values), distributions)
+    return type(layout)(replaced(layout.modules, values), distributions, [*layout.fields.get("numbers", ())])
 
 
 def extreme_layouts(layout: Any) -> list[Any]:
@@ -257,7 +272,7 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
         type(layout)(replaced(layout.modules, values))  # raises what mechanics say to fewer entities
         image, there = layout.initial_image.copy(), with_values(layout, values)
         for number, value in values.items():
-            encoded = encode(layout.modules[number.module], number.field, value)
+            encoded = encode(layout.modules[number.module], number.number, value)
             for word, offset, width in found:
                 if number.start <= word < number.start + number.width:
                     image[offset : offset + width] = encoded[word - number.start :].view(np.uint8)[:width]

@@ -47,6 +47,7 @@ class Worlds:
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
         varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
+        observed: Those of them that agents observe.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
@@ -70,8 +71,9 @@ class Worlds:
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
         varied: Mapping[str, Distribution] | None = None,
+        observed: Sequence[str] = (),
     ) -> None:
-        self.layout = Layout(modules, varied)
+        self.layout = Layout(modules, varied, observed)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
         systems = [system for module in self.layout.modules for system in module.systems()]

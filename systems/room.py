@@ -37,7 +37,7 @@ class Room(Module):
     It is a square of side `size`; with width or height it is a rectangle, and `size` stands for the one that is 0.
     """
 
-    size: float = number(25.0, low=1)  # metres, side
+    size: float = number(25.0, low=1, high=100_000)  # metres, side
     walls: bool = number(True)
     thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the way to the one opposite
     width: float = number(0.0, low=0)  # metres along x; 0: size

@@ -45,7 +45,7 @@ class SafeZone(Module):
     stream = "zone"
     damage_type: ClassVar[str] = "zone"
 
-    radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0)
+    radii: tuple[float, ...] = number((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), above=0, scales_with="room_size")
     stand: int = number(100, low=0)  # ticks
     shrink: int = number(100, low=1)  # ticks
     damage: int = number(1, low=0, high=MOST)  # hit points a tick outside
@@ -63,13 +63,19 @@ class SafeZone(Module):
         size = min(_sides(layout))
         if max(self.radii) > size / 2:
             raise NumberError(
-                f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half)"
+                f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half); set "
+                f"radii that do, as in safe_zone_radii={_shown(self.radii, size)}"
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
         x, y = _sides(layout)
         circle = ends((x / 2 * ROUNDING, y / 2 * ROUNDING)) | {"radius": (0, max(self.radii) * ROUNDING)}
         return {"zone": circle | {f"next_{name}": ends for name, ends in circle.items()}}
+
+
+def _shown(radii: tuple[float, ...], size: float) -> str:
+    """Such radii, scaled to a room of that side, as they are typed."""
+    return ",".join(f"{radius * size / 2 / max(radii):.3g}" for radius in radii)
 
 
 def _sides(layout: Layout) -> tuple[float, float]:

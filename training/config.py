@@ -8,6 +8,7 @@ from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.serialize import classes
 
 from .annealing import Anneal
 from .errors import TrainingError
@@ -153,7 +154,7 @@ class TrainingConfig:
         kept["anneal"] = ",".join(map(str, self.anneal))
         if not self.numbers.anneal_lr:  # then a run may go on for longer
             del kept["steps"]
-        return {"plan": kept, "scenario": fingerprint(self.scenario)}
+        return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
 
     @property
     def numbers(self) -> Hyperparameters:

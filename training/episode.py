@@ -2,8 +2,9 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
@@ -13,7 +14,7 @@ from outlast.envs.rollout.memory import told
 from outlast.envs.scenarios import renamed
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.scenarios.serialize import check_repetitions, planned
+from outlast.envs.scenarios.serialize import check_repetitions, planned, rebuilt
 from outlast.envs.scenarios.variants import variant
 
 from . import run_header
@@ -78,7 +79,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
 
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
-    """The scenario of a run that `outlast train` began: a variant, with other numbers.
+    """The scenario of a run that `outlast train` began; nothing is imported.
 
     Args:
         header: run.json of the run, or of one of its checkpoints.
@@ -87,18 +88,25 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
         The scenario; and what differs from the one of the run, which another version of outlast may have begun, or "".
 
     Raises:
-        TrainingError: The file does not say enough of it: it was no variant, or had mechanics of the user's own.
+        TrainingError: It has mechanics of the user's own that are not imported, or the file is of an earlier version,
+            which names no mechanics, and it was no variant.
     """
     given = header["scenario"]
     try:
-        plain = variant(given["name"])
-        if given.get("code"):
-            raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
-        numbers = renamed.current_numbers(given["numbers"])
-        check_repetitions(numbers)
-        known = {name: value for name, value in numbers.items() if name in plain.numbers()}
-        made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+        made = rebuilt(given, header["modules"], strict=False) if "modules" in header else _variant(given)
         planned(made)
     except ValueError as error:
         raise TrainingError(f"the scenario {given['name']!r} cannot be made from a checkpoint: {error}") from error
     return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name
+
+
+def _variant(given: dict[str, Any]) -> Scenario:
+    """The variant of the name in a fingerprint, with its numbers. Raises ValueError."""
+    plain = variant(given["name"])
+    if given.get("code"):
+        raise TrainingError(f"its mechanics {', '.join(given['code'])} are not outlast's own, and not imported")
+    numbers = renamed.current_numbers(given["numbers"])
+    check_repetitions(numbers)
+    known = {name: value for name, value in numbers.items() if name in plain.numbers()}
+    made = plain.replace(**{name: tuple(v) if isinstance(v, list) else v for name, v in known.items()})
+    return replace(made, name=given.get("label") or plain.name, about=plain.about)

@@ -64,7 +64,9 @@ class Preset:
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """The scenario with the observations of this preset. A scenario without cameras stays as it is."""
-        return scenario.replace(cameras_mode=self.cameras) if "cameras" in scenario else scenario
+        if "cameras" not in scenario:
+            return scenario
+        return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
         """How many worlds, and how many environment steps of all of them together a rollout has.

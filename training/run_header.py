@@ -124,6 +124,7 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "steps": lambda given: type(given) is int and 0 <= given < 2**62,
     "preset": lambda given: isinstance(given, str) and given in PRESETS,
     "scenario": is_fingerprint,
+    "modules": lambda given: isinstance(given, list) and all(map(is_word, given)),
     "observations": _are_observations,
     "fields": _are_fields,
     "actions": _are_actions,

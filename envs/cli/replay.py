@@ -27,6 +27,8 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("replay", help="replay a recording: verify it, film it, make a page or data of it")
     command.add_argument("file", help="a recording, as of `outlast rollout VARIANT --record FILE`")
+    text = "import this scenario, FILE.py:NAME, for the mechanics of the recording that are not outlast's own"
+    command.add_argument("--scenario", metavar="NAME", help=text)
     video_options.add(command, required=False)
     command.add_argument("--html", metavar="PATH", help="write a web page that plays the recording")
     text = "write samples for learners: a folder of .npz files, a .parquet file, or minari:NAME-v0"
@@ -73,7 +75,7 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 def _open(options: argparse.Namespace) -> Recording:
     """The recording, if it has what the options ask for; `last` becomes the number of a tick."""
     try:
-        recording = Recording.open(options.file)
+        recording = Recording.open(options.file, options.scenario)
     except (OSError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise

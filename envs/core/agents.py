@@ -19,8 +19,14 @@ def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
     return living
 
 
+def present(worlds: Worlds, where: Any = slice(None)) -> Array:
+    """Which agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
+    there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
+    return there
+
+
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """The side that each agent is on: int32 (worlds, agents), a new array. where: see `alive`."""
+    """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
     return sides
 
@@ -35,7 +41,7 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any
 
     Returns:
         By key, (worlds, agents): of a statistic with an entry an agent its own, of one with an entry a side that of its
-        side, and of all others what its world has.
+        side, and of all others what its world has. Of who is absent, 0.
     """
     dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
     sides, agents, own = side(worlds, where), worlds.dims["agents"], {}
@@ -44,7 +50,8 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any
         if dims.get(key) == ("agents",):
             own[key] = rows.copy()
         elif dims.get(key) == ("sides",):
-            own[key] = np.take_along_axis(rows, sides, 1)
+            own[key] = np.take_along_axis(rows, np.maximum(sides, 0), 1)
         else:
             own[key] = np.repeat(rows[:, None], agents, axis=1)
+        own[key][sides < 0] = 0
     return own

@@ -124,6 +124,8 @@ def action_space(worlds: Worlds) -> spaces.MultiDiscrete:
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     """Copies of the episode statistics; rows of worlds that are not `where` are zero. Shapes (worlds,) or (worlds, n).
 
+    Numbers that vary are among them, but for those that are words.
+
     A column with one entry a damage type becomes one key for each: "deaths_zone".
     """
     result: dict[str, Array] = {}
@@ -133,6 +135,9 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
             result.update(zip(_reported(worlds, key, column), values.T, strict=True))
         else:
             result[key] = values if column.dims else values[:, 0]
+    for key, values in worlds.numbers().items():
+        if values.dtype.kind in "bif":
+            result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
     return result
 
 

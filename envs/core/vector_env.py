@@ -1,7 +1,7 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -10,18 +10,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation, Worlds
+from outlast.ecs import RESET, SKIP, STEP, Action, Fields, Observation
 
 from ..errors import RecordingError
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from .agents import alive
+from .agents import alive, present
 from .buffers import final_observations, flat_size, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
+from .numbers import change_numbers, current_numbers
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
 from .validation import autoreset_mode as checked_autoreset_mode
@@ -150,7 +151,9 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             options: {"reset_mask": bool (worlds,)}: the worlds to reset; without it, all.
 
         Returns:
-            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents).
+            Observations, float32 (worlds, agents, ...) by key, and info with "alive", bool (worlds, agents). Where
+            numbers vary, info also has "numbers", those of the episode, (worlds, ...) by name, and "present", bool
+            (worlds, agents).
 
         Raises:
             ValueError: A seed or mask that cannot be.
@@ -164,7 +167,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         self._run(mask, given)
         check_places(self.worlds)
         self._step_events.forget(mask)
-        return self._observe(), {"alive": alive(self.worlds)}
+        return self._observe(), self._info()
 
     @exclusive
     def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -178,7 +181,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
         Returns:
             Observations; rewards, float32 (worlds, agents); terminated and truncated, bool (worlds,); and info, which
-            always has "alive", bool (worlds, agents), of the observations that are returned.
+            always has what that of `reset` has, of the observations that are returned.
 
         Raises:
             ActionError: Actions of the wrong shape or type, or out of range.
@@ -207,8 +210,7 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             check_faults(self.worlds)
         finally:  # the other worlds go on
             info: dict[str, Any] = self._finish(done) if (done := self._tracker.done).any() else {}
-        info["alive"] = alive(self.worlds)
-        return self._observe(), reward, terminated, truncated, info
+        return self._observe(), reward, terminated, truncated, info | self._info()
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
@@ -304,20 +306,42 @@ class SurvivalVectorEnv(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         return self._observe()
 
     @exclusive
-    def set_numbers(self, /, **numbers: Number) -> None:
-        """Change numbers of the game from the next step on, in all worlds, in mid-episode or not.
+    def numbers(self) -> dict[str, Any]:
+        """All numbers of the game by name, as they are now.
 
-        `scenario` stays what was asked for. A state has no numbers: whoever goes on from one changes them again.
+        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in.
+        """
+        return current_numbers(self.worlds)
+
+    @exclusive
+    def set_numbers(self, given: Mapping[str, Any] | None = None, /, *, mask: Any = None, **numbers: Any) -> None:
+        """Change numbers of the game.
+
+        One that varies (see Scenario.vary) is set for some worlds from their next reset on, and no longer drawn there;
+        that is part of their state. All others change in all worlds, from the next step on, in mid-episode or not;
+        `scenario` stays what was asked for, and a state does not have them.
 
         Args:
-            **numbers: By name, as Scenario.replace takes them: rewards_kill=5.
+            given: By name, as Scenario.replace takes them: {"melee_damage": array}. Of one that varies, a value or an
+                array with one for each world, (worlds, ...), of which those of `mask` count; None: it is drawn again.
+            mask: The worlds, bool (worlds,); None: all.
+            **numbers: More of them: rewards_kill=5.
 
         Raises:
-            NumberError: One that is unknown or cannot change while worlds run, or is out of range; nothing was changed.
-            RecordingError: A recording goes on.
+            NumberError: One that is unknown or cannot change while worlds run, a value that cannot be, or a mask for
+                one that does not vary; nothing was changed.
+            ValueError: A mask that cannot be.
+            RecordingError: A recording goes on, and one does not vary.
         """
-        self._check_unrecorded("set_numbers")
-        self.worlds.set_numbers(**{"_".join(self.scenario.find_number(name)): numbers[name] for name in numbers})
+        asked = {**(given or {}), **numbers}
+        change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
+
+    def _info(self) -> dict[str, Any]:
+        """What info has of the observations that are returned."""
+        info: dict[str, Any] = {"alive": alive(self.worlds)}
+        if self.worlds.layout.varied:
+            info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
+        return info
 
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.

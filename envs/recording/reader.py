@@ -13,8 +13,9 @@ from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from ..scenarios.naming import resolve
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, current_classes, planned, rebuilt
+from ..scenarios.serialize import classes, current_classes, foreign, planned, rebuilt
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .recorder import MAX_PENDING_BYTES
 from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_ticks
@@ -51,12 +52,14 @@ class Recording:
         self.cut = "" if chunks[-1].tag == DONE else sentence
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], scenario: Scenario | None = None) -> "Recording":
+    def open(cls, path: str | os.PathLike[str], scenario: Scenario | str | None = None) -> "Recording":
         """Read a file and check all of it; what a killed writer left unfinished at its end is dropped (see `cut`).
 
         Args:
             path: What `outlast.record` or `outlast rollout --record` wrote.
-            scenario: Needed if some of its mechanics are not outlast's own, as what a file names is never imported.
+            scenario: Needed if some of its mechanics are neither outlast's own nor imported, as what a file names is
+                never imported: the recorded scenario; or the name of one, such as "mygame.py:arena", that is imported
+                for its mechanics, whatever its numbers are.
 
         Returns:
             The recording. The file is read again, chunk by chunk, when ticks are asked for.
@@ -175,11 +178,13 @@ def _is_valid(header: Any) -> bool:
     )
 
 
-def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scenario:
+def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -> Scenario:
     """The scenario of the file, or the one given if it is the same."""
-    if given is None:
+    if not isinstance(given, Scenario):
         try:
-            return rebuilt(header["scenario"], header["modules"])
+            if given is not None:
+                _import(header, given)
+            given = rebuilt(header["scenario"], header["modules"])
         except (ScenarioError, EngineError, KeyError) as error:
             raise RecordingError(f"{path}: {error}") from None
     if other := difference(header["scenario"], fingerprint(given)):
@@ -187,3 +192,10 @@ def _scenario(path: str, header: dict[str, Any], given: Scenario | None) -> Scen
     if current_classes(header["modules"]) != classes(given):
         raise RecordingError(f"{path} was made with {header['modules']}: the scenario given has {classes(given)}")
     return given
+
+
+def _import(header: dict[str, Any], name: str) -> None:
+    """Import the scenario of that name for its mechanics. Raises ScenarioError, also if the file needs none."""
+    if not foreign(header["modules"]):
+        raise ScenarioError(f"all of its mechanics are outlast's own: leave out the scenario {name}")
+    resolve(name)

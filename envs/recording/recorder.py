@@ -50,7 +50,9 @@ class Recorder:
         self._owner = os.getpid()
         self._continuous = False  # whether the worlds are where the last recorded tick left them
         self._no_keys = np.zeros((0, form.key_size), np.uint64)
-        self._keyed = np.zeros((worlds.count, form.key_size - 1), np.uint64)  # their clocks, as far as they are recorded
+        self._keyed = np.zeros(
+            (worlds.count, form.key_size - 1), np.uint64
+        )  # their clocks, as far as they are recorded
 
     @property
     def recording(self) -> bool:
@@ -84,7 +86,7 @@ class Recorder:
             return
         self.check(mode)
         steps, keys = mode == STEP, self._no_keys
-        if all_step := bool(steps.all()):
+        if all_step := bool(steps.all()) and Given not in self._worlds:  # which may have changed between any two
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()

@@ -48,9 +48,10 @@ def ablated(scenario: Scenario, names: Sequence[str]) -> Scenario:
         raise ScenarioError(f"{'+'.join(names)}: name each ablation once")
     if {"bounty", "rivalry"} <= chosen.keys():
         raise ScenarioError("bounty and rivalry contradict each other: take one of them")
+    plain = scenario
     for name, ablation in chosen.items():
         if not any(isinstance(module, ablation.needs) for module in scenario.modules):
-            raise ScenarioError(f"{scenario.name} has no {ablation.needs.__name__}, so {name} would change nothing")
+            raise ScenarioError(f"{plain.name} has no {ablation.needs.__name__}, so {name} would change nothing")
         scenario = scenario.with_(*ablation.modules).replace(**ablation.numbers)
-    about = "; ".join((scenario.about, *(ablation.about for ablation in chosen.values())))
-    return replace(scenario, name="+".join((scenario.name, *chosen)), about=about)
+    about = "; ".join((plain.about, *(ablation.about for ablation in chosen.values())))
+    return replace(scenario, name="+".join((plain.name, *chosen)), about=about)

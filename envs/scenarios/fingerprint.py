@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from outlast.ecs.distributions import NAMES
 from outlast.ecs.identity import PYTHON, code_digest, full_name
 from outlast.ecs.references import is_outside
 
@@ -16,17 +17,27 @@ LONGEST = 200  # characters of a name, and entries of an order
 def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Name and numbers of a scenario as JSON has them; the name without what cannot be shown in a line.
 
-    Where there is any: "order", the chains of `Scenario.ordered`; "code", of the mechanics that are not outlast's own:
-    by name, the full name of the class, the version of Python and the hash of its code (see ecs.identity).
+    The name is that of the scenario that it was derived from, if it was: what its own name says of changes is in the
+    "label". Where there is any: "order", the chains of `Scenario.ordered`; "varied", what numbers are drawn from: by
+    name, the name of a distribution and its values; "observed", which of them agents observe; "code", of the mechanics
+    that are not outlast's own: by name, the full name of the class, the version of Python and the hash of its code
+    (ecs.identity).
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
-    name = "".join(letter if letter.isprintable() else "?" for letter in scenario.name[:LONGEST])
+    name, label = (_line(each.name) for each in (scenario.origin or scenario, scenario))
     users = [module for module in sorted_(scenario) if is_outside(type(module))]
     more = {
+        "label": label if label != name else "",
         "order": [list(chain) for chain in scenario.order],
+        "varied": {name: json.loads(json.dumps([NAMES[d.kind], *d.values])) for name, d in scenario.varied},
+        "observed": list(scenario.observed),
         "code": {each.name: [full_name(type(each))[:LONGEST], PYTHON, code_digest(each)] for each in users},
     }
     return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value}
+
+
+def _line(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name[:LONGEST])
 
 
 def is_fingerprint(given: Any) -> bool:
@@ -34,16 +45,27 @@ def is_fingerprint(given: Any) -> bool:
     if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
         return False
     values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
-    code, order = given.get("code", {}), given.get("order", [])
+    code, order, varied, observed = (
+        given.get(key, kind()) for key, kind in (("code", dict), ("order", list), ("varied", dict), ("observed", list))
+    )
     return (
         is_word(values[0])
+        and is_word(given.get("label", ""))
         and all(map(_is_plain, values[1:]))
         and isinstance(order, list)
         and len(order) <= LONGEST
         and all(_are_words(chain) and 1 < len(chain) <= LONGEST for chain in order)
+        and isinstance(varied, dict)
+        and all(is_word(name) and _is_distribution(entry) for name, entry in varied.items())
+        and isinstance(observed, list)
+        and all(map(is_word, observed))
         and isinstance(code, dict)
         and all(is_word(name) and _are_words(entry) and len(entry) == 3 for name, entry in code.items())
     )
+
+
+def _is_distribution(given: Any) -> bool:
+    return isinstance(given, list) and 2 < len(given) <= LONGEST and given[0] in NAMES and all(map(_is_plain, given))
 
 
 def _is_plain(given: Any) -> bool:
@@ -81,6 +103,9 @@ def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
     code, other = own.get("code", {}), given.get("code", {})
     for name in sorted(code.keys() | other.keys()):
         yield from _code_differences(name, other.get(name), code.get(name))
+    for key, about in (("varied", "what numbers are drawn from"), ("observed", "which numbers are observed")):
+        if given.get(key) != own.get(key):
+            yield f"{about} is {given.get(key, 'nothing')} there and {own.get(key, 'nothing')} here"
     if given.get("order", []) != own.get("order", []):
         yield f"the order of systems is {given.get('order', [])} there and {own.get('order', [])} here"
 

@@ -2,7 +2,8 @@
 
 import dataclasses
 import difflib
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +12,10 @@ from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
 from . import renamed
+from .changes import as_file_name, changes, derived_about, derived_name, following, numbers
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
+LOGGER = logging.getLogger("outlast")
 
 
 @dataclass(frozen=True, repr=False)
@@ -21,6 +24,8 @@ class Scenario:
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
 
+    What is derived says so: the name above is "ffa_3-without_boxes-n_agents=10-melee_damage=20", and `about` likewise.
+
     Attributes:
         name: What errors and files call it.
         modules: The mechanics, in any order.
@@ -28,6 +33,7 @@ class Scenario:
         order: What `ordered` added: chains of systems, each of which runs before the next one.
         varied: What `vary` added: numbers of which each world has its own, by name, and what they are drawn from.
         observed: Those of them that `observe_numbers` shows to agents.
+        origin: The scenario that it was derived from by `replace`, `with_`, `without` and `ordered`; None: by none.
 
     Raises:
         ScenarioError: Two mechanics of one kind, or of one name.
@@ -39,6 +45,7 @@ class Scenario:
     order: tuple[tuple[str, ...], ...] = ()
     varied: tuple[tuple[str, Distribution], ...] = ()
     observed: tuple[str, ...] = ()
+    origin: "Scenario | None" = dataclasses.field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         _check_mechanics(self.name, self.modules)
@@ -73,7 +80,7 @@ class Scenario:
     def without(self, *kinds: type[Module] | str) -> "Scenario":
         """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
         gone = [self._find(kind) for kind in kinds]
-        return self._with_modules(tuple(m for m in self.modules if not any(m is each for each in gone)))
+        return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
         """The same with more mechanics; one of a kind that is there already is replaced.
@@ -83,7 +90,7 @@ class Scenario:
         """
         _check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
-        return self._with_modules((*(m for m in self.modules if m.slot() not in slots), *modules))
+        return self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
 
     def ordered(self, *systems: str) -> "Scenario":
         """The same with an order between systems that say none themselves, as those of two authors.
@@ -95,10 +102,13 @@ class Scenario:
         Raises:
             ScenarioError: Fewer than two are given.
         """
-        return dataclasses.replace(self, order=(*self.order, systems))
+        return self._derived(order=(*self.order, systems))
 
     def replace(self, **numbers: Number) -> "Scenario":
         """The same with other numbers, which vary no more if they did.
+
+        Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, which is
+        logged at level INFO; those that were set by hand, here or before, stay.
 
         Args:
             **numbers: By name, module_number ("melee_damage"); n_agents stands for agents_count.
@@ -106,15 +116,21 @@ class Scenario:
         Raises:
             NumberError: An unknown number, with a hint, or a value out of its range.
         """
-        changed: dict[str, dict[str, Any]] = {}
+        given: dict[tuple[str, str], Any] = {}
         for key, value in numbers.items():
-            module, name = self.find_number(key)
-            if f"{module}_{name}" != _full(key):
-                renamed.warn(key, f"{module}_{name}")
-            changed.setdefault(module, {})[name] = value
-        modules = tuple(_replaced(module, changed.get(module.name, {})) for module in self.modules)
-        fixed = {f"{module}_{name}" for module, names in changed.items() for name in names}
-        return self._with_modules(modules, fixed)
+            found = self.find_number(key)
+            if "_".join(found) != _full(key):
+                renamed.warn(key, "_".join(found))
+            given[found] = value
+        modules = _all_replaced(self.modules, given)  # checks the numbers
+        checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
+        for key, (leader, value) in following(self.modules, (self.origin or self).numbers(), checked).items():
+            given[self.find_number(key)] = value
+            about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
+            LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
+        fixed = {"_".join(found) for found in given}
+        varied = tuple(entry for entry in self.varied if entry[0] not in fixed)
+        return self._derived(modules=_all_replaced(self.modules, given), varied=varied)
 
     def vary(self, **numbers: Distribution) -> "Scenario":
         """The same with numbers that each world draws anew when an episode begins.
@@ -140,7 +156,7 @@ class Scenario:
                 )
             varied[f"{module}_{name}"] = distribution
         place(list(self.modules), varied)  # raises what is wrong with a number by itself
-        return dataclasses.replace(self, varied=tuple(sorted(varied.items())))
+        return self._derived(varied=tuple(sorted(varied.items())))
 
     def observe_numbers(self, *names: str) -> "Scenario":
         """The same with varied numbers as an observation, "numbers": float32 (agents, numbers), for every agent there.
@@ -155,23 +171,45 @@ class Scenario:
         full = ["_".join(self.find_number(name)) for name in names] or [*varied]
         if missing := [name for name in full if name not in varied]:
             raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
-        return dataclasses.replace(self, observed=tuple(sorted({*full})))
+        return self._derived(observed=tuple(sorted({*full})))
 
     def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
         """Worlds of it. options: those of ecs.Worlds. Raises what that raises."""
-        own = {"ordered": self.order, "varied": dict(self.varied), "observed": self.observed}
-        return Worlds(self.modules, count, threads, **own, **options)
+        options |= {"ordered": self.order, "varied": dict(self.varied), "observed": self.observed}
+        return Worlds(self.modules, count, threads, **options)
 
-    def _with_modules(self, modules: tuple[Module, ...], fixed: Collection[str] = ()) -> "Scenario":
-        """The same with other mechanics; what they lack, and what is fixed, varies no more."""
-        own = {f"{module.name}_{item.name}" for module in modules for item in dataclasses.fields(module)} - {*fixed}
-        varied = tuple(entry for entry in self.varied if entry[0] in own)
-        observed = tuple(name for name in self.observed if name in own)
-        return dataclasses.replace(self, modules=modules, varied=varied, observed=observed)
+    def titled_as(self, other: "Scenario") -> "Scenario":
+        """The same by the name of another one that it was derived from: for changes that make no other game."""
+        made = dataclasses.replace(self, name=other.name, about=other.about)
+        object.__setattr__(made, "origin", other.origin or other)
+        return made
+
+    @property
+    def file_name(self) -> str:
+        """Its name as a part of the names of files."""
+        return as_file_name(self.name).lstrip(".") or "scenario"
+
+    def _derived(self, **fields: Any) -> "Scenario":
+        """The same with other fields, and a name and sentence that say what is not as in the origin.
+
+        What mechanics there lack, varies no more.
+        """
+        origin, made = self.origin or self, dataclasses.replace(self, **fields)
+        known = made.numbers()
+        varied = tuple(entry for entry in made.varied if entry[0] in known)
+        observed = tuple(name for name in made.observed if name in dict(varied))
+        made = dataclasses.replace(made, varied=varied, observed=observed)
+        changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
+        changed += [f"{name}={drawn}" for name, drawn in varied if (name, drawn) not in origin.varied]
+        changed += ["numbers observed"] * (origin.observed != observed)
+        name, about = derived_name(origin.name, changed), derived_about(origin.about, changed)
+        made = dataclasses.replace(made, name=name, about=about)
+        object.__setattr__(made, "origin", origin)
+        return made
 
     def numbers(self) -> dict[str, Any]:
         """Every number of every mechanic, by the name that `replace` takes."""
-        return {f"{m.name}_{f.name}": getattr(m, f.name) for m in sorted_(self) for f in dataclasses.fields(m)}
+        return numbers(self.modules)
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """The mechanic of this class or name."""
@@ -226,6 +264,14 @@ def _check_mechanics(name: str, modules: Iterable[Any]) -> None:
 def _full(asked: str) -> str:
     """Name of the number that n_NAME stands for; others as they are."""
     return f"{asked[2:]}_count" if asked.startswith("n_") else asked
+
+
+def _all_replaced(modules: Iterable[Module], numbers: Mapping[tuple[str, str], Any]) -> tuple[Module, ...]:
+    """Copies with other numbers, by names of mechanic and number."""
+    return tuple(
+        _replaced(module, {name: value for (own, name), value in numbers.items() if own == module.name})
+        for module in modules
+    )
 
 
 def _replaced(module: Module, numbers: dict[str, Any]) -> Module:

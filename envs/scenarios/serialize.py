@@ -2,20 +2,23 @@
 
 import dataclasses
 import math
+import sys
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from outlast import systems
-from outlast.ecs import Layout, Module
+from outlast.ecs import Distribution, Layout, Module, choice, integers, log_uniform, uniform
+from outlast.ecs.identity import full_name
+from outlast.ecs.varied import place
 
 from ..errors import ScenarioError
 from .renamed import CLASSES, current_numbers
 from .scenario import Scenario
 
 KNOWN: dict[str, type[Module]] = {
-    f"{kind.__module__}.{kind.__qualname__}": kind for kind in (getattr(systems, name) for name in systems.__all__)
+    full_name(kind): kind for kind in (getattr(systems, name) for name in systems.__all__)
 }
 
 MOST = {  # of what a file asks for; larger numbers would go on for very long, and could not be stopped
@@ -29,7 +32,7 @@ LARGEST = 2**22  # bytes of the state of one world
 
 def classes(scenario: Scenario) -> list[str]:
     """The full names of the classes of its modules, in order."""
-    return current_classes(f"{type(module).__module__}.{type(module).__qualname__}" for module in scenario.modules)
+    return current_classes(full_name(type(module)) for module in scenario.modules)
 
 
 def current_classes(names: Iterable[str]) -> list[str]:
@@ -37,28 +40,60 @@ def current_classes(names: Iterable[str]) -> list[str]:
     return sorted(CLASSES.get(name, name) for name in names)
 
 
-def rebuilt(fingerprint: dict[str, Any], names: list[str]) -> Scenario:
-    """The scenario of that fingerprint and those classes, all of them outlast's own.
+def foreign(names: Iterable[str]) -> list[str]:
+    """Those of these full names of classes that are not outlast's own mechanics."""
+    return [name for name in current_classes(names) if name not in KNOWN]
 
-    Nothing is imported by name. Raises ScenarioError, and NumberError for numbers that cannot be.
+
+def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
+    """The scenario of a fingerprint, of classes that this process has: nothing is imported by name.
+
+    Args:
+        fingerprint: Its name, numbers and order.
+        names: The full names of the classes of its mechanics.
+        strict: Whether all numbers must be there, and no others; else missing ones get their defaults, and unknown
+            ones, as of other versions of outlast, are left out.
+
+    Raises:
+        ScenarioError: A class was not imported, or a number is missing or unknown.
+        NumberError: A number cannot be.
     """
-    names, numbers = current_classes(names), current_numbers(fingerprint["numbers"])
-    if foreign := [name for name in names if name not in KNOWN]:
-        raise ScenarioError(
-            f"the mechanic {foreign[0]} is not one of outlast's own, and what a file names is not imported: "
-            "give the scenario, as in Recording.open(path, scenario=...)"
-        )
-    kinds = [KNOWN[name] for name in names]
+    kinds, numbers = _kinds(current_classes(names)), current_numbers(fingerprint["numbers"])
     check_repetitions(numbers)
     modules = []
     for kind in kinds:
         own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}
-        if missing := [full for full in own.values() if full not in numbers]:
+        if strict and (missing := [full for full in own.values() if full not in numbers]):
             raise ScenarioError(f"the number {missing[0]} is missing; was it made by another version of outlast?")
-        modules.append(kind(**{name: numbers.pop(full) for name, full in own.items()}))
-    if numbers:
+        modules.append(kind(**{name: numbers.pop(full) for name, full in own.items() if full in numbers}))
+    if strict and numbers:
         raise ScenarioError(f"there is no number {next(iter(numbers))}; was it made by another version of outlast?")
-    return Scenario(str(fingerprint["name"]), tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+    name = str(fingerprint.get("label") or fingerprint["name"])
+    made = Scenario(name, tuple(modules), order=tuple(map(tuple, fingerprint.get("order", ()))))
+    drawn = {key: _distribution(*entry) for key, entry in fingerprint.get("varied", {}).items()}
+    if drawn:
+        made = made.vary(**drawn).titled_as(made)
+    observed = fingerprint.get("observed", ())
+    return made.observe_numbers(*observed).titled_as(made) if observed else made
+
+
+def _distribution(name: str, *values: Any) -> Distribution:
+    """A distribution by its name. NumberError for values that it cannot have."""
+    made = {"uniform": uniform, "log_uniform": log_uniform, "integers": integers, "choice": choice}[name]
+    found: Distribution = made(*values)
+    return found
+
+
+def _kinds(names: list[str]) -> list[type[Module]]:
+    """The mechanics of these full names: outlast's own, and those that are imported. Raises ScenarioError."""
+    known = {full_name(kind): kind for kind in Module.imported()[1:] if kind.__module__ in sys.modules} | KNOWN
+    for name in names:
+        if name not in known:
+            raise ScenarioError(
+                f"the mechanic {name} is not one of outlast's own, and what a file names is not imported: import it "
+                "first, or name the scenario that has it, as in --scenario FILE.py:NAME or scenario=..."
+            )
+    return [known[name] for name in names]
 
 
 def check_repetitions(numbers: dict[str, Any]) -> None:
@@ -80,11 +115,13 @@ def planned(scenario: Scenario) -> tuple[int, int]:
 
     Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
     """
-    for module in scenario.modules:
+    largest = list(scenario.modules)
+    place(largest, dict(scenario.varied))
+    for module in largest:
         for dim, size in module.dims().items():
             if isinstance(size, int) and size > LONGEST:
                 raise ScenarioError(f"it would have {size} {dim}: at most {LONGEST} is possible")
-    layout = _Plan(scenario.modules)
+    layout = _Plan(scenario.modules, dict(scenario.varied), scenario.observed)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
     if layout.world_bytes > LARGEST:

@@ -192,5 +192,5 @@ def test_registered_by_name(entries: list[EntryPoint], monkeypatch: pytest.Monke
     monkeypatch.setattr(gymnasium, "registry", registered)
     registry.register()
     env = gymnasium.make("outlast/hunt-v1")
-    assert env.unwrapped.metadata["name"] == "the arena"
+    assert env.unwrapped.metadata["name"] == "the arena-ending_limit=50"
     env.close()

@@ -13,7 +13,8 @@ HEADER = "run.json"
 
 def kept_policy(path: Path, name: str = "teams_3-original-0") -> Path:
     """The policy of that name at `path`, as if it had been trained in the variant as it is today."""
-    scenario = variant(name.partition("-")[0]).replace(cameras_mode="revealed")
+    plain = variant(name.partition("-")[0])
+    scenario = plain.replace(cameras_mode="revealed").titled_as(plain)
     with zipfile.ZipFile(RESULTS / f"{name}.zip") as kept, zipfile.ZipFile(path, "w") as archive:
         header = json.loads(kept.read(HEADER)) | {"scenario": fingerprint(scenario)}
         archive.writestr(HEADER, json.dumps(header))

@@ -150,6 +150,8 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
     with pytest.raises(RecordingError, match=r"poison\.Poison is not one of outlast's own.*scenario=\.\.\."):
         Recording.open(tmp_path / "a.rec")
     assert "poison" not in sys.modules
+    with pytest.raises(RecordingError, match=r"all of its mechanics|there is no file nowhere\.py"):
+        Recording.open(tmp_path / "a.rec", scenario="nowhere.py:game")
     assert replayed(tmp_path / "a.rec", scenario=scenario) == watched.states
     with pytest.raises(RecordingError, match="poison_strength is 20 there and 30 here"):
         Recording.open(tmp_path / "a.rec", scenario=scenario.with_(Poison()))

@@ -193,7 +193,7 @@ def test_run_json_is_part_of_that_of_a_checkpoint(tmp_path: Path) -> None:
     TrainingRun(config(EACH), tmp_path).train()
     header = json.loads((tmp_path / "run.json").read_text())
     saved = checkpoint.header_of(checkpoint.read_checkpoint(checkpoint.newest(tmp_path)))
-    assert header == {key: saved[key] for key in ("plan", "scenario")}
+    assert header == {key: saved[key] for key in ("plan", "scenario", "modules")}
     (tmp_path / "run.json").write_text("{")
     (tmp_path / checkpoint.NAME.format(EACH)).unlink()
     with pytest.raises(TrainingError, match=r"run.json does not describe a run"):

@@ -127,7 +127,7 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
     numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
     config = TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
-    folder = options.out or Path("runs", f"{chosen.name}-{options.preset}-{own}")
+    folder = options.out or Path("runs", f"{chosen.file_name}-{options.preset}-{own}")
     training = TrainingRun(config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0
     view = LiveView(begun, config.steps, quiet=options.quiet)
@@ -201,7 +201,7 @@ def _train_several(options: argparse.Namespace, chosen: Sequence[tuple[str, Scen
     chosen: names, as the user gave them, and their scenarios.
     """
     pairs = itertools.product(chosen, options.seed)
-    waiting = [Job(options, variant, scenario.name, seed) for (variant, scenario), seed in pairs]
+    waiting = [Job(options, variant, scenario.file_name, seed) for (variant, scenario), seed in pairs]
     if len({job.name for job in waiting}) < len(waiting):
         raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
     at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()

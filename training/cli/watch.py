@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import add_page, announce, printable
+from outlast.envs.scenarios.naming import resolve
 
 from .. import run_header
 from ..errors import TrainingError
@@ -18,6 +19,8 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = commands.add_parser("watch", help="see the newest policy of a run play, and its numbers, in the browser")
     command.add_argument("run_folder", type=Path, metavar="RUN", help="folder of a run of `outlast train`")
+    text = "import this scenario, FILE.py:NAME, for the mechanics of the run that are not outlast's own"
+    command.add_argument("--scenario", metavar="NAME", help=text)
     add_page(command)
     command.set_defaults(run=run)
 
@@ -32,6 +35,8 @@ def run(options: argparse.Namespace) -> int:
 
     folder = options.run_folder
     _check(folder)
+    if options.scenario is not None:
+        resolve(options.scenario)
     name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
     recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
     recorder.start()

@@ -1,0 +1,65 @@
+"""The numbers of a game that runs: what they are, and how they change."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import NumberError, Worlds
+from outlast.ecs.varied import Given
+
+from ..scenarios.scenario import Scenario
+from .validation import reset_mask
+
+Array = np.ndarray[Any, Any]
+
+
+def current_numbers(worlds: Worlds) -> dict[str, Any]:
+    """All numbers by name; those that vary as arrays (worlds, ...)."""
+    plain = {
+        f"{module.name}_{item.name}": getattr(module, item.name) for module in worlds.modules for item in fields(module)
+    }
+    return plain | worlds.numbers()
+
+
+def change_numbers(
+    scenario: Scenario, worlds: Worlds, asked: Mapping[str, Any], mask: Any, check_unrecorded: Callable[[], None]
+) -> None:
+    """Set numbers: see SurvivalVectorEnv.set_numbers.
+
+    Args:
+        scenario: What is played.
+        worlds: Its worlds.
+        asked: By name.
+        mask: The worlds, for those that vary; None: all.
+        check_unrecorded: Raises RecordingError while a recording goes on.
+    """
+    where = reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count)
+    full = {"_".join(scenario.find_number(name)): value for name, value in asked.items()}
+    varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
+    others = {name: value for name, value in full.items() if name not in varied}
+    if others:
+        if mask is not None:
+            raise NumberError(
+                f"{next(iter(others))} is the same in all worlds: leave out the mask, or make the environment of a "
+                "scenario in which it varies: scenario.vary(...)"
+            )
+        check_unrecorded()
+    before = worlds[Given].words.copy() if varied else None
+    worlds.give_numbers(varied, where)
+    try:
+        worlds.set_numbers(**others)
+    except BaseException:
+        if before is not None:
+            worlds[Given].words[:] = before
+        raise
+
+
+def _chosen(name: str, value: Any, where: Array) -> Any:
+    """Of a value for each world, those of some worlds; one value, or None, as it is."""
+    if value is None or isinstance(value, tuple) or np.ndim(value) == 0:
+        return value
+    if len(value) != len(where):
+        raise NumberError(f"{name}: {len(value)} values; give one, or one for each of the {len(where)} worlds")
+    return [each for each, chosen in zip(value, where, strict=True) if chosen]

@@ -1,0 +1,106 @@
+"""Derived scenarios say what was changed, and numbers that depend on the room change with it."""
+
+import copy
+import dataclasses
+import logging
+import pickle
+
+import pytest
+
+import outlast
+from outlast import Scenario, variant
+from outlast.ecs import NumberError
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.systems import DropLast, SafeZone, Teams
+
+DUEL = variant("ffa_3")
+
+
+@pytest.mark.parametrize(
+    ("derived", "name"),
+    [
+        (DUEL, "ffa_3"),
+        (
+            DUEL.without("boxes").replace(n_agents=10, melee_damage=20),
+            "ffa_3-without_boxes-n_agents=10-melee_damage=20",
+        ),
+        (
+            DUEL.replace(n_agents=10, melee_damage=20).without("boxes"),
+            "ffa_3-without_boxes-n_agents=10-melee_damage=20",
+        ),
+        (DUEL.with_(DropLast(offset=2.0)), "ffa_3-with_drop_last-drop_last_offset=2"),
+        (DUEL.with_(Teams()), "ffa_3-with_teams"),
+        (DUEL.replace(melee_damage=20).replace(melee_damage=5), "ffa_3"),
+        (DUEL.replace(ending_rule="all dead", room_walls=False), "ffa_3-ending_rule=all_dead-room_walls=False"),
+        (DUEL.ordered("heals", "melee"), "ffa_3-ordered"),
+        (DUEL.replace(room_size=20.0), "ffa_3-room_size=20"),
+        (variant("ffa_3+steering").replace(steering_speed=2.5), "ffa_3+steering-steering_speed=2.5"),
+        (dataclasses.replace(DUEL.replace(n_agents=3), name="mine").replace(heals_amount=1), "mine-heals_amount=1"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_names_say_what_was_changed(derived: Scenario, name: str) -> None:
+    assert derived.name == derived.file_name == name
+    assert pickle.loads(pickle.dumps(derived)) == copy.deepcopy(derived) == derived
+    again = rebuilt(fingerprint(derived), classes(derived))
+    assert again.name == name
+    assert not difference(fingerprint(derived), fingerprint(again))
+
+
+def test_the_sentence_says_it_too() -> None:
+    assert variant("teams_3").replace(n_agents=6).without("heals").about == (
+        "two teams of two, heals and boxes; outliving pays; changed: without heals, n_agents=6"
+    )
+    assert dataclasses.replace(DUEL, about="").replace(n_agents=3).about == "changed: n_agents=3"
+
+
+def test_many_changes_have_a_short_name_that_no_others_have() -> None:
+    many = {"agents_health": 3, "give_last_reach": 1.5, "rewards_kill": 1e-3, "cameras_mode": "revealed"}
+    names = {DUEL.replace(**many, melee_damage=damage).name for damage in range(50)}
+    assert len(names) == 50
+    assert max(map(len, names)) <= len("ffa_3") + 60
+
+
+def test_names_of_files_have_no_other_characters() -> None:
+    named = [dataclasses.replace(DUEL, name=name).file_name for name in ("../a b/c:é", "..", "")]
+    assert named == ["_a_b_c_é", "scenario", "scenario"]
+
+
+def test_files_identify_a_derived_scenario_as_before() -> None:
+    """By the name of what it was derived from, and its numbers: so did all versions."""
+    derived = fingerprint(DUEL.replace(melee_damage=20))
+    assert (derived["name"], derived["label"]) == ("ffa_3", "ffa_3-melee_damage=20")
+    before = {key: value for key, value in derived.items() if key != "label"}
+    assert not difference(before, derived)
+    assert fingerprint(DUEL.replace(cameras_mode="revealed").titled_as(DUEL)).keys() == {"name", "numbers"}
+
+
+# ---- numbers that scale with others
+
+
+def test_the_safe_zone_scales_with_the_room(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "outlast")
+    for size in (10.0, 20.0, 20.1, 77.7, 1000.0):
+        env = outlast.make_vec("ffa_1", 1, seed=0, room_size=size)
+        radii = env.scenario.numbers()["safe_zone_radii"]
+        assert radii[0] == size / 2
+        assert radii == pytest.approx([size / 25 * each for each in DUEL.numbers()["safe_zone_radii"]])
+        env.close()
+    assert caplog.messages[1].startswith("safe_zone_radii is scaled with room_size, to 10, 8, 6, 4, 3.2, 1.6, 0.8")
+    assert DUEL.replace(room_size=20).replace(room_size=30).replace(room_size=25) == DUEL
+
+
+def test_what_is_set_by_hand_is_not_scaled(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "outlast")
+    by_hand = [
+        DUEL.replace(room_size=20, safe_zone_radii=(3, 2)),
+        DUEL.replace(safe_zone_radii=(3, 2)).replace(room_size=20),
+        DUEL.replace(room_size=20).replace(safe_zone_radii=(3, 2)).replace(room_size=20.0),
+        DUEL.without("safe_zone").with_(SafeZone(radii=(3, 2))).replace(room_size=20),
+    ]
+    assert {each.numbers()["safe_zone_radii"] for each in by_hand} == {(3.0, 2.0)}
+    assert [each.name for each in by_hand[:3]] == ["ffa_3-room_size=20-safe_zone_radii=3,2"] * 3
+    assert len(caplog.messages) == 1
+    with pytest.raises(NumberError, match=r"15 does not fit into a room of side 20 .*as in safe_zone_radii=10,5"):
+        outlast.make_vec(DUEL, 1, room_size=20, safe_zone_radii=(15, 7.5))
