@@ -108,6 +108,7 @@ def find_places(
     floor: Read[Floor],
     rows: Rows[Spawned],
     index: RowIndex[Spawned],
+    agents: RowIndex[Side],
     solids: Rows[Solid],
     areas: Scratch,
     key: Random,
@@ -115,7 +116,7 @@ def find_places(
     """Bodies that stand in something get a free place. Agents come first."""
     fill_floor(areas[0], floor)
     tables = (body, shape, entities, floor, solids, rows, index)
-    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, areas, key))
+    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, agents, areas, key))
 
 
 @InnerWalls.system(Phase.MOVE, before=Body)

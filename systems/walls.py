@@ -135,6 +135,7 @@ def find_places(
     floor: Read[Floor],
     rows: Rows[Spawned],
     index: RowIndex[Spawned],
+    agents: RowIndex[Side],
     solids: Rows[Solid],
     areas: Scratch,
     layout: tuple[float, ...],
@@ -147,4 +148,4 @@ def find_places(
             areas[k, field] = layout[ENTRY * k + field]
     fill_floor(areas[last], floor)
     tables = (body, shape, entities, floor, solids, rows, index)
-    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, areas, key))
+    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, agents, areas, key))

@@ -197,13 +197,14 @@ def place_body(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) ->
 
 
 @kernel
-def place_all(tables: Any, spawned: Array, side: Array, areas: Array, key: Any) -> int:
+def place_all(tables: Any, spawned: Array, side: Array, agents: Array, areas: Array, key: Any) -> int:
     """Give a free place to every body that has none, one after the other in order of rows.
 
     Args:
         tables: See `is_free`.
         spawned: The table of Spawned; who gets another place has no cell any more.
         side: The table of Side.
+        agents: By row, the number of the agent, or -1.
         areas: Where who starts; the last one is the room. A body whose use has no area starts anywhere.
         key: Of random numbers.
 
@@ -215,7 +216,7 @@ def place_all(tables: Any, spawned: Array, side: Array, areas: Array, key: Any) 
         e = rows[k]
         if entities.identity[e] < 0:  # absent
             continue
-        use = side.side[e] + 1 if side.side[e] >= 0 else ITEMS
+        use = side.side[e] + 1 if agents[e] >= 0 else ITEMS
         if not has_area(areas, use):
             use = ANYWHERE
         if in_area(body, e, areas, use) and is_free(tables, e, k):
