@@ -21,6 +21,7 @@ from outlast.components import (
     Weapon,
 )
 from outlast.components.body import room_sides
+from outlast.components.wall import NAME
 from outlast.ecs import (
     Archetype,
     Bitset,
@@ -38,10 +39,11 @@ from outlast.ecs import (
 )
 from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
+from .geometry.aabb import make_half_extents
 from .geometry.barriers import first_barrier, hold_back
-from .geometry.blocks import alive_bits, first_row
+from .geometry.blocks import alive_bits, block_span, first_row
 from .geometry.mazes import make_grid_memory
-from .geometry.places import ENTRY, fill_floor, place_all
+from .geometry.places import ENTRY, fill_floor, measure, place_all
 
 SPARE = 0.1  # metres that a passage is wider than the widest agent, at least
 
@@ -55,9 +57,7 @@ class InnerWalls(Module):
     """
 
     def archetypes(self) -> Iterable[Archetype]:
-        count = self.most_blocks()
-        parts = Body(), Shape(), Solid(), Wall(index=np.arange(count))
-        return [Archetype("inner_wall", parts, count, alive=False, order=60)]
+        return [Archetype(NAME, (Body(), Shape(), Solid(), Wall()), self.most_blocks(), alive=False, order=60)]
 
     def singletons(self) -> Iterable[Singleton]:
         return [Before(), Unplaced()]
@@ -67,7 +67,14 @@ class InnerWalls(Module):
         raise NotImplementedError("InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars")
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_grid_memory() if name == "memory" else np.zeros((1, ENTRY), np.float32)
+        match name:
+            case "memory":
+                return make_grid_memory()
+            case "half_extents":
+                return make_half_extents(dims)
+            case "obstacles":
+                return np.zeros(dims["blocks"], np.int32)
+        return np.zeros((1, ENTRY), np.float32)  # areas: the room
 
     def whole(self, layout: Layout) -> tuple[float, float]:
         """Metres, width and height of the room. NumberError if there is none."""
@@ -103,6 +110,7 @@ def find_places(
     shape: Write[Shape],
     spawned: Write[Spawned],
     unplaced: Write[Unplaced],
+    wall: Write[Wall],
     entities: Read[Entity],
     side: Read[Side],
     floor: Read[Floor],
@@ -110,20 +118,29 @@ def find_places(
     index: RowIndex[Spawned],
     agents: RowIndex[Side],
     solids: Rows[Solid],
+    walls: Rows[Wall],
     areas: Scratch,
+    half_extents: Scratch,
+    obstacles: Scratch,
     key: Random,
 ) -> None:
     """Bodies that stand in something get a free place. Agents come first."""
     fill_floor(areas[0], floor)
-    tables = (body, shape, entities, floor, solids, rows, index)
-    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, agents, areas, key))
+    tables = (body, shape, entities, floor, half_extents, obstacles)
+    measure(wall, walls, half_extents, body, shape)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
+    unplaced.bodies[0] = np.int32(missed)
 
 
 @InnerWalls.system(Phase.MOVE, before=Body)
-def remember(before: Write[Before], body: Read[Body]) -> None:
+def remember(before: Write[Before], body: Read[Body], solid: Read[Solid], solids: Bitset[Solid]) -> None:
     """Where bodies are before they move."""
-    for e in range(before.x.size):
-        before.x[e], before.y[e] = body.x[e], body.y[e]
+    for b in range(solids.size):
+        pending = solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)) if solids[b] else 0
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            before.x[e], before.y[e] = body.x[e], body.y[e]
 
 
 @InnerWalls.system(Phase.MOVE, after=("room", Body))
@@ -132,18 +149,20 @@ def keep_out(
     before: Read[Before],
     shape: Read[Shape],
     solid: Read[Solid],
+    wall: Read[Wall],
     entities: Read[Entity],
     solids: Bitset[Solid],
-    walls: Rows[Wall],
+    walls: Bitset[Wall],
 ) -> None:
     """A body that was pushed into a block, or through one, stays on the side that it came from."""
+    span = block_span(walls)
     for b in range(solids.size):
         touching = load_flags(solid.dynamic, SIMD_WIDTH * b) & load_flags(solid.may_collide, SIMD_WIDTH * b)
         pending = alive_bits(entities, solids, b) & to_bits(touching)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            hold_back(body, before, shape, entities, walls, e)
+            hold_back(body, before, shape, wall, entities, walls, span, e)
 
 
 @InnerWalls.system(Phase.MELEE, after="melee.aim", before="melee.strike")
@@ -152,13 +171,15 @@ def stop_blows(
     strikes: Write[Strike],
     body: Read[Body],
     shape: Read[Shape],
+    wall: Read[Wall],
     entities: Read[Entity],
-    walls: Rows[Wall],
+    walls: Bitset[Wall],
     armed: Rows[Weapon],
 ) -> None:
     """A strike that would go through a block hits the block."""
+    span = block_span(walls)
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]
         if target >= 0:
-            strikes.target[k] = np.int32(first_barrier(body, shape, entities, walls, me, target))
+            strikes.target[k] = np.int32(first_barrier(body, shape, wall, entities, walls, span, me, target))
             weapon.target[me] = strikes.target[k]

@@ -11,7 +11,7 @@ from outlast.components import Body, Floor, Phase, Shape, Side, Solid, Spawned, 
 from outlast.ecs import Entity, Layout, NumberError, Random, Read, RowIndex, Rows, Scratch, Write, number
 
 from .geometry.mazes import place_block
-from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, fill_floor, place_all
+from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, fill_floor, measure, place_all
 from .geometry.plans import STEP, free_floor, inside, overlap, reach
 from .inner_walls import InnerWalls, passage
 
@@ -36,7 +36,9 @@ class Walls(InnerWalls):
         return max(1, len(self.layout) // ENTRY)
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return np.zeros((len(self.layout) // ENTRY + 1, ENTRY), np.float32)
+        if name == "areas":
+            return np.zeros((len(self.layout) // ENTRY + 1, ENTRY), np.float32)
+        return super().scratch(name, dims)
 
     def check(self, layout: Layout) -> None:
         if len(self.layout) % ENTRY:
@@ -130,6 +132,7 @@ def find_places(
     shape: Write[Shape],
     spawned: Write[Spawned],
     unplaced: Write[Unplaced],
+    wall: Write[Wall],
     entities: Read[Entity],
     side: Read[Side],
     floor: Read[Floor],
@@ -137,7 +140,10 @@ def find_places(
     index: RowIndex[Spawned],
     agents: RowIndex[Side],
     solids: Rows[Solid],
+    walls: Rows[Wall],
     areas: Scratch,
+    half_extents: Scratch,
+    obstacles: Scratch,
     layout: tuple[float, ...],
     key: Random,
 ) -> None:
@@ -147,5 +153,7 @@ def find_places(
         for field in range(ENTRY):
             areas[k, field] = layout[ENTRY * k + field]
     fill_floor(areas[last], floor)
-    tables = (body, shape, entities, floor, solids, rows, index)
-    unplaced.bodies[0] = np.int32(place_all(tables, spawned, side, agents, areas, key))
+    tables = (body, shape, entities, floor, half_extents, obstacles)
+    measure(wall, walls, half_extents, body, shape)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
+    unplaced.bodies[0] = np.int32(missed)

@@ -1,9 +1,13 @@
 """Blocks as barriers: bodies that are pushed into one stay outside, and what is aimed through one hits it."""
 
+from typing import Any
+
 import numpy as np
 
 from outlast.ecs import Array, kernel
 
+from .aabb import aabbs_hit_by_ray, aabbs_near_point
+from .blocks import alive_bits, first_row
 from .points import to_local
 from .rays import NO_HIT, ray_box, raycast_entity
 
@@ -21,10 +25,6 @@ def centre_inside(body: Array, shape: Array, e: int, o: int) -> bool:
 @kernel
 def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
     """Whether the centre of body `e` came into rectangle `o`, or through it, in this tick."""
-    reach = shape.half_width[o] + shape.half_height[o]
-    x, y = body.x[e] - body.x[o], body.y[e] - body.y[o]
-    if abs(x) > reach + abs(body.x[e] - before.x[e]) or abs(y) > reach + abs(body.y[e] - before.y[e]):
-        return False
     if centre_inside(body, shape, e, o):
         return True
     hit = ray_box(
@@ -64,29 +64,48 @@ def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
 
 
 @kernel
-def hold_back(body: Array, before: Array, shape: Array, entities: Array, walls: Array, e: int) -> None:
-    """Keep body `e` on the side of all blocks where it was before it moved."""
+def hold_back(
+    body: Array, before: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, e: int
+) -> None:
+    """Keep body `e` on the side of all blocks where it was before it moved.
+
+    walls: bitset of the blocks of walls. span: where it is not empty, see `block_span`.
+    """
+    aabbs = (body.x, body.y, wall.half_x, wall.half_y)
     for _ in range(PASSES):
-        free = True
-        for o in walls:
-            if entities.alive[o] and crossed(body, before, shape, e, o):
-                step_back(body, before, shape, e, o)
-                free = False
+        free, moved = True, abs(body.x[e] - before.x[e]) + abs(body.y[e] - before.y[e])
+        for b in range(span[0], span[1]):
+            near = walls[b] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], moved)
+            pending = near & alive_bits(entities, walls, b) if near else 0
+            while pending:
+                o = first_row(b, pending)
+                pending &= pending - 1
+                if crossed(body, before, shape, e, o):
+                    step_back(body, before, shape, e, o)
+                    free = False
         if free:
             return
     body.x[e], body.y[e], body.vx[e], body.vy[e] = before.x[e], before.y[e], ZERO, ZERO
 
 
 @kernel
-def first_barrier(body: Array, shape: Array, entities: Array, walls: Array, me: int, target: int) -> int:
+def first_barrier(
+    body: Array, shape: Array, wall: Array, entities: Array, walls: Array, span: Any, me: int, target: int
+) -> int:
     """The block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
-    x, y = body.x[target] - body.x[me], body.y[target] - body.y[me]
-    reach = abs(x) + abs(y) + shape.radius[target] + shape.half_width[target] + shape.half_height[target]
+    aabbs = (body.x, body.y, wall.half_x, wall.half_y)
+    ox, oy = body.x[me], body.y[me]
+    reach = abs(body.x[target] - ox) + abs(body.y[target] - oy)
+    reach += shape.radius[target] + shape.half_width[target] + shape.half_height[target]
     dx, dy = reach * body.cosine[me], reach * body.sine[me]
-    found, nearest = target, raycast_entity(body, shape, body.x[me], body.y[me], dx, dy, target)
-    for o in walls:
-        if entities.alive[o]:
-            at = raycast_entity(body, shape, body.x[me], body.y[me], dx, dy, o)
+    found, nearest = target, raycast_entity(body, shape, ox, oy, dx, dy, target)
+    for b in range(span[0], span[1]):
+        hit = walls[b] & aabbs_hit_by_ray(aabbs, b, ox, oy, dx, dy)
+        pending = hit & alive_bits(entities, walls, b) if hit else 0
+        while pending:
+            o = first_row(b, pending)
+            pending &= pending - 1
+            at = raycast_entity(body, shape, ox, oy, dx, dy, o)
             if at < nearest:
                 found, nearest = o, at
     return int(found)

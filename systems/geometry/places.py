@@ -9,14 +9,17 @@ import numpy as np
 
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.random import uniform, uniform2
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH
 
+from .aabb import ALONG_X, ALONG_Y, aabbs_near_point, compute_aabbs
+from .blocks import first_row
 from .points import gap_circle_box, to_local
 
 X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # of an area; ENTRY: how many numbers
 ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1
 MARGIN = np.float32(0.02)  # metres that are left between bodies
 SMALLEST = np.float32(0.1)  # metres: a box is not cut in half below it
-TRIES = 64  # random places that are tested before all of a lattice are
+TRIES = 32  # random places that are tested before all of a lattice are
 LATTICE = 40  # its points along either side of an area
 STRIDE = 20  # bits between the indices of two draws for one body: there are fewer entities of a kind
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
@@ -66,25 +69,26 @@ def apart(body: Array, shape: Array, e: int, o: int) -> bool:
 
 
 @kernel
-def is_free(tables: Any, e: int, k: int) -> bool:
-    """Whether body `e` stands inside of the room, apart from all that is fixed and from the bodies placed before it.
+def is_free(tables: Any, e: int) -> bool:
+    """Whether body `e` stands inside of the room and apart from all obstacles.
 
-    tables: Body, Shape, Entity, Floor, rows of all solid bodies, rows of all that are placed, and each row's index among
-    these. k: the index of `e` among them.
+    tables: Body, Shape, Entity, Floor; half the sides of the AABBs (see aabb); and the obstacles, a bitset by block.
     """
-    body, shape, entities, floor, solids, rows, index = tables
-    half_width, half_height = HALF * floor.size[0], HALF * floor.size[floor.size.size - 1]
+    body, shape, _, floor, half_extents, obstacles = tables
     radius = shape.radius[e] + MARGIN
-    wide = extent(shape.half_width[e], shape.half_height[e], body.cosine[e], body.sine[e], ONE, ZERO)
-    high = extent(shape.half_width[e], shape.half_height[e], body.cosine[e], body.sine[e], ZERO, ONE)
-    if abs(body.x[e]) + wide + radius > half_width or abs(body.y[e]) + high + radius > half_height:
+    wide = radius + extent(shape.half_width[e], shape.half_height[e], body.cosine[e], body.sine[e], ONE, ZERO)
+    high = radius + extent(shape.half_width[e], shape.half_height[e], body.cosine[e], body.sine[e], ZERO, ONE)
+    x, y = abs(body.x[e]) + wide, abs(body.y[e]) + high
+    if x > HALF * floor.size[0] or y > HALF * floor.size[floor.size.size - 1]:
         return False
-    for o in solids:
-        if index[o] < 0 and entities.alive[o] and not apart(body, shape, e, o):
-            return False
-    for n in range(k):
-        if entities.alive[rows[n]] and not apart(body, shape, e, rows[n]):
-            return False
+    aabbs = (body.x, body.y, half_extents[ALONG_X], half_extents[ALONG_Y])
+    for b in range(obstacles.size):
+        if obstacles[b]:
+            pending = obstacles[b] & aabbs_near_point(aabbs, b, body.x[e], body.y[e], max(wide, high))
+            while pending:
+                if not apart(body, shape, e, first_row(b, pending)):
+                    return False
+                pending &= pending - 1
     return True
 
 
@@ -132,7 +136,7 @@ def drawn_area(areas: Array, use: int, share: Real) -> int:
 
 
 @kernel
-def find_place(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) -> bool:
+def find_place(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
     """Move body `e` to a random free place in the areas for `use`; False, and it is anywhere, if none is found."""
     body, entities = tables[0], tables[2]
     identity = entities.identity[e]
@@ -140,13 +144,13 @@ def find_place(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) ->
         index = identity + (2 * t << STRIDE)
         u, v = uniform2(key, index)
         move_into(body, e, areas[drawn_area(areas, use, uniform(key, index + (1 << STRIDE)))], u, v)
-        if is_free(tables, e, k):
+        if is_free(tables, e):
             return True
     return False
 
 
 @kernel
-def scan_places(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) -> bool:
+def scan_places(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
     """The same on a lattice, from a random point of it on: it finds what random places miss, and takes longer."""
     body, entities = tables[0], tables[2]
     points = areas.shape[0] * LATTICE * LATTICE
@@ -159,7 +163,7 @@ def scan_places(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) -
         u = (np.float32(place % LATTICE) + HALF) / np.float32(LATTICE)
         v = (np.float32(place // LATTICE) + HALF) / np.float32(LATTICE)
         move_into(body, e, areas[n], u, v)
-        if is_free(tables, e, k):
+        if is_free(tables, e):
             return True
     return False
 
@@ -181,46 +185,66 @@ def has_area(areas: Array, use: int) -> bool:
 
 
 @kernel
-def place_body(tables: Any, e: int, k: int, areas: Array, use: int, key: Any) -> bool:
+def place_body(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
     """Move body `e` to a free place; a rectangle is cut in half until it has one. False if there is none."""
     shape = tables[1]
-    if find_place(tables, e, k, areas, use, key):
+    if find_place(tables, e, areas, use, key):
         return True
     while shape.radius[e] == ZERO and max(shape.half_width[e], shape.half_height[e]) > SMALLEST:
         if shape.half_width[e] > shape.half_height[e]:
             shape.half_width[e] *= HALF
         else:
             shape.half_height[e] *= HALF
-        if find_place(tables, e, k, areas, use, key):
+        if find_place(tables, e, areas, use, key):
             return True
-    return bool(scan_places(tables, e, k, areas, use, key))
+    return bool(scan_places(tables, e, areas, use, key))
 
 
 @kernel
-def place_all(tables: Any, spawned: Array, side: Array, agents: Array, areas: Array, key: Any) -> int:
+def measure(wall: Array, walls: Array, half_extents: Array, body: Array, shape: Array) -> None:
+    """Half the sides of the AABBs of all bodies; those of blocks are kept, as they hold for all of the episode."""
+    compute_aabbs(half_extents, body, shape)
+    for o in walls:
+        wall.half_x[o], wall.half_y[o] = half_extents[ALONG_X, o], half_extents[ALONG_Y, o]
+
+
+@kernel
+def add_obstacle(obstacles: Array, e: int) -> None:
+    """Add a row to a bitset by block."""
+    obstacles[e >> SIMD_SHIFT] |= np.int32(1 << (e & SIMD_WIDTH - 1))
+
+
+@kernel
+def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any) -> int:
     """Give a free place to every body that has none, one after the other in order of rows.
 
     Args:
-        tables: See `is_free`.
+        tables: See `is_free`; the obstacles are written here, the half sides by `measure`.
         spawned: The table of Spawned; who gets another place has no cell any more.
         side: The table of Side.
-        agents: By row, the number of the agent, or -1.
+        solids: Rows of all solid bodies.
+        rows: Rows of all that are placed; by row, the number of each among these, and the number of the agent (or -1).
         areas: Where who starts; the last one is the room. A body whose use has no area starts anywhere.
         key: Of random numbers.
 
     Returns:
         How many found no place.
     """
-    body, entities, rows, missed = tables[0], tables[2], tables[5], 0
-    for k in range(rows.size):
-        e = rows[k]
+    entities, obstacles = tables[2], tables[5]
+    placed, index, agents = rows
+    obstacles[:] = 0
+    for o in solids:
+        if index[o] < 0 and entities.alive[o]:
+            add_obstacle(obstacles, o)
+    missed = 0
+    for e in placed:
         if entities.identity[e] < 0:  # absent
             continue
         use = side.side[e] + 1 if agents[e] >= 0 else ITEMS
         if not has_area(areas, use):
             use = ANYWHERE
-        if in_area(body, e, areas, use) and is_free(tables, e, k):
-            continue
-        spawned.cell[e] = -1
-        missed += not place_body(tables, e, k, areas, use, key)
+        if not (in_area(tables[0], e, areas, use) and is_free(tables, e)):
+            spawned.cell[e] = -1
+            missed += not place_body(tables, e, areas, use, key)
+        add_obstacle(obstacles, e)
     return missed

@@ -103,7 +103,10 @@ def test_the_same_seed_gives_the_same_table(capsys):
         ),
         (("rollout", "ffa_1", "--set", "melee_damage=1,2"), ("melee.damage = '1,2': an integer",)),
         (("rollout", "ffa_1", "--set", "melee_damage"), ("--set melee_damage: NUMBER=VALUE is needed",)),
-        (("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"), ("room.size = 1e+30", "<= 100000")),
+        (
+            ("rollout", "ffa_1", "--set", "room_size=1e30", "--worlds", "1", "--quiet"),
+            ("room.size = 1e+30", "<= 100000"),
+        ),
         (("rollout", "ffa_1", "--worlds", "1000000000000"), ("not enough memory, take fewer --worlds",)),
         (("schedule", "nothing"), ("nothing", "known")),
     ],
