@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .envs.adapters.sb3 import make_sb3
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
+    from .envs.scenarios.floor_plan import FloorPlan
     from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
     from .training.player import load_policy
@@ -38,6 +39,7 @@ __all__ = [
     "ABLATIONS",
     "ALIASES",
     "VARIANTS",
+    "FloorPlan",
     "Recording",
     "Replay",
     "Scenario",
@@ -66,6 +68,7 @@ __all__ = [
 ]
 
 _LAZY = {  # names whose modules, or the libraries they need, are loaded when they are first asked for
+    "FloorPlan": "envs.scenarios.floor_plan",
     "Recording": "envs.recording",
     "Replay": "envs.recording",
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",

@@ -85,8 +85,8 @@ def bodies_of(layout: Layout) -> Bodies:
 def describe(worlds: Worlds, w: int) -> Json:
     """What stays the same until the next reset of world `w`.
 
-    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
-    tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
+    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the
+    longer one of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
     0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
     if there are no cameras. damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}].
     objects: [{kind, role, radius, width, height, of, amount, health}]: role is box, box_item, heal, item, wall or
@@ -99,6 +99,7 @@ def describe(worlds: Worlds, w: int) -> Json:
     return {
         "half": _number(scene.half),
         "room": _number(2 * scene.room) if Floor in scene else 0,
+        "floor": [_number(2 * side) for side in scene.sides] if Floor in scene else [],
         "seconds": _seconds(scene),
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
         "health": scene.prefab(Health).points[bodies.agents[0]] if Health in scene and bodies.agents else 0,

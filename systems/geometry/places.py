@@ -216,7 +216,7 @@ def add_obstacle(obstacles: Array, e: int) -> None:
 
 @kernel
 def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any) -> int:
-    """Give a free place to every body that has none, one after the other in order of rows.
+    """Give a free place to every body that has none: round ones in order of rows, then rectangles, which can be cut.
 
     Args:
         tables: See `is_free`; the obstacles are written here, the half sides by `measure`.
@@ -237,8 +237,9 @@ def place_all(tables: Any, spawned: Array, side: Array, solids: Array, rows: Any
         if index[o] < 0 and entities.alive[o]:
             add_obstacle(obstacles, o)
     missed = 0
-    for e in placed:
-        if entities.identity[e] < 0:  # absent
+    for n in range(2 * placed.size):
+        e = placed[n % placed.size]
+        if entities.identity[e] < 0 or (tables[1].radius[e] > ZERO) != (n < placed.size):  # absent, or another turn
             continue
         use = side.side[e] + 1 if agents[e] >= 0 else ITEMS
         if not has_area(areas, use):
