@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import outlast
+from outlast import systems
 from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Weapon, Zone
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
@@ -32,7 +33,8 @@ TEXT = RUNS | {
     "inventory_slots": 2, "safe_zone_damage": 3, "give_last_passes_on": False, "boxes_settles": False,
     "boxes_corners": "lower left",
 }  # fmt: skip
-KINDS = {
+PILLARS = systems.Pillars(count=30, least=0.4, most=0.9)
+KINDS: dict[str, tuple[Any, ...]] = {  # a variant, numbers, and further mechanics
     "ffa as run": ("ffa_4", RUNS),
     "teams with ablations": (
         "teams_4",
@@ -48,6 +50,12 @@ KINDS = {
     "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
     "teams as run": ("teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),
+    "teams among walls": (
+        "teams_4",
+        TEXT | {"agents_count": 6, "rewards_posthumous": False},
+        systems.Pillars(count=30, least=0.4, most=0.9),
+    ),
+    "ffa among walls": ("ffa_4", RUNS, PILLARS),
 }
 TURNING_POINTS = (0, 98, 99, 100, 101, 199, 200, 399, 699, 1300, 1398, 1399, 1400, 1700)
 
@@ -68,8 +76,8 @@ class Played:
 @functools.cache
 def play(kind: str) -> tuple[Played, ...]:
     """Ticks from random worlds of one of KINDS, in which rounding does not decide."""
-    variant, numbers = KINDS[kind]
-    env = outlast.make_vec(outlast.variant(variant).replace(**numbers), COUNT, seed=5)
+    variant, numbers, *others = KINDS[kind]
+    env = outlast.make_vec(outlast.variant(variant).replace(**numbers).with_(*others), COUNT, seed=5)
     rng = np.random.default_rng(6)
     env.reset()
     for w in range(COUNT):
