@@ -58,8 +58,8 @@ class Pillars(InnerWalls):
         if self.count * math.pi * around**2 > FILLED * free:
             raise NumberError(
                 f"pillars.count = {self.count}: with a gap of {self.gap:g} m around each they do not fit into "
-                f"{width:.3g} x {height:.3g} m; take at most {int(FILLED * free / (math.pi * around**2))}, smaller ones, "
-                "or a larger room"
+                f"{width:.3g} x {height:.3g} m; take at most {int(FILLED * free / (math.pi * around**2))}, smaller "
+                "ones, or a larger room"
             )
 
 

@@ -34,7 +34,8 @@ class Rooms(InnerWalls):
     def check(self, layout: Layout) -> None:
         if self.needed() > self.most_blocks():
             raise NumberError(
-                f"rooms.blocks = {self.blocks}: {self.columns} x {self.rows} rooms need {self.needed()}; take more, or 0"
+                f"rooms.blocks = {self.blocks}: {self.columns} x {self.rows} rooms need {self.needed()}; take more, "
+                "or 0"
             )
         self.check_passage(layout, "a door", self.door, "a larger rooms.door")
         whole, sides = self.whole(layout), self.inside(layout)

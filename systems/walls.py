@@ -51,7 +51,7 @@ class Walls(InnerWalls):
         for k, entry in enumerate(found):
             self._check_entry(f"walls.layout: rectangle {k} at ({entry[X]:g}, {entry[Y]:g})", entry, sides, layout)
             for other in found[:k]:
-                if WALL not in (entry[USE], other[USE]) and other[USE] != entry[USE] and overlap(other, entry):
+                if min(entry[USE], other[USE]) > WALL and other[USE] != entry[USE] and overlap(other, entry):
                     raise NumberError(
                         f"walls.layout: the start area of {owner(entry[USE])} at ({entry[X]:g}, {entry[Y]:g}) overlaps "
                         f"that of {owner(other[USE])} at ({other[X]:g}, {other[Y]:g}); move them apart"
@@ -62,8 +62,8 @@ class Walls(InnerWalls):
         """NumberError for a rectangle that cannot be."""
         if min(entry[WIDTH], entry[HEIGHT]) < THINNEST:
             raise NumberError(
-                f"{what} is {entry[WIDTH]:g} x {entry[HEIGHT]:g} m: at least {THINNEST:g} m are needed either way, or 0 "
-                "both ways for none"
+                f"{what} is {entry[WIDTH]:g} x {entry[HEIGHT]:g} m: at least {THINNEST:g} m are needed either way, or "
+                "0 both ways for none"
             )
         far = reach(entry)
         if any(end > side / 2 + ROUNDING for end, side in zip(far, sides, strict=True)):

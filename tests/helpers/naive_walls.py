@@ -1,7 +1,6 @@
 """Naive forms for walls inside of the room: distances, overlaps, and which floor is connected; float64."""
 
 import math
-from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,18 +71,27 @@ def free_parts(worlds: Worlds, w: int, radius: float, step: float = 0.05) -> lis
     free = np.ones((len(xs), len(ys)), bool)
     for block in obstacles(worlds, w):
         free &= signed_distance(block, xs[:, None], ys[None, :]) >= radius
-    parts, left = [], {*map(tuple, np.argwhere(free).tolist())}
-    while left:
-        ahead, size = deque([left.pop()]), 0
-        while ahead:
-            i, j = ahead.popleft()
-            size += 1
-            for beside in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
-                if beside in left:
-                    left.remove(beside)
-                    ahead.append(beside)
+    parts = []
+    while free.any():
+        part = np.zeros_like(free)
+        part[np.unravel_index(free.argmax(), free.shape)] = True
+        size = 0
+        while (count := int(part.sum())) > size:
+            size = count
+            part = _swept(_swept(part, free).T, free.T).T
         parts.append(size)
+        free &= ~part
     return sorted(parts, reverse=True)
+
+
+def _swept(part: Array, free: Array) -> Array:
+    """All free points of the lines (rows) of free points in which some belong to the part."""
+    starts = np.diff(free, axis=1, prepend=False) & free
+    line = np.cumsum(starts.ravel()).reshape(free.shape)  # by number, from 1 on
+    chosen = np.zeros(int(line.max()) + 1, bool)
+    chosen[line[part]] = True
+    swept: Array = chosen[line] & free
+    return swept
 
 
 def depth_in_walls(worlds: Worlds) -> tuple[Array, Array]:

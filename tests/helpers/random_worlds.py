@@ -9,13 +9,14 @@ import numpy as np
 
 import outlast
 from outlast import systems
-from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Weapon, Zone
+from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Wall, Weapon, Zone
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.conftest import draw_actions, scaled
 from tests.helpers import naive_mechanics, naive_observations
 from tests.helpers.ambiguity import Ambiguous
+from tests.helpers.naive_walls import blocks, signed_distance
 from tests.helpers.naive_world import World, differences, read
 from tests.reference.random_numbers import scattered
 
@@ -152,12 +153,15 @@ def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
 
 
 def _scatter_bodies(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
-    body, walls = env.worlds[Body], env.worlds.span("wall")
-    count = walls.start
+    body, count = env.worlds[Body], env.worlds.span("wall").start
     middle = rng.choice([0.0, 11.0, -11.0, 6.0], 2)
     place = np.clip(middle + rng.normal(0, rng.choice([0.5, 1.5, 6]), (count, 2)), -11.8, 11.8)
     if rng.random() < 0.3:  # some at the very same place
         place[rng.integers(count, size=count // 3)] = place[rng.integers(count)]
+    walls = blocks(env.worlds, w) if Wall in env.worlds else []
+    for k in range(count):  # nobody is in a wall, nor gets there
+        while any(signed_distance(wall, *place[k]) < 0.6 for wall in walls):
+            place[k] = rng.uniform(-11.5, 11.5, 2)
     body.x[w, :count], body.y[w, :count] = place.T
     moving = slice(0, env.num_agents)
     body.angle[w, moving] = rng.uniform(-7, 7, env.num_agents) * (rng.random() < 0.9)
