@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from .envs.adapters.sb3 import make_sb3
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
-    from .envs.scenarios.floor_plan import FloorPlan
     from .envs.rollout.local import rollout
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.scenarios.floor_plan import FloorPlan
     from .training.player import load_policy
 
 __version__ = "0.1.0"

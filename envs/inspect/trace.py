@@ -85,10 +85,11 @@ def bodies_of(layout: Layout) -> Bodies:
 def describe(worlds: Worlds, w: int) -> Json:
     """What stays the same until the next reset of world `w`.
 
-    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the
-    longer one of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
-    0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
-    if there are no cameras. damage_types: by number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}].
+    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the longer one
+    of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit
+    points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone:
+    [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras. damage_types: by
+    number. sides: [{color, ink, box}] as CSS. agents: [{side, radius}].
     objects: [{kind, role, radius, width, height, of, amount, health}]: role is box, box_item, heal, item, wall or
     other; radius 0: a rectangle; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
     health: hit points at the start, 0: cannot be damaged.

@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.ecs import Module
 
-LONGEST = 60  # characters that a name adds for all changes, and a sentence for one; of names, a hash stands for the rest
+LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
 
 def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:

@@ -87,7 +87,8 @@ class FloorPlan:
             raise ScenarioError(f"cell = {cell!r}: the metres of a character are needed")
         rectangles, columns, rows = parsed(text, float(cell))
         walls = [place for sign, place in rectangles if sign == "#"]
-        starts = [("items" if sign == "*" else ord(sign) - ord("A"), *place) for sign, place in rectangles if sign != "#"]
+        areas = [(sign, place) for sign, place in rectangles if sign != "#"]
+        starts = [("items" if sign == "*" else ord(sign) - ord("A"), *place) for sign, place in areas]
         return cls(walls, starts, columns * float(cell), rows * float(cell))
 
     @classmethod
@@ -148,19 +149,24 @@ class FloorPlan:
         Raises:
             ScenarioError: It has more than that.
         """
-        found = [(*wall, WALL) for wall in self.walls]
-        found += [(*place, ITEMS if owner == "items" else owner + 1) for owner, *place in self.starts]  # type: ignore[operator]
+        uses = [ITEMS if owner == "items" else int(owner) + 1 for owner, *_ in self.starts]
+        places = [*self.walls, *(place for _, *place in self.starts)]
+        found = list(zip(places, [WALL] * len(self.walls) + uses, strict=True))
         if length and length < len(found):
-            raise ScenarioError(f"{self} has {len(found)} rectangles, more than the {length} of the layout; take as many")
+            raise ScenarioError(f"{self} has {len(found)} rectangles, more than {length}; take a longer layout")
         empty = max(0, length - len(found)) * ENTRY
-        return (*(float(number) for entry in found for number in entry), *[0.0] * empty)  # type: ignore[arg-type]
+        return (*(float(number) for place, use in found for number in (*place, use)), *[0.0] * empty)
 
     def mechanic(self, length: int = 0) -> Walls:
         """The mechanic that sets it up: scenario.with_(plan.mechanic()). length: as for `layout`."""
         return Walls(layout=self.layout(length))
 
     def room(self) -> Room:
-        """A room as large as the plan: scenario.with_(plan.room(), plan.mechanic()). ScenarioError if it has no size."""
+        """A room as large as the plan: scenario.with_(plan.room(), plan.mechanic()).
+
+        Raises:
+            ScenarioError: It is for rooms of any size.
+        """
         if not (self.width and self.height):
             raise ScenarioError(f"{self} is for rooms of any size: give it a width and a height, or leave room() out")
         return Room(width=self.width, height=self.height)

@@ -7,7 +7,6 @@ import Box2D
 from tests.helpers import naive_mechanics
 from tests.helpers.naive_world import NaiveEntity, World
 
-
 SOLID = ("agent", "box", "wall", "inner_wall")
 
 
