@@ -77,7 +77,7 @@ class FloorPlan:
         the room; the first line is at the top. Cells of a kind that form a rectangle become one.
 
         Args:
-            text: Lines of characters; blank lines around them are ignored.
+            text: Lines of characters; blank lines around them, and indentation of all of them, are ignored.
             cell: Metres, side of the square that a character stands for.
 
         Raises:

@@ -1,5 +1,7 @@
 """Floor plans drawn in characters, as rectangles."""
 
+import textwrap
+
 from ..errors import ScenarioError
 
 SIGNS = "#*ABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -12,7 +14,7 @@ def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
     """The rectangles of each sign in a drawing.
 
     Args:
-        text: Its lines; blank ones around it are ignored.
+        text: Its lines; blank ones around it, and indentation of all of them, are ignored.
         cell: Metres of a character.
 
     Returns:
@@ -21,7 +23,7 @@ def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
     Raises:
         ScenarioError: A character that means nothing, or no lines.
     """
-    lines = [line.rstrip() for line in text.splitlines()]
+    lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
     while lines and not lines[0]:
         del lines[0]
     while lines and not lines[-1]:

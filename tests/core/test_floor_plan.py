@@ -29,9 +29,8 @@ def test_a_drawing() -> None:
     """One rectangle for what is one; y grows upwards, and the middle of the text is the origin."""
     plan = FloorPlan.from_text(DRAWING, cell=2.0)
     assert (plan.width, plan.height) == (20.0, 12.0)
-    assert set(plan.walls) == {
-        (0, 5, 20, 2, 0), (0, -5, 20, 2, 0), (-9, 0, 2, 8, 0), (9, 0, 2, 8, 0), (0, 0, 4, 4, 0),
-    }  # fmt: skip
+    sides = {(-9, -1, 2, 10, 0), (9, -1, 2, 10, 0)}
+    assert set(plan.walls) == {(0, 5, 20, 2, 0), (0, -5, 16, 2, 0), (0, 0, 4, 4, 0), *sides}
     assert set(plan.starts) == {(0, -6, 2, 4, 4, 0), (1, 6, 2, 4, 4, 0), ("items", -6, -3, 4, 2, 0)}
     assert repr(plan) == "FloorPlan(5 walls, 3 start areas, 20 x 12 m)"
 
