@@ -19,10 +19,10 @@ from ..errors import (
     StateError,
     UsageError,
 )
-from . import frames, listing, play, replay, rollout, schedule
+from . import frames, layout, listing, play, replay, rollout, schedule
 from .options import messages_shown
 
-COMMANDS = (rollout, replay, play, frames, listing, schedule)
+COMMANDS = (rollout, replay, play, frames, layout, listing, schedule)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),

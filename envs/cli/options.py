@@ -18,6 +18,7 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES, Policy
 from ..rollout.saved import SAVED, common_scenario, load_saved
+from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.naming import resolve
 from ..scenarios.renamed import NUMBERS
 from ..scenarios.scenario import Scenario
@@ -31,11 +32,14 @@ def add_scenario(command: argparse.ArgumentParser, several: bool = False) -> Non
     command.add_argument("variant", nargs="+" if several else None, help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    command.add_argument("--layout", metavar="NAME", help=f"walls inside of the room: {LAYOUT}")
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     """The scenario that the options name; of several, the one of that name. Raises ScenarioError."""
     asked = resolve(name or options.variant)
+    if options.layout is not None:
+        asked = asked.with_(*named_layout(options.layout))
     return asked.replace(**dict(_assignment(text, asked.numbers()) for text in options.set))
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from outlast.components import Body, Floor, Shape, Wall
-from outlast.ecs import Entity, Worlds
-from outlast.systems import Room, Walls
+from outlast.ecs import Entity, Module, Worlds
+from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 
 from ..errors import ScenarioError
@@ -170,6 +170,25 @@ class FloorPlan:
         if not (self.width and self.height):
             raise ScenarioError(f"{self} is for rooms of any size: give it a width and a height, or leave room() out")
         return Room(width=self.width, height=self.height)
+
+
+GENERATORS: dict[str, type[Maze | Rooms | Pillars]] = {"maze": Maze, "rooms": Rooms, "pillars": Pillars}
+LAYOUT = "maze, rooms, pillars, or a file with a floor plan"
+
+
+def named_layout(name: str) -> tuple[Module, ...]:
+    """The mechanics of a layout: one that draws it, or those of a floor plan in a file, with a room of its size.
+
+    Raises:
+        ScenarioError: It is neither one of GENERATORS nor a floor plan.
+    """
+    if name in GENERATORS:
+        return (GENERATORS[name](),)
+    try:
+        plan = FloorPlan.load(name)
+    except OSError as error:
+        raise ScenarioError(f"layout {name}: {error.strerror}; {LAYOUT} is needed") from None
+    return (plan.room(), plan.mechanic()) if plan.width and plan.height else (plan.mechanic(),)
 
 
 def _from_json(text: str) -> FloorPlan:

@@ -11,7 +11,7 @@ MOST = 32  # cells along either side
 EDGES = 2 * MOST * (MOST - 1)  # walls between cells, at most
 PARENT, ORDER, OPEN = range(3)  # lines of the scratch memory
 EXTRA, PLACE = EDGES, 2 * EDGES  # the first index of the draws for further openings, and of where doors are
-HALF, ZERO = np.float32(0.5), np.float32(0)
+HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
 def make_grid_memory() -> np.ndarray[Any, Any]:
@@ -126,10 +126,11 @@ def place_edges(
         i, j = np.float32(cell % columns), np.float32(cell // columns)
         upright = other == cell + 1
         if upright:
-            line, start, length = (i + np.float32(1)) * width - HALF * sides[0], j * height - HALF * sides[1], height
+            line, edge, start, length = (i + ONE) * width - HALF * sides[0], HALF * sides[1], j * height, height
         else:
-            line, start, length = (j + np.float32(1)) * height - HALF * sides[1], i * width - HALF * sides[0], width
-        first, last = start - half, start + length + half
+            line, edge, start, length = (j + ONE) * height - HALF * sides[1], HALF * sides[0], i * width, width
+        start -= edge
+        first, last = max(start - half, -edge), min(start + length + half, edge)
         if not memory[OPEN, k]:
             place_span(tables, walls[count], line, first, last, half, upright)
             count += 1

@@ -1,0 +1,65 @@
+"""outlast layout: draw walls as worlds begin with them, or write them down as a floor plan."""
+
+import argparse
+import contextlib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.make import make_vec
+from ..errors import UsageError
+from ..rendering import opencv as cv2
+from ..rendering.rgb import draw
+from ..scenarios.floor_plan import LAYOUT, FloorPlan
+from ..storage.atomic_write import atomic_write
+from .options import add_number, add_seed, scenario
+
+SIZE, GAP = 384, 8  # pixels: side of a picture, and between two
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    command = commands.add_parser("layout", help="draw the walls of worlds, or write them down as a floor plan")
+    command.add_argument("layout", metavar="LAYOUT", help=LAYOUT)
+    command.add_argument("--variant", default="ffa_3", metavar="NAME", help="the game (default: ffa_3)")
+    text = "change a number of the game: maze_columns=8 (may be given several times)"
+    command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
+    add_number(command, "--worlds", 1, "number of worlds")
+    add_seed(command)
+    text = "where to write: .png for a picture, or .json for the floor plan of the only world"
+    command.add_argument("--out", required=True, metavar="FILE", help=text)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Begin episodes, and write what they begin with; the exit status."""
+    path = Path(options.out)
+    if path.suffix not in (".png", ".json"):
+        raise UsageError(f"--out {options.out}: a name that ends in .png or .json is needed")
+    if path.suffix == ".json" and options.worlds > 1:
+        raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
+    with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
+        env.reset()
+        try:
+            if path.suffix == ".json":
+                FloorPlan.of_world(env.worlds).save(path)
+            else:
+                _write_picture(path, [draw(env.worlds, w, SIZE) for w in range(env.num_worlds)])
+        except OSError as error:
+            raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
+    print(options.out)
+    return 0
+
+
+def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:
+    """Write pictures side by side, in about as many rows as columns."""
+    columns = math.ceil(math.sqrt(len(images)))
+    rows = math.ceil(len(images) / columns)
+    sheet = np.full((rows * (SIZE + GAP) - GAP, columns * (SIZE + GAP) - GAP, 3), 255, np.uint8)
+    for k, image in enumerate(images):
+        top, left = (number * (SIZE + GAP) for number in divmod(k, columns))
+        sheet[top : top + SIZE, left : left + SIZE] = image
+    with atomic_write(path) as place:
+        place.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
