@@ -137,6 +137,10 @@ class TrainingConfig:
             )
         for each in self.anneal:
             each.check(self.scenario)
+        if self.policies == "side" and "teams" in self.scenario and "agents_count" in dict(self.scenario.varied):
+            raise TrainingError(
+                "policies = 'side': agents_count varies, and with it who is on which side; take 'shared' or 'agent'"
+            )
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
         most = self.size[0]
         if not 1 <= self.processes <= most:

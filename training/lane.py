@@ -10,7 +10,7 @@ from torch import Tensor
 
 from outlast.ecs import Clock
 from outlast.envs.adapters.global_state import GlobalState
-from outlast.envs.core.agents import alive, side
+from outlast.envs.core.agents import alive, counts_vary, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side, own_wins
@@ -113,7 +113,7 @@ class Lane:
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
-        self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds, 0)
+        self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
         self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
@@ -257,6 +257,7 @@ class Lane:
         self.opponent, self.own, self.life = opponent, own, life
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).to(self.device, copy=True)
         self.begins = given["begins"].ravel() > 0
+        self._sides = side(self.env.worlds)
         self.assign()
 
     def _remembered(self, policy: ActorCritic, group: Group) -> tuple[Tensor | None, Tensor | None]:
@@ -301,12 +302,15 @@ class Lane:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""
         self.life[where] = 0
         self.begins[np.repeat(where, self.env.num_agents)] = True
+        self._sides[where] = side(self.env.worlds, where)
         if self.pool.alone:
+            if counts_vary(self.env.worlds):
+                self.assign()
             return
         seeds, worlds, episodes = key_of(self.env.worlds, where)
         indices, weights = self.pool.chances()
         self.opponent[where] = indices[draw(weights, seeds, worlds, episodes)]
-        self.own[where] = own_side(worlds, episodes, self.life.shape[1])
+        self.own[where] = own_side(worlds, episodes, self._sides[where].max(1) + 1)
         self.assign()
 
     def assign(self) -> None:
@@ -315,7 +319,7 @@ class Lane:
         index = np.where(theirs, self.opponent[:, None], 0).ravel()
         teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}
         number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
-        self.learner = np.where(index > 0, NOBODY, number).astype(np.int8)
+        self.learner = np.where((index > 0) | (self._sides < 0).ravel(), NOBODY, number).astype(np.int8)
         pairs = np.unique(np.stack([index, number], 1), axis=0)
         self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
 

@@ -18,10 +18,20 @@ Tallies = dict[str, tuple[float, float]]  # a sum, and how many cases it is of, 
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
 
 
-def first_of_sides(env: SurvivalVectorEnv) -> Array:
-    """The first agent of each side; without teams every agent is a side."""
-    first: Array = np.unique(side(env.worlds, 0), return_index=True)[1]
-    return first
+def of_first_members(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
+    """What the first agent of each side has.
+
+    Args:
+        values: (worlds, agents).
+        sides: Of the agents, -1 of who is absent, int (worlds, agents).
+        count: How many sides there are.
+
+    Returns:
+        The values, (worlds, sides), 0 of sides that nobody is on; and whether somebody is, bool (worlds, sides).
+    """
+    on = sides[:, :, None] == np.arange(count)
+    there: Array = on.any(1)
+    return np.where(there, np.take_along_axis(values, on.argmax(1), 1), 0), there
 
 
 class EpisodeMetrics:
@@ -34,12 +44,17 @@ class EpisodeMetrics:
     def clear(self) -> None:
         """Start again from nothing."""
         self.count = 0
+        self.sides: Array = np.zeros(self.base_env.worlds.dims["sides"])  # episodes that each side was in
         self.sums: dict[str, Array] = {}
 
     def add(self, statistics: dict[str, Array], count: int) -> None:
-        """Add `count` episodes: info["statistics"], in which the rows of other worlds are zero."""
+        """Add `count` episodes: info["statistics"], in which the rows of other worlds are zero. Call before resets."""
         self.count += count
+        ended = statistics["length"] > 0
         for key, values in statistics.items():
+            if key == "return":
+                values, there = of_first_members(values, side(self.base_env.worlds), len(self.sides))
+                self.sides += there[ended].sum(0)
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
@@ -50,8 +65,8 @@ class EpisodeMetrics:
             if total.ndim == 0:
                 tags[name] = float(total), self.count
             else:
-                each = total[first_of_sides(self.base_env)] if key == "return" else total
-                tags |= {f"{name}{k}": (float(value), self.count) for k, value in enumerate(each)}
+                counts = self.sides if key == "return" else np.full(len(total), self.count)
+                tags |= {f"{name}{k}": (float(total[k]), float(counts[k])) for k in range(len(total))}
         self.clear()
         return tags
 
@@ -111,16 +126,23 @@ class BehaviourMetrics:
             middle = views["zone"][..., columns_of(fields["zone"], "x", "y")]
             found["zone_distance"] = _length(place - middle), living
         if "attack" in self.action_names:
-            attack, near = actions[..., self.action_names.index("attack")], self._near(place, living)
+            attack, near = (
+                actions[..., self.action_names.index("attack")],
+                self._near(place, self._sides(views), living),
+            )
             found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}
             found["near"] = near, living
         return found
 
-    def _near(self, place: Array, living: Array) -> Array:
+    def _sides(self, views: dict[str, Array]) -> Array:
+        """The side that each agent observes to be on; without teams every agent is a side."""
+        fields, count = self.base_env.fields[OWN], self.base_env.num_agents
+        return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
+
+    def _near(self, place: Array, sides: Array, living: Array) -> Array:
         """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius."""
         reach = self.numbers["melee_reach"] + self.numbers["agents_radius"]
-        sides = side(self.base_env.worlds, 0)
-        enemies = sides[:, None] != sides
+        enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
         near: Array = ((apart <= reach) & enemies & living[..., None, :]).any(-1)
         return near
@@ -136,7 +158,7 @@ class AgentMetrics:
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
         self.base_env, self.behaviour = base_env, BehaviourMetrics(base_env)
-        self.agents, self.sides = base_env.worlds.span("agent"), side(base_env.worlds, 0)
+        self.agents, self.sides = base_env.worlds.span("agent"), side(base_env.worlds)
         names = ["life", *(f"deaths_{cause}" for cause in base_env.worlds.layout.damage_types)]
         names += ["heals_given"] * (self.behaviour.heals is not None)
         self.totals = {name: np.zeros((base_env.num_worlds, base_env.num_agents)) for name in names}
@@ -157,7 +179,8 @@ class AgentMetrics:
     def after_step(self) -> None:
         """Count who lives, who died, who gave. Call after every step."""
         deaths = self.base_env.worlds.entries(Death)
-        self.totals["life"] += living_sides(self.base_env.worlds)[:, self.sides]
+        living = np.take_along_axis(living_sides(self.base_env.worlds), np.maximum(self.sides, 0), 1)
+        self.totals["life"] += living & (self.sides >= 0)
         for k, name in enumerate(self.base_env.worlds.layout.damage_types if len(deaths) else ()):
             of_it = deaths[deaths["damage_type"] == k]
             self.totals[f"deaths_{name}"][of_it["world"], of_it["agent"] - self.agents.start] += 1
@@ -165,7 +188,8 @@ class AgentMetrics:
             self.totals["heals_given"] += self.behaviour.gifts()
 
     def reset(self, where: Array) -> None:
-        """Begin anew in the worlds `where`, bool (worlds,)."""
+        """Begin anew in the worlds `where`, bool (worlds,), which have been reset."""
+        self.sides[where] = side(self.base_env.worlds, where)
         for sums in (*self.totals.values(), *self.rates.values()):
             sums[where] = 0
 

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
+from .ecs.distributions import choice, integers, log_uniform, uniform
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
 from .envs.core.vector_env import SurvivalVectorEnv
@@ -48,11 +49,14 @@ __all__ = [
     "SurvivalMultiAgentEnv",
     "SurvivalVectorEnv",
     "aec_env",
+    "choice",
     "components",
     "draw",
     "ecs",
     "errors",
+    "integers",
     "load_policy",
+    "log_uniform",
     "make_agents",
     "make_puffer",
     "make_sb3",
@@ -64,6 +68,7 @@ __all__ = [
     "rollout",
     "scripted_policy",
     "systems",
+    "uniform",
     "variant",
 ]
 

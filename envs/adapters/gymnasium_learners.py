@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import Clock
 
-from ..core.agents import alive
+from ..core.agents import alive, fewest_agents
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count, renamed
 from ..rendering.modes import RENDER_MODES
@@ -99,9 +99,10 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
 
     def _choose(self) -> slice:
         learner: Any = self.learner
-        last, name = self.num_agents - 1, self.base_env.scenario.name
+        last, name = fewest_agents(self.base_env.worlds) - 1, self.base_env.scenario.name
         if isinstance(learner, bool) or not isinstance(learner, Integral) or not 0 <= int(learner) <= last:
-            raise ValueError(f"learner = {learner!r}: an agent of {name} is needed, an integer from 0 to {last}")
+            where = " that every world has" if last < self.num_agents - 1 else ""
+            raise ValueError(f"learner = {learner!r}: an agent of {name}{where} is needed, an integer from 0 to {last}")
         self.learner = int(learner)
         return slice(self.learner, self.learner + 1)
 

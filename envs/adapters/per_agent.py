@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..core.agents import agent_statistics, alive
+from ..core.agents import agent_statistics, alive, counts_vary, present
 from ..core.validation import Array, as_array, check_count, checked_actions, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
@@ -205,7 +205,10 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
     def _info(self, where: Array) -> dict[str, Any]:
         """What info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
-        return {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        if counts_vary(self.base_env.worlds):
+            info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
+        return info
 
     def _finish(self, done: Array) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""

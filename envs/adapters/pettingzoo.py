@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from ..core.agents import alive
+from ..core.agents import alive, present
 from ..core.validation import Array, check_choice, check_count, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError
@@ -37,6 +37,8 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description
+    Where the scenario varies the number of agents, `agents` are those that the episode has.
+
     With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves
     `agents`, as PettingZoo has it. Rewards after death and those of a team for its dead members are then lost. With
     dead="keep", all stay until the world ends, with their rewards; the masks in observations of the dead are 0.
@@ -112,7 +114,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         """
         self._check_open()
         self.base_env.reset(seed=seed)
-        self.agents = self.possible_agents[:]
+        self.agents = self._present()
         self._show()
         return self._observe(self.agents), self._infos(self.agents)
 
@@ -162,7 +164,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     def set_state(self, state: State) -> Observations:
         """Go on from `state`; returns the observations. Raises StateError if it is of another scenario."""
         self.base_env.set_state(state)
-        self.agents = self._remaining(self.possible_agents)
+        self.agents = self._remaining(self._present())
         return self._observe(self.agents)
 
     def render(self) -> Array | str | None:
@@ -203,6 +205,11 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
                 what, axes = f"actions of {agent}", "(actions,)"
                 joint[0, i] = checked_actions(action, sizes.shape, sizes, what=what, axes=axes, who=agent)
         return joint
+
+    def _present(self) -> list[str]:
+        """Those that the episode has: all, unless the scenario varies how many there are."""
+        there = present(self.base_env.worlds, 0)
+        return [agent for agent, i in self._index.items() if there[i]]
 
     def _remaining(self, agents: Iterable[str]) -> list[str]:
         """Those of `agents` whose episode goes on: none if the world has ended."""

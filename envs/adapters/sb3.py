@@ -122,9 +122,9 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
     def reset(self) -> Arrays:
         """Start new episodes everywhere. A step that was begun is dropped."""
         self._actions = None
-        observations, _ = self._agents.reset(seed=self._seeds[0])
+        observations, info = self._agents.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self.reset_infos = [{"alive": 1} for _ in range(self.num_envs)]
+        self.reset_infos = [{"alive": each} for each in info["alive"].astype(int).tolist()]
         return observations
 
     def step_async(self, actions: Array) -> None:
@@ -142,8 +142,9 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None
         observations, rewards, terminated, truncated, info = self._agents.step(actions)
-        alive, done = info["alive"].astype(int), terminated | truncated
-        if done.any():
+        begun = alive = info["alive"].astype(int)
+        if (done := terminated | truncated).any():
+            alive = begun.copy()
             alive[done] = info["final_info"]["alive"][done]
         infos: list[dict[str, Any]] = [{"alive": each, "TimeLimit.truncated": False} for each in alive.tolist()]
         if done.any():
@@ -152,7 +153,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
                 infos[i]["terminal_observation"] = info["final_obs"][i]
                 infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
-                self.reset_infos[i] = {"alive": 1}
+                self.reset_infos[i] = {"alive": int(begun[i])}
         return observations, rewards, done, infos
 
     def close(self) -> None:

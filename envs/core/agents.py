@@ -25,6 +25,17 @@ def present(worlds: Worlds, where: Any = slice(None)) -> Array:
     return there
 
 
+def counts_vary(worlds: Worlds) -> bool:
+    """Whether worlds have other numbers of agents than each other."""
+    return fewest_agents(worlds) < worlds.dims["agents"]
+
+
+def fewest_agents(worlds: Worlds) -> int:
+    """How many agents every world has, whatever is drawn."""
+    counts = [number.distribution.extremes()[0] for number in worlds.layout.varied.values() if "agents" in number.dims]
+    return int(min([worlds.dims["agents"], *counts]))
+
+
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()

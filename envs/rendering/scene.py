@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from outlast.components import Body, Floor, Shape
 from outlast.ecs import Component, Entity, Event, Layout, Module, Worlds
+from outlast.ecs.varied import Varied, VariedNumber
 
 from .style import SIZES
 
@@ -63,11 +64,19 @@ class Scene:
         return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
 
     def mechanic(self, kind: type[M]) -> M:
-        """The mechanic of this class, with its numbers. KeyError if this scenario lacks it."""
-        for module in self.worlds.layout.modules:
+        """The mechanic of this class, with the numbers of this world. KeyError if this scenario lacks it."""
+        for k, module in enumerate(self.worlds.modules):
             if isinstance(module, kind):
-                return module
+                own = [number for number in self.worlds.layout.varied.values() if number.module == k]
+                drawn = {number.number: self._drawn(number) for number in own}
+                return module.replace(**drawn) if drawn else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
+
+    def _drawn(self, number: VariedNumber) -> Any:
+        """The value that a varied number has in this world."""
+        words = self.worlds[Varied].words[self.w, None]
+        value = number.decode(words, self.worlds.modules[number.module])[0]
+        return tuple(value.tolist()) if value.ndim else value.item()
 
     def _reach(self) -> tuple[float, float]:
         if Floor in self.worlds:

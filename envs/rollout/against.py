@@ -49,7 +49,7 @@ class Against:
         tell(self._policy, where)
         tell(self._others, where)
         _, worlds, episodes = key_of(self._env.worlds, where)
-        self._own[where] = own_side(worlds, episodes, self._life.shape[1])
+        self._own[where] = own_side(worlds, episodes, side(self._env.worlds, where).max(1) + 1)
         self._life[where] = 0
 
     def __call__(self, observations: Arrays) -> Actions:

@@ -17,13 +17,13 @@ def role_of(side: Any, world: Any, episode: Any) -> Any:
     return (side + world + episode) % ROLES
 
 
-def own_side(world: Any, episode: Any, sides: int) -> Any:
+def own_side(world: Any, episode: Any, sides: Any) -> Any:
     """The one side that a policy plays against all others; of two sides, the one that role 0 plays.
 
     Args:
         world: Numbers of worlds, as in `ecs.Clock`.
         episode: Numbers of their episodes.
-        sides: How many there are.
+        sides: How many there are, of all or of each.
 
     Returns:
         A number from 0 to sides - 1, another one in the next world and in the next episode.

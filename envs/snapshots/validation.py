@@ -85,7 +85,9 @@ def check(layout: Layout, arrays: dict[str, Array]) -> None:
             raise _refusal(span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed")
     _check_bags(layout, block)
     _check_sight(layout, block)
-    _check_varied(layout, block, arrays.get("started", np.ones(len(block), bool)))
+    started = arrays.get("started", np.ones(len(block), bool))
+    _check_varied(layout, block, started)
+    _check_absent(layout, block, started)
 
 
 def event_memory(layout: Layout, counts: Array, lists: Array) -> EventMemory:
@@ -182,6 +184,27 @@ def _check_sight(layout: Layout, block: Array) -> None:
         visible = layout.columns(block, Sight).visible
         if (bad := visible & ~layout.bitset(Entity) != 0).any():
             raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
+
+
+def _check_absent(layout: Layout, block: Array, started: Array) -> None:
+    """Absent is who is above a count that varies; nobody else is without a side."""
+    identity = layout.columns(block, Entity).identity
+    absent = np.zeros_like(identity, dtype=bool)
+    for number in layout.varied.values():
+        words = layout.columns(block, Varied).words[:, number.start, None]
+        for name in number.archetypes:
+            rows = np.array(layout.spans[name])
+            absent[:, rows] = rows - rows[0] >= words
+    if (bad := started[:, None] & ((identity < 0) != absent)).any():
+        raise _refusal(
+            "Entity.identity", slice(None), identity, bad, "-1 is needed of who is absent, and of nobody else"
+        )
+    if Side in layout.components:
+        rows = layout.rows(Side)
+        side = layout.columns(block, Side).side[:, rows]
+        bad = started[:, None] & ((side < 0) != absent[:, rows])
+        if bad.any():
+            raise _refusal("Side.side", rows, side, bad, f"0 to {layout.dims['sides'] - 1} is needed")
 
 
 def _check_varied(layout: Layout, block: Array, started: Array) -> None:

@@ -20,8 +20,13 @@ def draw_index(entity: NaiveEntity) -> int:
 
 def philox(world: World, stream: str, index: int) -> list[int]:
     """Four uint64: Philox4x64-10 of (seed, world) as key and (episode, tick, stream, index) as counter."""
-    seed, number, episode = world.key
-    counter = episode + (world.tick << 64) + (name_hash(stream) << 128) + (index << 192)
+    return keyed(world.key, world.tick, stream, index)
+
+
+def keyed(key: tuple[int, int, int], tick: int, stream: str, index: int) -> list[int]:
+    """The same by (seed, world, episode)."""
+    seed, number, episode = key
+    counter = episode + (tick << 64) + (name_hash(stream) << 128) + (index << 192)
     generator = np.random.Philox(counter=(counter - 1) % 2**256, key=seed + (number << 64))  # it counts before it draws
     return [int(word) for word in generator.random_raw(4)]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from outlast.envs.core.agents import fewest_agents
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import told
@@ -18,7 +19,6 @@ from outlast.envs.rollout.sides import ROLES
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
-from ..metrics import first_of_sides
 from ..player import Player
 from .matches import Act, Match, MatchResults
 from .ratings import elo, linked
@@ -163,8 +163,8 @@ class Evaluation:
 
     def _check(self) -> None:
         self.env.reset()
-        if len(first_of_sides(self.env)) < ROLES:
-            raise TrainingError(f"{self.scenario.name} has one side: there is no opponent to play against")
+        if min(self.env.worlds.dims["sides"], fewest_agents(self.env.worlds)) < ROLES:
+            raise TrainingError(f"{self.scenario.name} has worlds of one side: there is no opponent to play against")
         for contender in self.chosen:
             contender.check(self.env)
 

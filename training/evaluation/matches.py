@@ -8,7 +8,7 @@ import numpy as np
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import ROLES, role_of, wins
 
-from ..metrics import AgentMetrics, first_of_sides
+from ..metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
@@ -67,10 +67,11 @@ class Match:
     def _assign(self) -> None:
         """Assign agents to policies, in the worlds that go on."""
         worlds = np.arange(self.base_env.num_worlds)
-        self.role = role_of(self.metrics.sides, worlds[:, None], self.done[:, None])
+        sides, absent = self.metrics.sides, self.metrics.sides < 0
+        self.role = np.where(absent, -1, role_of(sides, worlds[:, None], self.done[:, None]))
         going = (self.done < self.each)[:, None]
         both = len(self.acts) == 1
-        masks = (going & (both | (self.role == role)) for role in range(len(self.acts)))
+        masks = (going & ((both & ~absent) | (self.role == role)) for role in range(len(self.acts)))
         self.indices: list[AgentIndices] = [(worlds, agents) for worlds, agents in map(np.nonzero, masks)]
 
     def _step(self) -> int:
@@ -107,7 +108,8 @@ class Match:
         self.results.enter(where, "wins", wins(life))
         self.results.enter(where, "life", life)
         self.results.enter(where, "return", (statistics["return"][rows][:, None] * mine).sum(2), mine.sum(2))
-        by_side = mine[:, :, first_of_sides(self.base_env)]
+        sides = np.arange(statistics["kills"].shape[1])
+        by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]
         self.results.enter(where, "kills", (statistics["kills"][rows][:, None] * by_side).sum(2))
         for name, total in self.metrics.totals.items():
             if name != "life":

@@ -8,7 +8,6 @@ from pathlib import Path
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.sides import role_of
 
-from ..metrics import first_of_sides
 from .evaluation import Evaluation, Pairing
 from .matches import MatchResults
 
@@ -21,7 +20,7 @@ def show_pairing(evaluation: Evaluation, pairing: Pairing, recording: Path, fold
     recording: of all its episodes. Raises RecordingError, FilmError, PageError.
     """
     names, results = [evaluation.chosen[k].label for k in pairing.pair], pairing.results
-    players = _with_sides(names, len(first_of_sides(evaluation.env)), results)
+    players = _with_sides(names, evaluation.env.worlds.dims["sides"], results)
     title, target = f"{evaluation.scenario.name}: {' against '.join(players)}", folder / "-".join(names)
     from outlast.envs.rendering.video import footage, write_film
     from outlast.envs.web.replay import write_page

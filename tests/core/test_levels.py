@@ -1,0 +1,332 @@
+"""Numbers and counts that differ from world to world: each world is the game that has them, whatever the others are."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import choice, integers, log_uniform, uniform
+from outlast.ecs import Component, Entity, NumberError, Observation
+from outlast.ecs.varied import Given, Varied
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import RecordingError, ScenarioError, StateError
+from outlast.envs.scenarios.scenario import Scenario
+from tests.conftest import COMPILED, draw_actions, scaled
+from tests.reference.random_numbers import keyed
+
+TEAMS = outlast.variant("teams_4").vary(
+    n_agents=integers(2, 6),
+    n_heals=integers(1, 15),
+    n_boxes=integers(1, 8),
+    agents_health=integers(30, 60),
+    agents_radius=uniform(0.3, 0.6),
+    cameras_fov=log_uniform(0.5, 1.5),
+    cameras_cone=choice("sector", "kite"),
+    melee_blocked=choice(True, False),
+    melee_damage=integers(5, 20),
+    safe_zone_radii=choice((12.5, 10, 7.5, 5, 4, 2, 1), (12, 9, 7, 5, 4, 2, 1)),
+    ending_limit=integers(60, 90),
+)
+WORLDS, STEPS = scaled(1024, least=4), scaled(100, least=5)
+MEAN = (math.e**2 - 1) / 2  # of log_uniform(1, e squared)
+REFERRING = {"Gift", "Item", "Bag", "Weapon", "Died", "Health", "BoxItem", "Sight", "Cells"}  # they hold rows or sizes
+
+
+def make(scenario: Scenario = TEAMS, count: int = 8, **options: Any) -> SurvivalVectorEnv:
+    env = outlast.make_vec(scenario, count, seed=3, **options)
+    env.reset()
+    return env
+
+
+def fixed(scenario: Scenario, numbers: dict[str, Any], w: int) -> Scenario:
+    """The scenario with the numbers of one world."""
+    own = {name: tuple(values[w].tolist()) if values.ndim > 1 else values[w].item() for name, values in numbers.items()}
+    return scenario.replace(**own)
+
+
+def same_entities(one: SurvivalVectorEnv, w: int, other: SurvivalVectorEnv) -> None:
+    """Who is in world w of one is as in the only world of the other, and nobody else is there."""
+    for name in one.worlds.layout.archetypes:
+        mine, its = one.worlds.span(name), other.worlds.span(name)
+        count = its.stop - its.start
+        assert not one.worlds[Entity].alive[w, mine][count:].any()
+        assert (one.worlds[Entity].identity[w, mine][count:] == -1).all()
+        for component in one.worlds.components:
+            if component.__mro__[1] is Component and component.__name__ not in REFERRING:
+                for column in component.columns:
+                    values = getattr(one.worlds[component], column)[w, mine][:count]
+                    np.testing.assert_array_equal(values, getattr(other.worlds[component], column)[0, its], column)
+
+
+def test_every_world_is_the_game_that_has_its_numbers() -> None:
+    many, rng = make(count=WORLDS), np.random.default_rng(0)
+    numbers = {name: values for name, values in many.numbers().items() if name in dict(TEAMS.varied)}
+    assert all(len(np.unique(numbers[name], axis=0)) > 1 for name in numbers)
+    played = [(actions := draw_actions(many, rng), many.step(actions)) for _ in range(STEPS)]
+    for w in range(0, WORLDS, max(1, WORLDS // 40)):
+        one = make(fixed(TEAMS, numbers, w), 1, first_world=w)
+        there = one.num_agents
+        assert there == numbers["agents_count"][w]
+        for actions, (observations, rewards, terminated, truncated, info) in played:
+            mine = one.step(actions[w : w + 1, :there])
+            np.testing.assert_array_equal(rewards[w, :there], mine[1][0])
+            assert not rewards[w, there:].any()
+            assert (terminated[w], truncated[w]) == (mine[2][0], mine[3][0])
+            assert info["present"][w].tolist() == [k < there for k in range(many.num_agents)]
+            for key, values in mine[0].items():
+                own = observations[key][w]
+                np.testing.assert_array_equal(own[tuple(map(slice, values[0].shape))], values[0], key)
+                assert not own[there:].any()
+            if terminated[w] or truncated[w]:
+                break
+        else:
+            same_entities(many, w, one)
+        one.close()
+    many.close()
+
+
+def test_draws_are_those_of_the_random_numbers_by_name() -> None:
+    scenario = outlast.variant("ffa_1").vary(melee_reach=uniform(1, 3), motors_ahead=log_uniform(0.1, 0.4))
+    env = make(scenario, 3)
+    for name, map_ in (
+        ("melee_reach", lambda u: 1 + u * 2),
+        ("motors_ahead", lambda u: math.exp(math.log(0.1) + u * (math.log(0.4) - math.log(0.1)))),
+    ):
+        expected = [np.float32(map_((keyed((3, w, 1), 0, f"vary {name}", 0)[0] >> 11) / 2**53)) for w in range(3)]
+        assert env.numbers()[name].tolist() == expected
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "distribution", "mean", "deviation"),
+    [
+        ("melee_reach", uniform(1, 3), 2, 2 / math.sqrt(12)),
+        ("melee_damage", integers(2, 5), 3.5, math.sqrt(15 / 12)),
+        ("melee_damage", choice(1, 1, 4), 2, math.sqrt(2)),
+        ("cameras_depth", log_uniform(1, math.e**2), MEAN, math.sqrt((math.e**4 - 1) / 4 - MEAN**2)),
+    ],
+)
+def test_draws_have_their_distribution(number: str, distribution: Any, mean: float, deviation: float) -> None:
+    env = make(outlast.variant("ffa_1").vary(**{number: distribution}), count := scaled(4096, least=64))
+    drawn = [env.numbers()[number]]
+    for _ in range(3):
+        env.reset()
+        drawn.append(env.numbers()[number])
+    values = np.concatenate(drawn).astype(float)
+    assert abs(values.mean() - mean) < 4 * deviation / math.sqrt(len(values))
+    assert all(value.item() in distribution for value in np.concatenate(drawn)[:64])
+    assert abs(np.corrcoef(values[:-1], values[1:])[0, 1]) < 4 / math.sqrt(len(values))
+    assert len({tuple(each) for each in drawn}) == 4
+    assert count
+    env.close()
+
+
+def test_a_number_draws_the_same_whatever_else_varies() -> None:
+    one = make(outlast.variant("ffa_3").vary(melee_damage=integers(5, 20)))
+    other = make(outlast.variant("ffa_3").vary(melee_damage=integers(5, 20), n_boxes=integers(1, 8)))
+    assert one.numbers()["melee_damage"].tolist() == other.numbers()["melee_damage"].tolist()
+    one.close(), other.close()
+
+
+def test_numbers_are_set_from_the_next_reset_on_and_drawn_again() -> None:
+    env = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), n_heals=integers(1, 15)))
+    drawn = env.numbers()
+    mask = np.arange(8) < 4
+    env.set_numbers({"melee_damage": np.arange(8) + 10, "n_heals": 3}, mask=mask)
+    assert env.numbers()["melee_damage"].tolist() == drawn["melee_damage"].tolist()
+    _, info = env.reset()
+    assert info["numbers"]["melee_damage"][:4].tolist() == [10, 11, 12, 13]
+    assert info["numbers"]["heals_count"][:4].tolist() == [3] * 4
+    expected = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), n_heals=integers(1, 15)))
+    expected.reset()
+    assert info["numbers"]["melee_damage"][4:].tolist() == expected.numbers()["melee_damage"][4:].tolist()
+    env.set_numbers(melee_damage=None, n_heals=None)
+    env.reset(), expected.reset()
+    assert env.numbers()["melee_damage"].tolist() == expected.numbers()["melee_damage"].tolist()
+    env.close(), expected.close()
+
+
+def test_numbers_are_observed_by_all_who_are_there() -> None:
+    env = make(TEAMS.observe_numbers("melee_damage", "safe_zone_radii"))
+    observations, info = env.reset()
+    fields = env.fields["numbers"]
+    assert list(fields) == ["melee_damage", "safe_zone_radii"]
+    for w, there in enumerate(info["present"].sum(1)):
+        row = [info["numbers"]["melee_damage"][w], *info["numbers"]["safe_zone_radii"][w]]
+        assert observations["numbers"][w].tolist() == [row] * there + [[0] * len(row)] * (env.num_agents - there)
+    assert observations["numbers"] in env.observation_space["numbers"]
+    env.close()
+
+
+def test_statistics_have_the_numbers_of_the_episode() -> None:
+    env = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), ending_limit=integers(2, 4)), 16)
+    numbers = env.numbers()
+    for _ in range(4):
+        *_, info = env.step(np.broadcast_to(env.noop, (16, 2, len(env.noop))))
+        for w in np.flatnonzero(info.get("_statistics", [])):
+            if info["statistics"]["length"][w] and numbers["ending_limit"][w] == info["statistics"]["length"][w]:
+                assert info["statistics"]["melee_damage"][w] == numbers["melee_damage"][w]
+        if "_statistics" in info:
+            assert (info["statistics"]["length"] == info["statistics"]["ending_limit"])[info["_statistics"]].all()
+    env.close()
+
+
+def test_states_and_files_keep_what_was_drawn_and_set(tmp_path: Path) -> None:
+    env, rng = make(), np.random.default_rng(1)
+    env.set_numbers({"n_agents": 3}, mask=np.arange(8) < 2)
+    for _ in range(scaled(20, least=2)):
+        env.step(draw_actions(env, rng))
+    env.get_state().save(tmp_path / "state.npz")
+    other = outlast.make_vec(TEAMS, 8, seed=99)
+    other.reset()
+    other.set_state(outlast.State.load(tmp_path / "state.npz"))
+    for _ in range(2):
+        assert {k: v.tolist() for k, v in env.worlds.numbers().items()} == {
+            k: v.tolist() for k, v in other.worlds.numbers().items()
+        }
+        np.testing.assert_array_equal(env.worlds.block, other.worlds.block)
+        env.reset(), other.reset()
+    assert (env.numbers()["agents_count"][:2] == 3).all()
+    env.close(), other.close()
+
+
+def test_recordings_replay_what_was_drawn_and_set(tmp_path: Path) -> None:
+    env, rng = outlast.make_vec(TEAMS, 8, seed=3), np.random.default_rng(1)
+    outlast.record(env, tmp_path / "a.rec")
+    env.set_numbers({"melee_damage": 7}, mask=np.arange(8) < 4)
+    env.reset()
+    for step in range(scaled(120, least=6)):
+        env.step(draw_actions(env, rng))
+        if step == 2:
+            env.set_numbers(n_agents=2)
+    block = env.worlds.block.copy()
+    with pytest.raises(RecordingError, match="recording goes on"):
+        env.set_numbers(melee_reach=3)
+    env.close()
+    recording = outlast.Recording.open(tmp_path / "a.rec")
+    assert recording.scenario.varied == TEAMS.varied
+    replay = outlast.Replay(recording)
+    assert len(list(replay.ticks())) == len(recording)
+    np.testing.assert_array_equal(replay.worlds.block, block)
+    replay.close()
+
+
+def spoiled(env: SurvivalVectorEnv, component: type[Component], column: str, index: Any, value: Any) -> str:
+    """What a state is refused with, of which one number was changed."""
+    state = env.get_state()
+    getattr(env.worlds.layout.columns(state.arrays["world"], component), column)[index] = value
+    with pytest.raises(StateError) as caught:
+        env.set_state(state)
+    return str(caught.value)
+
+
+def test_states_that_no_draw_leads_to_are_refused() -> None:
+    env = make()
+    count, radius = (env.worlds.layout.varied[name].start for name in ("agents_count", "agents_radius"))
+    assert "agents_count in world 0 is not of integers(2, 6)" in spoiled(env, Varied, "words", (0, count), -5)
+    assert "agents_count in world 1 is not of" in spoiled(env, Given, "words", (1, count), 1 << 32 | 7)
+    assert "agents_count in world 1 is not of" in spoiled(env, Given, "words", (1, count), 3)
+    nan = np.float32(np.nan).view(np.int32)
+    assert "agents_radius in world 2 is not of uniform(0.3, 0.6)" in spoiled(env, Varied, "words", (2, radius), nan)
+    assert "Entity.identity" in spoiled(env, Entity, "identity", (0, 0), -1)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "reason"),
+    [
+        ({"melee_damage": uniform(1, 2)}, "it is of type int, so take integers or choice"),
+        ({"melee_damage": integers(-5, 2)}, "melee.damage = -5: must be >= 0"),
+        ({"melee_damage": 7}, "a distribution is needed, as in outlast.uniform(1, 2)"),
+        ({"melee_damige": integers(1, 2)}, "did you mean melee_damage"),
+        ({"n_agents": integers(0, 3)}, "agents.count = 0: must be >= 1"),
+        ({"cameras_cone": choice("kite", "round")}, "allowed are 'sector', 'kite'"),
+        ({"safe_zone_radii": choice((5, 2), (5,))}, "tuples of one length are needed"),
+        ({"n_agents": integers(1, 4)}, "2 teams, but there are only 1 agents"),
+        ({"n_heals": integers(1, 80)}, "do not fit into spawn_grid.cells"),
+        ({"inventory_slots": integers(1, 4)}, "cannot vary: it decides how large tables are ('slots')"),
+        ({"room_size": uniform(20, 30)}, "does not fit into a room of side 20"),
+    ],
+)
+def test_what_cannot_vary_is_refused(numbers: dict[str, Any], reason: str) -> None:
+    with pytest.raises(NumberError) as caught:
+        outlast.variant("teams_4").vary(**numbers).worlds(1).close()
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "mask", "reason"),
+    [
+        ({"melee_damage": 3}, None, "melee_damage = 3: it varies as integers(5, 20)"),
+        ({"melee_damage": 7.5}, None, "melee_damage = 7.5: it varies as"),
+        ({"melee_damage": [7, 8]}, None, "melee_damage: 2 values; give one, or one for each of the 8 worlds"),
+        ({"melee_damage": True}, None, "melee_damage = True: it varies as"),
+        ({"melee_damage": 8, "n_agents": 7}, None, "agents_count = 7: it varies as integers(2, 6)"),
+        ({"melee_damage": 8, "melee_reach": -1}, None, "melee.reach = -1"),
+        ({"melee_reach": 1.5}, [True] * 8, "melee_reach is the same in all worlds: leave out the mask"),
+        ({"safe_zone_radii": (9, 9, 7, 5, 4, 2, 1)}, None, "it varies as choice("),
+    ],
+)
+def test_what_cannot_be_set_is_refused_and_changes_nothing(given: dict[str, Any], mask: Any, reason: str) -> None:
+    env = make()
+    before = env.worlds.block.copy()
+    with pytest.raises(NumberError) as caught:
+        env.set_numbers(given, mask=mask)
+    assert reason in str(caught.value)
+    np.testing.assert_array_equal(env.worlds.block, before)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("make_one", "reason"),
+    [
+        (lambda: uniform(2, 1), "the first must be below the second"),
+        (lambda: uniform(0, math.inf), "two finite numbers are needed"),
+        (lambda: uniform(math.nan, 1), "two finite numbers are needed"),
+        (lambda: log_uniform(0, 1), "the lower end must be above 0"),
+        (lambda: integers(1.5, 2), "two integers are needed"),  # type: ignore[arg-type]
+        (lambda: choice(1), "at least two values are needed"),
+    ],
+)
+def test_distributions_that_cannot_be_are_refused(make_one: Any, reason: str) -> None:
+    with pytest.raises(NumberError, match=reason):
+        make_one()
+
+
+def test_what_does_not_vary_is_no_observation() -> None:
+    with pytest.raises(ScenarioError, match="melee_reach does not vary here"):
+        TEAMS.observe_numbers("melee_reach")
+
+
+def test_deriving_goes_on_as_expected() -> None:
+    assert "melee_damage" not in dict(TEAMS.replace(melee_damage=7).varied)
+    assert "boxes_count" not in dict(TEAMS.without("boxes").varied)
+    assert TEAMS.vary(melee_damage=integers(1, 2)).without("heals").observe_numbers().observed == tuple(
+        name for name, _ in TEAMS.without("heals").varied
+    )
+    assert "melee_damage=integers(5, 20)" in TEAMS.about
+
+
+@pytest.mark.skipif(not COMPILED, reason="about machine code")
+def test_systems_that_read_no_varied_number_are_compiled_as_they_were() -> None:
+    sources = [
+        {unit.label: unit.source for segment in scenario.worlds(1)._segments for unit in segment.units}
+        for scenario in (outlast.variant("teams_4"), outlast.variant("teams_4").vary(melee_damage=integers(5, 20)))
+    ]
+    changed = {label for label in sources[0] if sources[0][label] != sources[1][label]}
+    assert changed == {"melee.strike"}
+    assert sources[1].keys() - sources[0].keys() == {"numbers"}
+
+
+def test_observations_of_the_absent_are_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = make(outlast.variant("teams_4+steering").vary(n_agents=integers(2, 6)).replace(cameras_mode="omniscient"))
+    observations, _, _, _, info = env.step(np.broadcast_to(env.noop, (8, 6, len(env.noop))))
+    for component in env.worlds.components:
+        if issubclass(component, Observation):
+            for column in component.columns:
+                assert not getattr(env.worlds[component], column)[~info["present"]].any()
+    assert not observations["others"][~info["present"]].any()
+    env.close()
