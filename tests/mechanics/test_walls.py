@@ -113,12 +113,12 @@ def box2d_world(worlds: Worlds, w: int) -> tuple[Any, dict[int, Any]]:
 
 def compared_rays(mechanic: Any, count: int, seed: int) -> tuple[int, int, int]:
     """How many lines of sight were compared with Box2D's ray casts, how many were free, and how many differ."""
-    scenario = variant("ffa_3").replace(n_agents=8, n_heals=20, cameras_fov=math.pi, cameras_depth=40.0)
-    env = outlast.make_vec(scenario.with_(mechanic), 16, seed=seed)
+    cameras = {"cameras_fov": math.pi, "cameras_depth": 40.0, "cameras_cone": "sector"}
+    scenario = variant("ffa_3").replace(n_agents=8, n_heals=20, **cameras).with_(mechanic)
+    env = outlast.make_vec(scenario, 16, seed=seed)
     rays = free = differing = 0
     while rays < count:
-        env.reset()
-        env.step(draw_actions(env, np.random.default_rng(rays)))
+        env.reset()  # after a step, items that were seen may be in bags
         for w in range(env.num_worlds):
             world, bodies = box2d_world(env.worlds, w)
             seen = env.worlds[Sight].visible[w]
@@ -147,7 +147,7 @@ def ahead(worlds: Worlds, w: int, me: int, e: int) -> bool:
 @pytest.mark.skipif(not COMPILED, reason="many rays")
 @pytest.mark.parametrize("kind", ["maze", "pillars"])
 def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
-    """100,000 of them; two may differ by rounding, where a ray grazes a corner."""
+    """100,000 of them, of two kinds of levels; few may differ by rounding, where a ray grazes a corner."""
     rays, free, differing = compared_rays(GENERATORS[kind], 50_000, 3)
     assert rays >= 50_000
     assert 0.05 < free / rays < 0.8
@@ -320,12 +320,17 @@ def test_varied_layouts_equal_worlds_with_each_of_them() -> None:
     one = outlast.FloorPlan(walls=[(0, 0, 8, 0.5), (4, 4, 0.5, 6, 0.2)])
     two = outlast.FloorPlan(walls=[(-3, 0, 2, 6)], starts=[(0, -9, 0, 4, 8)])
     layouts = one.layout(4), two.layout(4)
-    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.ecs.choice(*layouts))
+    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.choice(*layouts))
     maze = variant("ffa_3").with_(systems.Maze(blocks=40))
-    sizes = maze.vary(maze_columns=outlast.ecs.integers(2, 6), maze_loops=outlast.ecs.uniform(0, 1))
-    for varied, name in ((choice, "walls_layout"), (sizes, "maze_columns")):
+    sizes = maze.vary(maze_columns=outlast.integers(2, 6), maze_loops=outlast.uniform(0, 1))
+    pillars = variant("teams_3").with_(systems.Pillars())
+    counts = pillars.vary(pillars_count=outlast.integers(1, 12), agents_count=outlast.integers(2, 6))
+    for varied, name in ((choice, "walls_layout"), (sizes, "maze_columns"), (counts, "pillars_count")):
         env = outlast.make_vec(varied, 6, seed=4)
         env.reset()
+        actions = [draw_actions(env, np.random.default_rng(k)) for k in range(scaled(60, least=2))]
+        for action in actions:
+            env.step(action)
         found = set()
         for w in range(6):
             own = {key: env.numbers()[key][w] for key, _ in varied.varied}
@@ -333,9 +338,14 @@ def test_varied_layouts_equal_worlds_with_each_of_them() -> None:
             found.add(numbers[name])
             alone = outlast.make_vec(varied.replace(**numbers), 1, seed=4, first_world=w)
             alone.reset()
-            for column in Body.columns:
-                mine, its = getattr(env.worlds[Body], column)[w], getattr(alone.worlds[Body], column)[0]
-                np.testing.assert_array_equal(mine, its)
+            for action in actions:
+                alone.step(action[w : w + 1, : alone.num_agents])
+            for kind in ("agent", "box", "heal", "inner_wall"):
+                here, there = env.worlds.span(kind), alone.worlds.span(kind)
+                count = there.stop - there.start
+                for column in Body.columns:
+                    mine, its = (getattr(each.worlds[Body], column) for each in (env, alone))
+                    np.testing.assert_array_equal(mine[w, here][:count], its[0, there])
             alone.close()
         assert len(found) > 1
         env.close()
