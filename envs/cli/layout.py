@@ -11,12 +11,13 @@ import numpy as np
 from ..core.make import make_vec
 from ..errors import UsageError
 from ..rendering import opencv as cv2
+from ..rendering.canvas import LARGEST, SMALLEST
 from ..rendering.rgb import draw
 from ..scenarios.floor_plan import LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
 from .options import add_number, add_seed, scenario
 
-SIZE, GAP = 384, 8  # pixels: side of a picture, and between two
+GAP = 8  # pixels between two pictures
 
 
 def add(commands: Any) -> None:
@@ -28,6 +29,7 @@ def add(commands: Any) -> None:
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
     add_number(command, "--worlds", 1, "number of worlds")
     add_seed(command)
+    add_number(command, "--size", 384, "pixels along a side of one world's picture")
     text = "where to write: .png for a picture, or .json for the floor plan of the only world"
     command.add_argument("--out", required=True, metavar="FILE", help=text)
     command.set_defaults(run=run)
@@ -38,6 +40,8 @@ def run(options: argparse.Namespace) -> int:
     path = Path(options.out)
     if path.suffix not in (".png", ".json"):
         raise UsageError(f"--out {options.out}: a name that ends in .png or .json is needed")
+    if not SMALLEST <= options.size <= LARGEST:
+        raise UsageError(f"--size {options.size}: pixels from {SMALLEST} to {LARGEST} are needed")
     if path.suffix == ".json" and options.worlds > 1:
         raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
     with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
@@ -46,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
             if path.suffix == ".json":
                 FloorPlan.of_world(env.worlds).save(path)
             else:
-                _write_picture(path, [draw(env.worlds, w, SIZE) for w in range(env.num_worlds)])
+                _write_picture(path, [draw(env.worlds, w, options.size) for w in range(env.num_worlds)])
         except OSError as error:
             raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
     print(options.out)
@@ -55,11 +59,11 @@ def run(options: argparse.Namespace) -> int:
 
 def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:
     """Write pictures side by side, in about as many rows as columns."""
-    columns = math.ceil(math.sqrt(len(images)))
+    columns, size = math.ceil(math.sqrt(len(images))), len(images[0])
     rows = math.ceil(len(images) / columns)
-    sheet = np.full((rows * (SIZE + GAP) - GAP, columns * (SIZE + GAP) - GAP, 3), 255, np.uint8)
+    sheet = np.full((rows * (size + GAP) - GAP, columns * (size + GAP) - GAP, 3), 255, np.uint8)
     for k, image in enumerate(images):
-        top, left = (number * (SIZE + GAP) for number in divmod(k, columns))
-        sheet[top : top + SIZE, left : left + SIZE] = image
+        top, left = (number * (size + GAP) for number in divmod(k, columns))
+        sheet[top : top + size, left : left + size] = image
     with atomic_write(path) as place:
         place.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())
