@@ -12,7 +12,7 @@ from outlast.ecs import Entity, Layout, NumberError, Random, Read, RowIndex, Row
 
 from .geometry.mazes import place_block
 from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, fill_floor, measure, place_all
-from .geometry.plans import STEP, free_floor, inside, overlap, reach
+from .geometry.plans import are_free, lattice, overlap, reach
 from .inner_walls import InnerWalls, passage
 
 HALF = np.float32(0.5)
@@ -80,22 +80,21 @@ class Walls(InnerWalls):
 
     def _check_space(self, found: list[tuple[float, ...]], layout: Layout) -> None:
         """NumberError if the blocks leave too little floor for who starts."""
-        radius = passage(layout) / 2
+        radius, sides = passage(layout) / 2, self.inside(layout)
         blocks = [entry for entry in found if entry[USE] == WALL]
-        x, y, free = free_floor(blocks, self.inside(layout), radius)
-        starts = sorted({entry[USE] for entry in found} - {WALL, float(ITEMS)})
-        for use in starts:
-            areas = [inside(entry, x, y) for entry in found if entry[USE] == use]
-            if not (free & np.any(areas, axis=0)).any():
+        for use in sorted({entry[USE] for entry in found if entry[USE] > WALL}):
+            areas = [entry for entry in found if entry[USE] == use]
+            if not any(are_free(*lattice(area), blocks, sides, radius).any() for area in areas):
                 raise NumberError(
                     f"walls.layout: the start areas of {owner(use)} have no free place for an agent of radius "
                     f"{radius:.3g} m (with what it needs around it); make them larger, or move blocks away"
                 )
+        free = are_free(*lattice((0, 0, *sides, 0)), blocks, sides, radius).mean() * sides[0] * sides[1]
         needed = math.pi * radius**2 * layout.dims.get("agents", 0)
-        if free.sum() * STEP**2 < needed:
+        if free < needed:
             raise NumberError(
-                f"walls.layout leaves {free.sum() * STEP**2:.3g} square metres where agents can be, and they need "
-                f"{needed:.3g}; take fewer or smaller agents, fewer blocks, or a larger room"
+                f"walls.layout leaves {free:.3g} square metres where agents can be, and they need {needed:.3g}; take "
+                "fewer or smaller agents, fewer blocks, or a larger room"
             )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 Rectangle = Sequence[float]
-STEP = 0.25  # metres between the points by which free floor is measured
+POINTS = 100  # along either side, by which free floor is measured
 
 
 def corners(rectangle: Rectangle) -> list[complex]:
@@ -36,51 +36,29 @@ def overlap(one: Rectangle, two: Rectangle) -> bool:
     return True
 
 
-def free_floor(
-    blocks: Iterable[Rectangle], sides: tuple[float, float], radius: float, step: float = STEP
-) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Where the centre of a disc can be.
+def lattice(rectangle: Rectangle, points: int = POINTS) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """x and y of points all over a rectangle, float64 (points, points) each, in the middle of equal parts of it."""
+    x, y, width, height, angle = rectangle[:5]
+    share = (np.arange(points) + 0.5) / points - 0.5
+    along, across = share[None, :] * width, share[:, None] * height
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return x + cosine * along - sine * across, y + sine * along + cosine * across
+
+
+def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, float], radius: float) -> Any:
+    """Whether a disc around each point touches no block and is inside of the room: bool, of the shape of x and y.
 
     Args:
+        x: Metres.
+        y: Metres.
         blocks: What is in the way.
         sides: Width and height of the room, metres.
         radius: Of the disc, metres.
-        step: Metres between points.
-
-    Returns:
-        x float64 (1, columns) and y float64 (rows, 1), metres; and whether a disc there touches nothing, bool
-        (rows, columns).
     """
-    x, y = (np.arange(-(n := math.floor((side / 2 - radius) / step)), n + 1) * step for side in sides)
-    xs, ys = x[None, :], y[:, None]
-    free = np.ones((len(y), len(x)), bool)
+    free = (abs(x) + radius <= sides[0] / 2) & (abs(y) + radius <= sides[1] / 2)
     for middle_x, middle_y, width, height, angle in (block[:5] for block in blocks):
         cosine, sine = math.cos(angle), math.sin(angle)
-        along = abs(cosine * (xs - middle_x) + sine * (ys - middle_y)) - width / 2
-        across = abs(cosine * (ys - middle_y) - sine * (xs - middle_x)) - height / 2
+        along = abs(cosine * (x - middle_x) + sine * (y - middle_y)) - width / 2
+        across = abs(cosine * (y - middle_y) - sine * (x - middle_x)) - height / 2
         free &= np.hypot(np.maximum(along, 0), np.maximum(across, 0)) > radius
-    return xs, ys, free
-
-
-def inside(rectangle: Rectangle, x: Any, y: Any) -> Any:
-    """Which points are in a rectangle."""
-    middle_x, middle_y, width, height, angle = rectangle[:5]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    along, across = cosine * (x - middle_x) + sine * (y - middle_y), cosine * (y - middle_y) - sine * (x - middle_x)
-    return (abs(along) <= width / 2) & (abs(across) <= height / 2)
-
-
-def parts(free: np.ndarray[Any, Any]) -> int:
-    """Into how many parts free floor falls, points beside each other being connected: bool (rows, columns)."""
-    left, count = free.copy(), 0
-    while left.any():
-        count += 1
-        ahead = [tuple(np.argwhere(left)[0])]
-        left[ahead[0]] = False
-        while ahead:
-            row, column = ahead.pop()
-            for to in ((row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)):
-                if 0 <= to[0] < left.shape[0] and 0 <= to[1] < left.shape[1] and left[to]:
-                    left[to] = False
-                    ahead.append(to)
-    return count
+    return free
