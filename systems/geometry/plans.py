@@ -37,7 +37,7 @@ def overlap(one: Rectangle, two: Rectangle) -> bool:
 
 
 def lattice(rectangle: Rectangle, points: int = POINTS) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """x and y of points all over a rectangle, float64 (points, points) each, in the middle of equal parts of it."""
+    """Points all over a rectangle, in the middles of equal parts: x and y, metres, float64 (points, points) each."""
     x, y, width, height, angle = rectangle[:5]
     share = (np.arange(points) + 0.5) / points - 0.5
     along, across = share[None, :] * width, share[:, None] * height

@@ -24,9 +24,14 @@ class Plans:
 
     def mutate(self, rng: Random) -> bytes:
         """A hostile file."""
-        match rng.randrange(3):
+        match rng.randrange(4):
             case 0:
                 return mutated(DRAWING, rng)
+            case 3:
+                signs = bytearray(DRAWING)
+                for _ in range(rng.randrange(1, 4)):
+                    signs[rng.randrange(len(signs))] = rng.choice(b"#.*ABZ \n")
+                return bytes(signs)
             case 1:
                 return mutated(self.valid, rng)
             case _:
