@@ -19,7 +19,7 @@ class Maze(InnerWalls):
     columns: int = number(6, low=1, high=MOST)  # cells from left to right
     rows: int = number(6, low=1, high=MOST)  # cells from bottom to top
     loops: float = number(0.1, low=0, high=1)  # probability that a wall is left out that need not be; 1: all are
-    thickness: float = number(0.4, low=0.004)  # metres
+    thickness: float = number(0.4, low=0.004, high=1e5)  # metres
     blocks: int = number(0, low=0, high=450)  # room in the tables; 0: what these cells need. To vary the cells, set it
 
     def most_blocks(self) -> int:

@@ -41,9 +41,11 @@ class Pillars(InnerWalls):
     """
 
     count: int = number(12, low=1, high=450)
-    least: float = number(0.8, low=0.004)  # metres, side
-    most: float = number(1.6, low=0.004)  # metres
-    gap: float = number(1.2, above=0)  # metres between the circles around two pillars, and to the walls, at least
+    least: float = number(0.8, low=0.004, high=1e5)  # metres, side
+    most: float = number(1.6, low=0.004, high=1e5)  # metres
+    gap: float = number(
+        1.2, above=0, high=1e5
+    )  # metres between the circles around two pillars, and to the walls, at least
 
     def most_blocks(self) -> int:
         return self.count

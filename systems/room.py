@@ -40,8 +40,8 @@ class Room(Module):
     size: float = number(25.0, low=1, high=100_000)  # metres, side
     walls: bool = number(True)
     thickness: float = number(0.01, low=0.003, high=0.5)  # of a wall, as a share of the way to the one opposite
-    width: float = number(0.0, low=0)  # metres along x; 0: size
-    height: float = number(0.0, low=0)  # metres along y; 0: size
+    width: float = number(0.0, low=0, high=1e5)  # metres along x; 0: size
+    height: float = number(0.0, low=0, high=1e5)  # metres along y; 0: size
 
     def systems(self) -> Iterable[System]:
         return [system for system in super().systems() if self.walls or system.name != "keep_inside"]

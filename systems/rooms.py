@@ -20,8 +20,8 @@ class Rooms(InnerWalls):
     columns: int = number(3, low=1, high=MOST)  # rooms from left to right
     rows: int = number(3, low=1, high=MOST)  # rooms from bottom to top
     doors: float = number(0.5, low=0, high=1)  # probability of a door where rooms are connected without it
-    door: float = number(1.6, above=0)  # metres
-    thickness: float = number(0.4, low=0.004)  # metres
+    door: float = number(1.6, above=0, high=1e5)  # metres
+    thickness: float = number(0.4, low=0.004, high=1e5)  # metres
     blocks: int = number(0, low=0, high=450)  # room in the tables; 0: what these rooms need. To vary the rooms, set it
 
     def most_blocks(self) -> int:

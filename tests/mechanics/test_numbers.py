@@ -41,6 +41,10 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "GiveLast": {"reach": (2.0, POSITIVE), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, COUNT), "radius": (0.25, "[0.002,inf)"), "amount": (75, POINTS)},
     "Inventory": {"slots": (4, COUNT)},
+    "Maze": {
+        "columns": (6, "[1,32]"), "rows": (6, "[1,32]"), "loops": (0.1, "[0,1]"), "thickness": (0.4, "[0.004,1e5]"),
+        "blocks": (0, "[0,450]"),
+    },
     "Melee": {
         "reach": (2.0, POSITIVE), "damage": (5, POINTS), "cooldown": (0, NOT_NEGATIVE),
         "blocked": (False, SWITCH),
@@ -50,12 +54,22 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "ahead": (0.25, NOT_NEGATIVE), "left": (0.25, NOT_NEGATIVE), "turn": (0.0125, NOT_NEGATIVE),
         "give": ("evenly", ("evenly", "at once")),
     },
+    "Pillars": {
+        "count": (12, "[1,450]"), "least": (0.8, "[0.004,1e5]"), "most": (1.6, "[0.004,1e5]"), "gap": (1.2, "(0,1e5]"),
+    },
     "Record": {},
     "Rewards": {
         "alive": (1.0, ANY), "dead": (0.0, ANY), "kill": (0.0, ANY), "death": (0.0, ANY), "posthumous": (True, SWITCH),
         "basis": ("side", ("side", "members")), "outlive": (0.0, ANY),
     },
-    "Room": {"size": (25.0, COUNT), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]")},
+    "Room": {
+        "size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]"),
+        "width": (0.0, "[0,1e5]"), "height": (0.0, "[0,1e5]"),
+    },
+    "Rooms": {
+        "columns": (3, "[1,32]"), "rows": (3, "[1,32]"), "doors": (0.5, "[0,1]"), "door": (1.6, "(0,1e5]"),
+        "thickness": (0.4, "[0.004,1e5]"), "blocks": (0, "[0,450]"),
+    },
     "SafeZone": {
         "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, NOT_NEGATIVE),
         "shrink": (100, COUNT), "damage": (1, POINTS), "centres": ("random", ("random", "middle")),
@@ -63,6 +77,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "SpawnGrid": {"cells": (8, COUNT)},
     "Steering": {"speed": (5.0, NOT_NEGATIVE), "spin": (math.pi, NOT_NEGATIVE)},
     "Teams": {"count": (2, COUNT)},
+    "Walls": {"layout": ((), "[-10000,10000]")},
 }  # fmt: skip
 TINY, HUGE = 1e-6, 10**6
 
@@ -78,7 +93,7 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [True, False], [0, 1, "yes"]
     if isinstance(spec, tuple):
         return [*spec], ["", *range(len(spec))]
-    one = default[0] if isinstance(default, tuple) else default
+    one = (*default, 0.0)[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)
     if isinstance(default, tuple):
