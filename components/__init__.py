@@ -12,11 +12,13 @@ from .phase import Phase
 from .respawn import Respawned, Respawns, Return
 from .score import End, Episode, Reward, Score
 from .sight import ObservationMasks, Sight
+from .wall import Before, Unplaced, Wall
 from .zone import Zone, ZoneView
 
 __all__ = [
     "Attack",
     "Bag",
+    "Before",
     "Body",
     "Box",
     "BoxBroken",
@@ -64,7 +66,9 @@ __all__ = [
     "Spawned",
     "Steer",
     "Strike",
+    "Unplaced",
     "Use",
+    "Wall",
     "Weapon",
     "Zone",
     "ZoneView",

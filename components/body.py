@@ -58,9 +58,9 @@ class Spawned(Component):
 
 
 class Floor(Singleton):
-    """The square region of the plane that is the room, centred on the origin."""
+    """The rectangle of the plane that is the room, centred on the origin."""
 
-    size: Array = column("f4")  # metres, side
+    size: Array = column("f4", "floor sides")  # metres: the side of a square; or width (the first), height (the last)
 
 
 class Fault(Singleton):
@@ -69,10 +69,17 @@ class Fault(Singleton):
     physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, or 1e6 and more)
 
 
+def room_sides(layout: Layout) -> tuple[float, float] | None:
+    """Metres, width and height of the room; None without one."""
+    if Floor not in layout.singletons:
+        return None
+    sides = np.ravel(layout.singletons[Floor].fills["size"])
+    return float(sides[0]), float(sides[-1])
+
+
 def half_room(layout: Layout) -> float:
-    """Metres from the middle of the room to a wall, the scale of positions; 1 without a room."""
-    side: float = layout.numbers("room").get("size", 2.0)
-    return side / 2
+    """Metres from the middle of the room to the farther walls, the scale of positions; 1 without a room."""
+    return max(room_sides(layout) or (2.0, 2.0)) / 2
 
 
 PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # in rows of observations

@@ -26,6 +26,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Scene
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
+from outlast.systems import Maze, Pillars, Rooms
 
 DOCS = Path(__file__).resolve().parent
 SHOWN = 330  # tick of the page's recording
@@ -148,6 +149,27 @@ def tag() -> Image:
     return draw(env.worlds, 0, 320, TAG_LAYERS)
 
 
+def levels() -> Image:
+    """What the mechanics of walls set up, and a floor plan."""
+    plan = outlast.FloorPlan.from_text(
+        """
+        AA....#..........BB
+        AA....#....#.....BB
+        AA.........#.....BB
+        ......#....#.......
+        ###..##....#..#####
+        ......#............
+        AA....#..****....BB
+        AA.......****....BB
+        """,
+        cell=2.0,
+    )
+    plain = outlast.variant("teams_3")
+    hall = plain.replace(safe_zone_radii=(7.0, 4.0)).with_(plan.room(), plan.mechanic())
+    drawn = [plain.with_(mechanic) for mechanic in (Maze(columns=7, rows=7, loops=0.2), Rooms(), Pillars(count=14))]
+    return beside([draw(played(scenario, 0, 0).worlds, 0, 240) for scenario in (*drawn, hall)])
+
+
 def page() -> Image:
     """The page of a recording: a trained policy is followed. Needs PyTorch, playwright and a Chromium on the PATH."""
     from playwright.sync_api import sync_playwright
@@ -172,7 +194,7 @@ def page() -> Image:
 
 
 PICTURES: dict[str, Callable[[], Image]] = {
-    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag)
+    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, levels)
 }
 SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 

@@ -13,21 +13,25 @@ from .free_for_all import FreeForAll
 from .give_last import GiveLast
 from .heals import Heals
 from .inventory import Inventory
+from .maze import Maze
 from .melee import Melee
 from .mortality import Mortality
 from .motors import Motors
 from .observe_roles import ObserveRoles
 from .physics import Physics
 from .pickup import Pickup
+from .pillars import Pillars
 from .preparation import Preparation
 from .record import Record
 from .respawn import Respawn
 from .rewards import Rewards
 from .room import Room
+from .rooms import Rooms
 from .safe_zone import SafeZone
 from .spawn_grid import SpawnGrid
 from .steering import Steering
 from .teams import Teams
+from .walls import Walls
 
 __all__ = [
     "Agents",
@@ -40,21 +44,25 @@ __all__ = [
     "GiveLast",
     "Heals",
     "Inventory",
+    "Maze",
     "Melee",
     "Mortality",
     "Motors",
     "ObserveRoles",
     "Physics",
     "Pickup",
+    "Pillars",
     "Preparation",
     "Record",
     "Respawn",
     "Rewards",
     "Room",
+    "Rooms",
     "SafeZone",
     "SpawnGrid",
     "Steering",
     "Teams",
+    "Walls",
 ]
 
 RENAMED = {"AutoPickup": "Pickup", "Contacts": "Physics"}

@@ -44,7 +44,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
 
-from .geometry.bounds import check_fits, farthest_body
+from .geometry.bounds import check_fits, ends, farthest_body
 from .observation_rows import write_rows
 
 
@@ -81,9 +81,8 @@ class Agents(Module):
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
         """Health has no lower bound: damage may exceed what is left, and is observed before the check for deaths."""
-        far, most = farthest_body(layout), layout.numbers("mortality").get("limit") or math.inf
-        place = -far, far
-        return {"own": {"id": (0, layout.dims["agents"] - 1), "health": (-math.inf, most), "x": place, "y": place}}
+        place, most = ends(farthest_body(layout)), layout.numbers("mortality").get("limit") or math.inf
+        return {"own": {"id": (0, layout.dims["agents"] - 1), "health": (-math.inf, most), **place}}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return np.zeros(dims["blocks"], np.int32)

@@ -52,7 +52,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import NORMAL, normal
 
-from .geometry.bounds import ROUNDING, check_fits, farthest_body, farthest_item
+from .geometry.bounds import ROUNDING, check_fits, ends, farthest_body, farthest_item
 from .observation_rows import write_rows
 
 HALF = np.float32(0.5)
@@ -125,10 +125,10 @@ class Boxes(Module):
         """A box may be set up in a wall, and leaves its item there."""
         sides = (self.width, self.width_deviation), (self.height, self.height_deviation)
         half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDING for mean, deviation in sides]
-        vertices, box = np.array(half * 4), (farthest_body(layout) + self.offset) * ROUNDING
-        item = max(box, farthest_item(layout))
+        vertices, (x, y) = np.array(half * 4), farthest_body(layout)
+        box, item = ((x + self.offset) * ROUNDING, (y + self.offset) * ROUNDING), farthest_item(layout)
         slot = {"vertices": (-vertices, vertices)}
-        boxes, items = (slot | {"x": (-far, far), "y": (-far, far)} for far in (box, item))
+        boxes, items = (slot | ends(far) for far in (box, max(box, item)))
         return {"boxes": boxes, "box_items": items, "box_slot": slot}
 
 

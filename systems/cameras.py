@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import Body, Phase, Shape, Side, Sight, Solid
 from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
+from outlast.components.wall import is_inner_wall
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
@@ -97,8 +98,8 @@ def see(
             b = blocks[BLOCK, k]
             pending = sight.visible[i, b]
             while pending:
-                e = first_row(b, pending)
-                if not line_of_sight(blocks, count, aabbs, body, shape, me, e):
+                e = first_row(b, pending)  # blocks of walls hide, and nobody observes them
+                if is_inner_wall(entities, e) or not line_of_sight(blocks, count, aabbs, body, shape, me, e):
                     sight.visible[i, b] ^= pending & -pending
                 pending &= pending - 1
 

@@ -41,7 +41,7 @@ from outlast.ecs import (
     number,
 )
 
-from .geometry.bounds import check_fits, farthest_item
+from .geometry.bounds import check_fits, ends, farthest_item
 from .observation_rows import write_rows
 
 
@@ -74,8 +74,8 @@ class Heals(Module):
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        far, amounts = farthest_item(layout), layout.prefab_values(Heal, "amount").values()
-        return {"heals": {"x": (-far, far), "y": (-far, far)}, "heal_slot": {"amount": (0, max(map(np.max, amounts)))}}
+        place, amounts = ends(farthest_item(layout)), layout.prefab_values(Heal, "amount").values()
+        return {"heals": place, "heal_slot": {"amount": (0, max(map(np.max, amounts)))}}
 
 
 @Heals.system(Phase.EFFECT)

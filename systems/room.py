@@ -1,4 +1,4 @@
-"""The room: a square floor, and four walls around it."""
+"""The room: a square or rectangular floor, and four walls around it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,7 +8,20 @@ import numpy as np
 
 from outlast.components import Body, Floor, Phase, Shape, Solid
 from outlast.components.limits import FAR
-from outlast.ecs import Archetype, Bitset, Entity, Module, Read, Rows, Singleton, System, Write, kernel, number
+from outlast.ecs import (
+    Archetype,
+    Bitset,
+    Entity,
+    Module,
+    NumberError,
+    Read,
+    Rows,
+    Singleton,
+    System,
+    Write,
+    kernel,
+    number,
+)
 from outlast.ecs.simd import SIMD_WIDTH, load, load_flags, to_bits
 
 from .geometry.blocks import alive_bits, first_row
@@ -19,11 +32,21 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 @dataclass(frozen=True)
 class Room(Module):
-    """Square region centred on the origin; walls stand astride its edges (reference rules, section 1)."""
+    """Region centred on the origin; walls stand astride its edges (reference rules, section 1).
+
+    It is a square of side `size`; with width or height it is a rectangle, and `size` stands for the one that is 0.
+    """
 
     size: float = number(25.0, low=1, high=FAR, unit="metres", about="side of the square")
     walls: bool = number(True, about="there are walls around it")
-    thickness: float = number(0.01, low=0.003, high=0.5, unit="of the side", about="of a wall")
+    thickness: float = number(0.01, low=0.003, high=0.5, unit="of the way to the wall opposite", about="of a wall")
+    width: float = number(0.0, low=0, high=FAR, unit="metres", about="along x; 0: room_size")
+    height: float = number(0.0, low=0, high=FAR, unit="metres", about="along y; 0: room_size")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.sides()) < 1:
+            raise NumberError(f"room: {self.sides()[0]:g} x {self.sides()[1]:g} m: at least 1 m is needed either way")
 
     def systems(self) -> Iterable[System]:
         return [system for system in super().systems() if self.walls or system.name != "keep_inside"]
@@ -31,13 +54,24 @@ class Room(Module):
     def archetypes(self) -> Iterable[Archetype]:
         if not self.walls:
             return []
-        far, long, thin = self.size / 2, self.size / 2, self.size * self.thickness / 2
-        body = Body(x=[far, -far, 0, 0], y=[0, 0, far, -far])
-        shape = Shape(half_width=[thin, thin, long, long], half_height=[long, long, thin, thin])
+        (x, y), thin = (side / 2 for side in self.sides()), self.thickness
+        body = Body(x=[x, -x, 0, 0], y=[0, 0, y, -y])
+        shape = Shape(half_width=[x * thin, x * thin, x, x], half_height=[y, y, y * thin, y * thin])
         return [Archetype("wall", (body, shape, Solid()), 4, order=50)]
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Floor(size=self.size)]
+        return [Floor(size=self.size if self.is_square() else self.sides())]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"floor sides": 1 if self.is_square() else 2}
+
+    def sides(self) -> tuple[float, float]:
+        """Metres, width and height."""
+        return self.width or self.size, self.height or self.size
+
+    def is_square(self) -> bool:
+        """Whether one number says how large it is."""
+        return self.width == self.height == 0
 
 
 @Room.system(Phase.SPAWN)
@@ -58,17 +92,17 @@ def keep_inside(
     thickness: float,
 ) -> None:
     """A body that was pushed through a wall, as by a box that reaches into it, is put back inside, at rest."""
-    middle = HALF * floor.size[0]
-    inside = middle * (ONE - thickness)
+    middle_x, middle_y = HALF * floor.size[0], HALF * floor.size[floor.size.size - 1]
+    inside_x, inside_y = middle_x * (ONE - thickness), middle_y * (ONE - thickness)
     for b in range(solids.size):
-        beyond = (abs(load(body.x, SIMD_WIDTH * b)) > middle) | (abs(load(body.y, SIMD_WIDTH * b)) > middle)
+        beyond = (abs(load(body.x, SIMD_WIDTH * b)) > middle_x) | (abs(load(body.y, SIMD_WIDTH * b)) > middle_y)
         pending = to_bits(beyond & load_flags(solid.dynamic, SIMD_WIDTH * b)) & alive_bits(entities, solids, b)
         while pending:
             e = first_row(b, pending)
             pending &= pending - 1
-            room = max(inside - shape.bound[e], ZERO)
-            body.x[e], body.vx[e] = clamp(body.x[e], body.vx[e], middle, room)
-            body.y[e], body.vy[e] = clamp(body.y[e], body.vy[e], middle, room)
+            room_x, room_y = max(inside_x - shape.bound[e], ZERO), max(inside_y - shape.bound[e], ZERO)
+            body.x[e], body.vx[e] = clamp(body.x[e], body.vx[e], middle_x, room_x)
+            body.y[e], body.vy[e] = clamp(body.y[e], body.vy[e], middle_y, room_y)
 
 
 @kernel

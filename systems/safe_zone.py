@@ -29,7 +29,7 @@ from outlast.ecs import (
 )
 from outlast.ecs.random import uniform2
 
-from .geometry.bounds import ROUNDING, room_size
+from .geometry.bounds import ROUNDING, ends, floor_sides
 
 HALF = np.float32(0.5)
 
@@ -70,7 +70,7 @@ class SafeZone(Module):
     def check(self, layout: Layout) -> None:
         if not self.radii:
             raise NumberError("safe_zone.radii is empty: at least one phase is needed; leave SafeZone out for no zone")
-        size = room_size(layout)
+        size = min(floor_sides(layout))
         if max(self.radii) > size / 2:
             raise NumberError(
                 f"safe_zone.radii: {max(self.radii):g} does not fit into a room of side {size:g} (at most half); set "
@@ -78,9 +78,8 @@ class SafeZone(Module):
             )
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        far = room_size(layout) / 2 * ROUNDING
-        place, radius = (-far, far), (0, max(self.radii) * ROUNDING)
-        circle = {"x": place, "y": place, "radius": radius}
+        x, y = floor_sides(layout)
+        circle = ends((x / 2 * ROUNDING, y / 2 * ROUNDING)) | {"radius": (0, max(self.radii) * ROUNDING)}
         return {"zone": circle | {f"next_{name}": ends for name, ends in circle.items()}}
 
 
@@ -94,9 +93,10 @@ def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centre
     """A centre for every phase, the void one included."""
     for k in range(zone.centres.shape[0]):
         radius = radii[k] if k < len(radii) else np.float32(0)
-        room = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
+        width = floor.size[0] - radius - radius if centres == 0 else np.float32(0)
+        height = floor.size[floor.size.size - 1] - radius - radius if centres == 0 else np.float32(0)
         x, y = uniform2(key, k)
-        zone.centres[k, 0], zone.centres[k, 1] = room * (x - HALF), room * (y - HALF)
+        zone.centres[k, 0], zone.centres[k, 1] = width * (x - HALF), height * (y - HALF)
 
 
 @kernel

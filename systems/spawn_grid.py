@@ -65,5 +65,5 @@ def place(
         cells.cells[k] = cell
         spawned.cell[e] = cell
         body.x[e] = floor.size[0] * ((cell % side + 0.5) / side - 0.5)
-        body.y[e] = floor.size[0] * ((cell // side + 0.5) / side - 0.5)
+        body.y[e] = floor.size[floor.size.size - 1] * ((cell // side + 0.5) / side - 0.5)
         k += 1

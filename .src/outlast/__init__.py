@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .envs.rendering.rgb import draw
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
     from .envs.rollouts import rollout
+    from .envs.scenarios.floor_plan import FloorPlan
     from .envs.web.play.call import play
     from .envs.web.replay import replay_page
     from .training.evaluation.evaluate import evaluate
@@ -47,6 +48,7 @@ __all__ = [
     "ABLATIONS",
     "ALIASES",
     "VARIANTS",
+    "FloorPlan",
     "Recording",
     "Replay",
     "Scenario",
@@ -87,6 +89,7 @@ __all__ = [
 ]
 
 _LAZY = {  # names whose modules, or the libraries they need, are loaded when they are first asked for
+    "FloorPlan": "envs.scenarios.floor_plan",
     "Recording": "envs.recording",
     "Replay": "envs.recording",
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",

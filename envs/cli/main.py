@@ -20,12 +20,12 @@ from ..errors import (
     StateError,
     UsageError,
 )
-from . import completion, frames, listing, numbers, play, replay, rollout, schedule
+from . import completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
 from .options import messages_shown, printable
 from .overview import overview
 
-COMMANDS = (listing, numbers, schedule, rollout, frames, play, replay, completion)
+COMMANDS = (listing, numbers, layout, schedule, rollout, frames, play, replay, completion)
 # Reported in one line, without a traceback.
 MISTAKES = (
     *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),

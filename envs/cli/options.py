@@ -15,6 +15,7 @@ from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED
+from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
 from ..scenarios.naming import distribution, mechanic, resolve
 from ..scenarios.roles_file import with_roles
@@ -30,8 +31,15 @@ GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # t
 
 def add_scenario(command: Parser, several: bool = False) -> None:
     """VARIANT, or several, and what changes it; `scenario` reads them."""
+    game = command.group(GAME)
+    game.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
+    game.add_argument("--layout", metavar="LAYOUT", help=f"walls inside of the room: {LAYOUT}")
+    add_changes(command)
+
+
+def add_changes(command: Parser) -> None:
+    """What changes a game."""
     command = command.group(GAME)
-    command.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     text = "change a number of the game: n_agents=10, safe_zone_radii=8,4 (may be given several times)"
     command.add_argument("--set", action="append", default=[], metavar="NUMBER=VALUE", help=text)
     text = "draw a number anew in every world and episode: 'melee_damage=uniform(5, 20)', 'n_agents=integers(2, 8)', "
@@ -43,11 +51,10 @@ def add_scenario(command: Parser, several: bool = False) -> None:
     command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
     text = "import a file or module first, for mechanics that FILE.json or --with names (may be given several times)"
     command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
+    text = "give agents numbers of their own, as a JSON file says: docs/levels.md"
+    command.add_argument("--roles", metavar="FILE.json", help=text)
     command.add_argument(
         "--save-scenario", metavar="FILE.json", help="write the game with these changes, to name later"
-    )
-    command.add_argument(
-        "--roles", metavar="FILE", help="give agents numbers of their own, by a JSON file: docs/levels.md"
     )
 
 
@@ -55,7 +62,10 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
     for place in getattr(options, "import"):
         module_of(place)
-    asked = resolve(name or options.variant).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    asked = resolve(name or options.variant)
+    if options.layout is not None:
+        asked = asked.with_(*named_layout(options.layout))
+    asked = asked.with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
     asked = _varied(asked.replace(**dict(_assignment(text, asked) for text in options.set)), options)
     if options.roles is not None:
         asked = with_roles(asked, options.roles)

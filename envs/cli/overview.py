@@ -3,7 +3,7 @@
 from typing import Any
 
 SECTIONS = {
-    "games": ("variants", "numbers", "schedule"),
+    "games": ("variants", "numbers", "layout", "schedule"),
     "play and look": ("rollout", "frames", "play", "replay"),
     "train and compare": ("train", "watch", "evaluate", "plot"),
     "help": ("help", "completion"),

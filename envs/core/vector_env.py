@@ -19,7 +19,7 @@ from .buffers import final_observations, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
 from .described import Actions, Arrays, Described
-from .lifecycle import EpisodeTracker, check_faults, check_playable
+from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
 from .numbers import change_numbers, current_numbers
 from .spaces import action_space, check_published, observation_space, published, statistics
@@ -152,6 +152,7 @@ class SurvivalVectorEnv(Described):
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._run(mask, given)
+        check_places(self.worlds)
         self._step_events.forget(mask)
         return self._observe(), self._info()
 

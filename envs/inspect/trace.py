@@ -88,15 +88,16 @@ def bodies_of(layout: Layout) -> Bodies:
 def describe(worlds: Worlds, w: int) -> Json:
     """What stays the same until the next reset of world `w`.
 
-    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none. seconds: of a
-    tick. teams: whether sides are teams. health: hit points at the start. slots: of a bag. reach: of the melee, metres,
-    0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the left; None
-    if there are no cameras, or agents observe everything. damage_types: by number. actions: [{name, low, high}], what
-    an agent chooses in a tick. rewards: whether there are any. sides: [{color, ink, box}] as CSS. agents: [{side,
-    radius, hides, health, reach, cone}], the last three as above, but of this agent. objects: [{kind, role, radius,
-    width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle;
-    hides: whether cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a
-    heal gives; health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
+    half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the longer one
+    of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit
+    points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone:
+    [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
+    everything. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards: whether
+    there are any. sides: [{color, ink, box}] as CSS. agents: [{side, radius, hides, health, reach, cone}], the last
+    three as above, but of this agent. objects: [{kind, role, radius, width, height, hides, of, amount, health}]: role
+    is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether cameras do not see through it;
+    of: the box that a box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0:
+    cannot be damaged. color: of items and others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -105,6 +106,7 @@ def describe(worlds: Worlds, w: int) -> Json:
     return {
         "half": _number(scene.half),
         "room": _number(2 * scene.room) if Floor in scene else 0,
+        "floor": [_number(2 * side) for side in scene.sides] if Floor in scene else [],
         "seconds": _seconds(scene),
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
         "health": points[bodies.agents[0]] if bodies.agents else 0,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Zone
+from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
 from outlast.ecs import Component, Worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
@@ -16,7 +16,8 @@ from .layers.layer import Strip, paint, paint_strips
 from .style import WALL
 
 COLUMNS, LINES = 40, 20  # characters are about twice as high as wide
-SIGNS: tuple[tuple[type[Component], str], ...] = ((Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
+BLOCK = "%"
+SIGNS: tuple[tuple[type[Component], str], ...] = ((Wall, BLOCK), (Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
 NUMBERS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
@@ -50,8 +51,8 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
 def text(worlds: Worlds, w: int) -> str:
     """Draw world `w` as a map of 40 x 20 characters in a frame, with a line for every agent.
 
-    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item. Colons are
-    outside of the safe zone.
+    Agents are 0 to 9, a to z, and @ from then on; # is a box, = a broken one, + a heal, * another item, % a wall inside
+    of the room, or what is outside of one that is no square. Colons are outside of the safe zone.
 
     Raises:
         ValueError: For a world that is not there.
@@ -60,6 +61,11 @@ def text(worlds: Worlds, w: int) -> str:
     grid = [[" "] * COLUMNS for _ in range(LINES)]
     if Zone in scene:
         _shade(grid, scene)
+    for line in range(LINES):
+        for column in range(COLUMNS):
+            x, y = _place(scene, line, column)
+            if abs(x) > scene.sides[0] or abs(y) > scene.sides[1]:
+                grid[line][column] = BLOCK
     for component, sign in SIGNS:
         for e in scene.living(Body, Shape, component):
             for x, y in _points(scene, e):
@@ -98,11 +104,16 @@ def _put(grid: list[list[str]], scene: Scene, x: float, y: float, sign: str) -> 
         grid[int(LINES * down)][int(COLUMNS * across)] = sign
 
 
+def _place(scene: Scene, line: int, column: int) -> tuple[float, float]:
+    """The middle of a character, metres."""
+    return scene.room * (2 * (column + 0.5) / COLUMNS - 1), scene.room * (1 - 2 * (line + 0.5) / LINES)
+
+
 def _shade(grid: list[list[str]], scene: Scene) -> None:
-    zone, room = scene[Zone], scene.room
+    zone = scene[Zone]
     for line in range(LINES):
         for column in range(COLUMNS):
-            x, y = room * (2 * (column + 0.5) / COLUMNS - 1), room * (1 - 2 * (line + 0.5) / LINES)
+            x, y = _place(scene, line, column)
             if math.hypot(x - zone.x[0], y - zone.y[0]) > zone.radius[0] or zone.radius[0] == 0:
                 grid[line][column] = ":"
 

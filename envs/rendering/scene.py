@@ -18,8 +18,8 @@ class Scene:
     """World `w` in plain Python: scene[C] is the table of component C, its columns as lists of Python numbers.
 
     The lists are copies, made when they are first asked for: a layer cannot change the world, and reading numbers from
-    lists is ten times faster than from arrays. room, half: metres from the origin to the edge of the room, and of the
-    picture, which is a little larger.
+    lists is ten times faster than from arrays. sides: metres from the origin to the edges of the room along x and y;
+    room, half: to the farther ones, and to the edge of the picture, which is a little larger.
     """
 
     def __init__(self, worlds: Worlds, w: int) -> None:
@@ -27,7 +27,8 @@ class Scene:
         self._tables: dict[type[Component], Any] = {}
         self.body, self.shape = self[Body], self[Shape]
         self._alive = self[Entity].alive
-        self.room = self._reach()
+        self.sides = self._reach()
+        self.room = max(self.sides)
         self.half = SIZES.margin * self.room
         self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw: see Layer.shows
 
@@ -93,13 +94,14 @@ class Scene:
         value = number.decode(words, self.worlds.modules[number.module])[0]
         return tuple(value.tolist()) if value.ndim else value.item()
 
-    def _reach(self) -> float:
+    def _reach(self) -> tuple[float, float]:
         if Floor in self.worlds:
-            return float(self[Floor].size[0] / 2)
+            sides = self[Floor].size
+            return sides[0] / 2, sides[-1] / 2
         x, y, bound = self.body.x, self.body.y, self.shape.bound
         ends = [max(abs(x[e]), abs(y[e])) + bound[e] for e in self.living(Body, Shape)]
         reach: float = max([1.0, *(end for end in ends if math.isfinite(end))])
-        return reach
+        return reach, reach
 
 
 @functools.lru_cache(maxsize=256)

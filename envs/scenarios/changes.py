@@ -8,7 +8,7 @@ from typing import Any
 
 from outlast.ecs import Module
 
-LONGEST = 60  # characters that a name adds for changes; of longer ones, a hash stands for the rest
+LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
 
 def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
@@ -61,7 +61,8 @@ def derived_name(name: str, changed: Sequence[str]) -> str:
 
 def derived_about(about: str, changed: Sequence[str]) -> str:
     """A scenario's sentence with its changes."""
-    return "; ".join(filter(None, (about, f"changed: {', '.join(changed)}" if changed else "")))
+    short = [each if len(each) <= LONGEST else f"{each[: LONGEST - 3]}..." for each in changed]
+    return "; ".join(filter(None, (about, f"changed: {', '.join(short)}" if changed else "")))
 
 
 def as_file_name(text: str) -> str:

@@ -56,6 +56,8 @@ ARRAYS = {  # of states
 
 ADDED = {  # numbers by what was beside them when they were not there yet, and what was meant
     "inventory_capacity": ("inventory_slots", 0),
+    "room_height": ("room_size", 0.0),
+    "room_width": ("room_size", 0.0),
     "teams_sizes": ("teams_count", []),
 }
 

@@ -42,10 +42,10 @@ const World = (() => {
   // ---- the ground
 
   function floor(scene) {
-    const { context, snapshot, colors, show } = scene, half = edge(scene);
+    const { context, snapshot, colors, show } = scene, half = edge(scene), [width, height] = sides(scene);
     const zone = show.zone && snapshot.zone;
     context.fillStyle = zone ? colors.unsafe : colors.floor;
-    context.fillRect(-half, -half, 2 * half, 2 * half);
+    context.fillRect(-width / 2, -height / 2, width, height);
     inside(scene, () => {
       if (zone && zone[2] > 0) circle(scene, zone[0], zone[1], zone[2], colors.floor);
       grid(scene, half);
@@ -53,17 +53,22 @@ const World = (() => {
     });
   }
 
-  // Metres from the middle to the edge of the floor.
-  function edge({ description }) {
-    return (description.room || 2 * description.half) / 2;
+  // Metres, width and height of the floor; without one, of all that is shown.
+  function sides({ description: { floor, half } }) {
+    return floor.length ? floor : [2 * half, 2 * half];
+  }
+
+  // Metres from the middle to the farther edges of the floor.
+  function edge(scene) {
+    return Math.max(...sides(scene)) / 2;
   }
 
   // Paints what must not reach beyond the floor.
   function inside(scene, paint) {
-    const { context } = scene, half = edge(scene);
+    const { context } = scene, [width, height] = sides(scene);
     context.save();
     context.beginPath();
-    context.rect(-half, -half, 2 * half, 2 * half);
+    context.rect(-width / 2, -height / 2, width, height);
     context.clip();
     paint();
     context.restore();

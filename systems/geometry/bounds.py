@@ -1,34 +1,38 @@
-"""How far from the middle of the room a position can be, along either axis, and what fits into the room."""
+"""How far from the middle of the room a position can be, along x and along y, and what fits into the room."""
 
 import math
 
-from outlast.components import Floor
+from outlast.components.body import room_sides
 from outlast.ecs import Layout, NumberError
 
 ROUNDING = 1 + 2.0**-22  # sums and means of a few float32 are at most this many times as large as exact ones
 
 
-def farthest_body(layout: Layout) -> float:
+def farthest_body(layout: Layout) -> tuple[float, float]:
     """Metres to the centre of a body that spawns or moves: walls keep it inside. Infinite without walls."""
-    room = layout.numbers("room")
-    half: float = room["size"] / 2 if room.get("walls") else math.inf
-    return half
+    sides = room_sides(layout) if layout.numbers("room").get("walls") else None
+    return (sides[0] / 2, sides[1] / 2) if sides else (math.inf, math.inf)
 
 
-def farthest_item(layout: Layout) -> float:
+def farthest_item(layout: Layout) -> tuple[float, float]:
     """Metres to the centre of an item: where it spawned, or where an agent dropped it, which can be in a wall."""
     dropped: float = max(layout.numbers("death_drop").get("radius", 0), layout.numbers("drop_last").get("offset", 0))
-    return (farthest_body(layout) + dropped) * ROUNDING
+    x, y = farthest_body(layout)
+    return (x + dropped) * ROUNDING, (y + dropped) * ROUNDING
 
 
-def room_size(layout: Layout) -> float:
-    """Metres, side of the floor; infinite if there is none."""
-    size: float = layout.singletons[Floor].fills["size"] if Floor in layout.singletons else math.inf
-    return size
+def ends(far: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """Bounds of the fields x and y."""
+    return {"x": (-far[0], far[0]), "y": (-far[1], far[1])}
+
+
+def floor_sides(layout: Layout) -> tuple[float, float]:
+    """Metres, width and height of the floor; infinite if there is none."""
+    return room_sides(layout) or (math.inf, math.inf)
 
 
 def check_fits(layout: Layout, name: str, value: float, width: float) -> None:
     """NumberError if something that is `width` metres wide, because of the number `name`, is wider than the room."""
-    if width > (size := room_size(layout)):
+    if width > (size := min(floor_sides(layout))):
         most = value / width * size
         raise NumberError(f"{name} = {value:g} does not fit into a room of side {size:g}: at most {most:g} is possible")

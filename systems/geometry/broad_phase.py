@@ -57,7 +57,7 @@ def clearance(
     for b in range(solids.size):
         pending = alive_bits(entities, solids, b) & ~to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b))
         if pending:
-            distance = load(solid.max_travel, SIMD_WIDTH * b) + (radius + most)
+            distance = load(solid.max_travel, SIMD_WIDTH * b) + (radius + free)
             pending &= aabbs_near_point(aabbs, b, body.x[e], body.y[e], distance)
         while pending:
             o = first_row(b, pending)

@@ -33,10 +33,11 @@ CASES: dict[str, Scenario] = {
     "no boxes left": variant("teams_3").replace(**SHORT, boxes_toughness=1, melee_reach=8.0),
     "crowd": short("ffa_3").replace(n_agents=12, heals_amount=3, mortality_limit=50, agents_health=50),
     "zones alike": short("ffa_1").replace(safe_zone_radii=(12.5, 12.5, 12.5), safe_zone_stand=1, safe_zone_shrink=29),
+    "hall": short("ffa_3").replace(room_width=30.0, room_height=9.0, safe_zone_radii=(4.5, 2.0)),
     "small room": short("ffa_3").replace(room_size=9.0, safe_zone_radii=(4.5, 1e-6), spawn_grid_cells=5, n_heals=4),
     "no walls": short("ffa_1").replace(room_walls=False),
 }
-BY_DAY = ("ffa_1", "teams_3", "far away", "zones alike", "crowd", "no walls")
+BY_DAY = ("ffa_1", "teams_3", "hall", "far away", "zones alike", "crowd", "no walls")
 
 
 @pytest.mark.parametrize("name", few_by_day(CASES, BY_DAY))

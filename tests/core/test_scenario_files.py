@@ -151,7 +151,7 @@ def test_mechanics_can_be_left_out_and_added(tag: Scenario) -> None:
         ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
         ("--set melee_damage=inf", "an integer below"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
-        ("--set ending_rule=never", "allowed are 'all dead', 'last alive'"),
+        ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
         ("--with Drop", "there is no mechanic Drop; did you mean DropLast"),
         ("--with DropLast(offset=__import__('os').getpid())", "numbers are given as in"),

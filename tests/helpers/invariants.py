@@ -38,6 +38,7 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
                                "boxes_offset": 0.0, "death_drop_scatter": "disc", "give_last_nearest": "suitable"}),
     "ablations": ("teams_4+health_cap+team_share+rivalry", {"n_agents": 8, "teams_count": 3, "rewards_alive": 1.0,
                                                          "rewards_dead": -1.0}),
+    "hall": ("teams_4", CROWD | {"room_width": 30.0, "room_height": 12.0, "safe_zone_radii": (5.0, 2.0)}),
     "steered": ("ffa_2+health_cap+bounty+steering", {"n_agents": 4}),
 }  # fmt: skip
 
@@ -87,9 +88,9 @@ class InvariantChecker:
 
     def _agents_are_inside(self, alive: Array) -> None:
         """Their centres are; a body that is pushed hard may sink a little into a wall."""
-        body, size, thin = self.env.worlds[Body], self.numbers["room_size"], self.numbers["room_thickness"]
-        inner = size / 2 - size * thin / 2
-        for place in (body.x, body.y):
+        body, sides = self.env.worlds[Body], self.env.worlds[Floor].size[0]
+        for place, side in ((body.x, sides[0]), (body.y, sides[-1])):
+            inner = side / 2 * (1 - self.numbers["room_thickness"])
             assert np.abs(place[:, self.agents][alive[:, self.agents]]).max(initial=0) < inner
 
     def _items_are_in_one_place(self, alive: Array) -> None:
@@ -136,10 +137,11 @@ class InvariantChecker:
         self.everybody_alive = alive.copy()
 
     def _zone_is_in_the_room(self) -> None:
-        zone, size = self.env.worlds[Zone], self.env.worlds[Floor].size
+        zone, sides = self.env.worlds[Zone], self.env.worlds[Floor].size[0]
         for x, y, radius in ((zone.x, zone.y, zone.radius), (zone.next_x, zone.next_y, zone.next_radius)):
             assert (radius >= 0).all()
-            assert (np.maximum(np.abs(x), np.abs(y)) + radius <= size / 2 + 1e-4).all()
+            assert (np.abs(x) + radius <= sides[0] / 2 + 1e-4).all()
+            assert (np.abs(y) + radius <= sides[-1] / 2 + 1e-4).all()
 
     def _rewards_are_right(self, alive: Array) -> None:
         """By the formula of the paper and of the ablations, from the survivors and the kills."""

@@ -148,7 +148,8 @@ def melee(world: World, actions: Actions) -> None:
         elif actions[agent.index]["attack"]:
             strike = ahead(agent, world.own(agent)["melee_reach"])
             target = first_on_ray((agent.x, agent.y), strike, in_the_way(world, agent))
-            if target:
+            if target:  # which a wall inside of the room may hide
+                target = first_on_ray((agent.x, agent.y), strike, [target, *world.live("inner_wall")])
                 agent.wait = world.own(agent)["melee_cooldown"]
                 blows.append((agent, target))
     for agent, target in blows:

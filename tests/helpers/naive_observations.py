@@ -31,7 +31,9 @@ def sees(world: World, me: NaiveEntity, entity: NaiveEntity) -> bool:
         ambiguous("two at nearly the same place")
     if not unambiguous(lambda offset: cone(place, eye, me.angle, depth + offset, fov / 2 + offset)):
         return False
-    kinds = ("agent", "box", "wall") + (("box_item", "heal") if world.numbers["cameras_items_occlude"] else ())
+    kinds = ("agent", "box", "wall", "inner_wall") + (
+        ("box_item", "heal") if world.numbers["cameras_items_occlude"] else ()
+    )
     others = [other for other in world.live(*kinds) if other is not me and other is not entity]
     ray = (entity.x - me.x) * STRETCH, (entity.y - me.y) * STRETCH
 

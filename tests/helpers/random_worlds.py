@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Weapon, Zone
+from outlast import systems
+from outlast.components import Bag, Body, Box, Episode, Guard, Health, Item, Reward, Shape, Solid, Wall, Weapon, Zone
 from outlast.components.inventory import CLOSED
 from outlast.components.score import End
 from outlast.ecs import Clock, Entity
@@ -16,6 +17,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.conftest import draw_actions, scaled
 from tests.helpers import naive_mechanics, naive_observations
 from tests.helpers.ambiguity import Ambiguous
+from tests.helpers.naive_walls import blocks, signed_distance
 from tests.helpers.naive_world import World, differences, read
 from tests.reference.random_numbers import scattered
 
@@ -33,7 +35,8 @@ TEXT = RUNS | {
     "inventory_slots": 2, "safe_zone_damage": 3, "give_last_passes_on": False, "boxes_settles": False,
     "boxes_corners": "lower left",
 }  # fmt: skip
-KINDS = {
+PILLARS = systems.Pillars(count=30, least=0.4, most=0.9)
+KINDS: dict[str, tuple[Any, ...]] = {  # a variant, numbers, and further mechanics
     "ffa as run": ("ffa_4", RUNS),
     "teams with ablations": (
         "teams_4",
@@ -49,6 +52,12 @@ KINDS = {
     "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
     "teams as run": ("teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),
+    "teams among walls": (
+        "teams_4",
+        TEXT | {"agents_count": 6, "rewards_posthumous": False},
+        systems.Pillars(count=30, least=0.4, most=0.9),
+    ),
+    "ffa among walls": ("ffa_4", RUNS, PILLARS),
 }
 SIDED = RUNS | {"agents_count": 6, "teams_count": 3, "teams_sizes": (1, 2, 3), "boxes_dynamic": True}
 KINDS["teams with roles"] = ("teams_4", SIDED)
@@ -85,8 +94,8 @@ class Played:
 @functools.cache
 def play(kind: str) -> tuple[Played, ...]:
     """Ticks from random worlds of one of KINDS, in which rounding does not decide."""
-    variant, numbers = KINDS[kind]
-    scenario = outlast.variant(variant).replace(**numbers)
+    variant, numbers, *others = KINDS[kind]
+    scenario = outlast.variant(variant).replace(**numbers).with_(*others)
     if roles := ROLES.get(kind):
         scenario = scenario.roles(**roles, drawn="anyone", observed=False)
     env = outlast.make_vec(scenario, COUNT, seed=5)
@@ -164,12 +173,15 @@ def scramble(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
 
 
 def _scatter_bodies(env: SurvivalVectorEnv, w: int, rng: np.random.Generator) -> None:
-    body, walls = env.worlds[Body], env.worlds.span("wall")
-    count = walls.start
+    body, count = env.worlds[Body], env.worlds.span("wall").start
     middle = rng.choice([0.0, 11.0, -11.0, 6.0], 2)
     place = np.clip(middle + rng.normal(0, rng.choice([0.5, 1.5, 6]), (count, 2)), -11.8, 11.8)
     if rng.random() < 0.3:  # some at the very same place
         place[rng.integers(count, size=count // 3)] = place[rng.integers(count)]
+    walls = blocks(env.worlds, w) if Wall in env.worlds else []
+    for k in range(count):  # nobody is in a wall, nor gets there
+        while any(signed_distance(wall, *place[k]) < 0.6 for wall in walls):
+            place[k] = rng.uniform(-11.5, 11.5, 2)
     body.x[w, :count], body.y[w, :count] = place.T
     moving = slice(0, env.num_agents)
     body.angle[w, moving] = rng.uniform(-7, 7, env.num_agents) * (rng.random() < 0.9)

@@ -16,6 +16,7 @@ KINDS: dict[str, type[Module]] = {kind: getattr(systems, kind) for kind in syste
 # What these bring, others of the scenario read: without them, an error says so (tests/core/test_scenario.py, NEEDED).
 NEEDED = {"Agents", "Ending", "Inventory", "Rewards", "Room", "Teams"}
 EXCLUDED = {"FreeForAll", "Steering"}  # by Teams and by Motors
+EXCLUDED |= {"Maze", "Pillars", "Rooms", "Walls"}  # by each other; where they stand, other systems wait for them
 OTHERS = {"ObserveRoles", "Respawn"}  # for scenarios with roles, and for those that end at their limit only
 OPTIONAL = sorted(KINDS.keys() - NEEDED)
 INACTIVE = {"Melee": {"preparation.hold_fire"}}  # for want of weapons

@@ -42,6 +42,10 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
     "Inventory": {"slots": (4, MANY), "capacity": (0, "[0,65536]")},
+    "Maze": {
+        "columns": (6, "[1,32]"), "rows": (6, "[1,32]"), "loops": (0.1, "[0,1]"), "thickness": (0.4, "[0.004,1e5]"),
+        "blocks": (0, "[0,450]"),
+    },
     "Melee": {
         "reach": (2.0, FAR), "damage": (5, POINTS), "cooldown": (0, TICKS),
         "blocked": (False, SWITCH),
@@ -50,6 +54,9 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "Motors": {
         "ahead": (0.25, STRONG), "left": (0.25, STRONG), "turn": (0.0125, STRONG),
         "give": ("evenly", ("evenly", "at once")),
+    },
+    "Pillars": {
+        "count": (12, "[1,450]"), "least": (0.8, "[0.004,1e5]"), "most": (1.6, "[0.004,1e5]"), "gap": (1.2, "(0,1e5]"),
     },
     "ObserveRoles": {"count": (2, MANY)},
     "Preparation": {
@@ -62,7 +69,14 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "posthumous": (True, SWITCH),
         "basis": ("side", ("side", "members")), "outlive": (0.0, REWARD),
     },
-    "Room": {"size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]")},
+    "Room": {
+        "size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]"),
+        "width": (0.0, "[0,1e5]"), "height": (0.0, "[0,1e5]"),
+    },
+    "Rooms": {
+        "columns": (3, "[1,32]"), "rows": (3, "[1,32]"), "doors": (0.5, "[0,1]"), "door": (1.6, "(0,1e5]"),
+        "thickness": (0.4, "[0.004,1e5]"), "blocks": (0, "[0,450]"),
+    },
     "SafeZone": {
         "radii": ((12.5, 10.0, 7.5, 5.0, 4.0, 2.0, 1.0), POSITIVE), "stand": (100, TICKS),
         "shrink": (100, "[1,1e9]"), "damage": (1, POINTS), "centres": ("random", ("random", "middle")),
@@ -70,6 +84,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "SpawnGrid": {"cells": (8, "[1,256]")},
     "Steering": {"speed": (5.0, STRONG), "spin": (math.pi, STRONG)},
     "Teams": {"count": (2, MANY), "sizes": ((), "whole numbers")},  # see tests/core/test_roles.py
+    "Walls": {"layout": ((), "[-10000,10000]")},
 }  # fmt: skip
 TINY, HUGE = 1e-6, 10**6
 
@@ -87,7 +102,7 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [*spec], ["", *range(len(spec))]
     if spec == "whole numbers":
         return [(), (1, 3)], [(0, 1), (1, 0.5)]
-    one = (default or (1.0,))[0] if isinstance(default, tuple) else default
+    one = (*default, 0.0)[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)
     if isinstance(default, tuple):

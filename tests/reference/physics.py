@@ -7,12 +7,14 @@ import Box2D
 from tests.helpers import naive_mechanics
 from tests.helpers.naive_world import NaiveEntity, World
 
+SOLID = ("agent", "box", "wall", "inner_wall")
+
 
 def move(world: World, actions: naive_mechanics.Actions) -> None:
     """The substeps of a new Box2D world that holds everything that can be touched."""
     numbers, box2d = world.numbers, Box2D.b2World(gravity=(0, 0), doSleep=True)
     box2d.continuousPhysics = numbers["physics_continuous"]
-    bodies = [(entity, create_body(box2d, entity, world)) for entity in world.live("agent", "box", "wall")]
+    bodies = [(entity, create_body(box2d, entity, world)) for entity in world.live(*SOLID)]
     agents = [(entity, body, actions[entity.index]) for entity, body in bodies if entity.kind == "agent"]
     evenly = numbers["motors_give"] == "evenly"
     given = [impulses(body, action, world.own(agent)) for agent, body, action in agents]

@@ -12,7 +12,7 @@ from tests.fuzz import __main__ as fuzz
 from tests.fuzz import scenarios
 from tests.fuzz.traps import BEHAVIOURS, Traps
 
-FILES = {"states": 150, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 120}
+FILES = {"states": 150, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 120, "plans": 400}
 NEEDED = ("torch", "tensorboard", "matplotlib")
 TORCH = all(importlib.util.find_spec(name) for name in NEEDED)
 needs = pytest.mark.skipif(not TORCH, reason=f"needs {', '.join(NEEDED)}")

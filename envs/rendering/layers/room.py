@@ -18,9 +18,9 @@ class RoomLayer(Layer):
     needs = (Floor,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """A square."""
-        half = scene[Floor].size[0] / 2
-        canvas.rectangle(-half, -half, half, half, FLOOR)
+        """A rectangle."""
+        x, y = scene.sides
+        canvas.rectangle(-x, -y, x, y, FLOOR)
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class WallsLayer(Layer):
         for e in fixed:
             canvas.body(scene, e, WALL, 1 / canvas.scale)
         if fixed and Floor in scene:
-            room, half = scene.room, scene.half
-            for left, lower, right, upper in ((-half, room, half, half), (room, -half, half, half)):
+            (x, y), half = scene.sides, scene.half
+            for left, lower, right, upper in ((-half, y, half, half), (x, -half, half, half)):
                 canvas.rectangle(left, lower, right, upper, WALL)
                 canvas.rectangle(-right, -upper, -left, -lower, WALL)
 

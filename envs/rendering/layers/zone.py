@@ -21,9 +21,9 @@ class SafeZoneLayer(Layer):
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         """A void zone is no disc; where the zone is about to vanish, there is a cross."""
-        zone, half = scene[Zone], scene[Floor].size[0] / 2
+        zone, (half_width, half_height) = scene[Zone], scene.sides
         x, y, radius = zone.x[0], zone.y[0], zone.radius[0]
-        canvas.rectangle(-half, -half, half, half, UNSAFE)
+        canvas.rectangle(-half_width, -half_height, half_width, half_height, UNSAFE)
         if radius <= 0:
             return
         canvas.circle(x, y, radius, RIM)

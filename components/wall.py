@@ -1,0 +1,35 @@
+"""Walls inside of the room: static blocks, and what keeps bodies out of them."""
+
+import numpy as np
+
+from outlast.ecs import Array, Component, Singleton, column, kernel
+from outlast.ecs.random import stream_number
+
+NAME = "inner_wall"  # of the archetype
+KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of the identity of its entities
+
+
+class Wall(Component):
+    """A static block inside of the room, while alive: a rectangle that collides, hides and stops blows."""
+
+    half_x: Array = column("f4")  # metres, half the sides of the upright rectangle around it; computed at reset
+    half_y: Array = column("f4")
+
+
+class Before(Singleton):
+    """Where every body was before it moved in this tick."""
+
+    x: Array = column("f4", "rows")  # metres
+    y: Array = column("f4", "rows")
+
+
+class Unplaced(Singleton):
+    """Bodies for which the room had no free place at reset; an environment that finds any raises."""
+
+    bodies: Array = column("i4")
+
+
+@kernel
+def is_inner_wall(entities: Array, e: int) -> bool:
+    """Whether row `e` is a block, in scenarios with and without any."""
+    return bool(entities.identity[e] >> SHIFT == KIND)

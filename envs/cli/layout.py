@@ -1,0 +1,79 @@
+"""outlast layout: draw walls as worlds begin with them, or write them down as a floor plan."""
+
+import argparse
+import contextlib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.make import make_vec
+from ..errors import UsageError
+from ..rendering import opencv as cv2
+from ..rendering.canvas import LARGEST, SMALLEST
+from ..rendering.rgb import draw
+from ..scenarios.floor_plan import LAYOUT, FloorPlan
+from ..storage.atomic_write import atomic_write
+from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, scenario
+
+GAP = 8  # pixels between two pictures
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    text = "draw the walls of worlds, or write them down as a floor plan"
+    description = (
+        "Draw what worlds with walls inside of the room begin with, or write the walls of one down as a floor plan, "
+        "which --layout of other commands takes."
+    )
+    examples = [
+        ("layout rooms --seed 3 --worlds 9 --out rooms.png", "nine games among rooms with doors"),
+        ("layout maze --set maze_columns=8 --out maze.json", "a maze to keep"),
+    ]
+    command = commands.add_parser("layout", help=text, description=description, examples=examples)
+    game = command.group(GAME)
+    game.add_argument("layout", metavar="LAYOUT", help=LAYOUT)
+    game.add_argument("--variant", default="ffa_3", metavar="VARIANT", help=f"{VARIANT} (default: ffa_3)")
+    add_changes(command)
+    add_number(command.group(PLAY), "--worlds", 1, "number of worlds")
+    add_seed(command)
+    output = command.group(OUTPUT)
+    add_number(output, "--size", 384, "pixels along a side of one world's picture")
+    text = "where to write: .png for a picture, or .json for the floor plan of the only world"
+    output.add_argument("--out", required=True, metavar="FILE", help=text)
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Begin episodes, and write what they begin with; the exit status."""
+    path = Path(options.out)
+    if path.suffix not in (".png", ".json"):
+        raise UsageError(f"--out {options.out}: a name that ends in .png or .json is needed")
+    if not SMALLEST <= options.size <= LARGEST:
+        raise UsageError(f"--size {options.size}: pixels from {SMALLEST} to {LARGEST} are needed")
+    if path.suffix == ".json" and options.worlds > 1:
+        raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
+    with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
+        env.reset()
+        try:
+            if path.suffix == ".json":
+                FloorPlan.of_world(env.worlds).save(path)
+            else:
+                _write_picture(path, [draw(env.worlds, w, options.size) for w in range(env.num_worlds)])
+        except OSError as error:
+            raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
+    print(options.out)
+    return 0
+
+
+def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:
+    """Write pictures side by side, in about as many rows as columns."""
+    columns, size = math.ceil(math.sqrt(len(images))), len(images[0])
+    rows = math.ceil(len(images) / columns)
+    sheet = np.full((rows * (size + GAP) - GAP, columns * (size + GAP) - GAP, 3), 255, np.uint8)
+    for k, image in enumerate(images):
+        top, left = (number * (size + GAP) for number in divmod(k, columns))
+        sheet[top : top + size, left : left + size] = image
+    with atomic_write(path) as place:
+        place.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())

@@ -1,0 +1,242 @@
+"""Floor plans: walls and start areas as data, from lists, text, files and running worlds."""
+
+import json
+import math
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from outlast.components import Body, Floor, Shape, Wall
+from outlast.ecs import Entity, Module, Worlds
+from outlast.systems import Maze, Pillars, Room, Rooms, Walls
+from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
+
+from ..errors import ScenarioError
+from ..storage.atomic_write import atomic_write
+from .plan_text import parsed
+
+Rectangle = tuple[float, float, float, float, float]
+FORMAT, VERSION = "outlast floor plan", 1
+KEYS = ("format", "version", "width", "height", "walls", "starts")
+MOST = 450  # rectangles: physics takes at most 512 bodies
+LARGEST = 2**20  # bytes of a file
+EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and radians"
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """Walls inside of a room, and where who starts.
+
+    >>> plan = outlast.FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)])
+    >>> scenario = outlast.variant("ffa_3").with_(plan.mechanic())
+
+    Attributes:
+        walls: Rectangles (x, y, width, height, angle): x and y of the middle, metres; radians, 0 where it is left out.
+        starts: Start areas (owner, x, y, width, height, angle), the angle likewise. The owner is the number of a side,
+            or "items" for all that starts and is no agent. Who has none starts anywhere.
+        width: Metres, of the room that it is for; 0: of any.
+        height: Likewise.
+
+    Raises:
+        ScenarioError: A rectangle that cannot be.
+    """
+
+    walls: Sequence[Sequence[float]] = ()
+    starts: Sequence[Sequence[float | str]] = ()
+    width: float = 0.0
+    height: float = 0.0
+
+    def __post_init__(self) -> None:
+        walls = tuple(_rectangle(f"walls[{k}]", each) for k, each in enumerate(_listed("walls", self.walls)))
+        starts = tuple(_start(f"starts[{k}]", each) for k, each in enumerate(_listed("starts", self.starts)))
+        if len(walls) + len(starts) > MOST:
+            raise ScenarioError(f"a floor plan of {len(walls) + len(starts)} rectangles: at most {MOST} are possible")
+        for name in ("width", "height"):
+            if not 0 <= _real(name, getattr(self, name)) <= 1e5:
+                raise ScenarioError(f"{name} = {getattr(self, name)!r}: metres are needed, or 0 for any room")
+        object.__setattr__(self, "walls", walls)
+        object.__setattr__(self, "starts", starts)
+
+    def __repr__(self) -> str:
+        size = f", {self.width:g} x {self.height:g} m" if self.width and self.height else ""
+        return f"FloorPlan({len(self.walls)} walls, {len(self.starts)} start areas{size})"
+
+    @classmethod
+    def from_text(cls, text: str, cell: float = 1.0) -> "FloorPlan":
+        """A plan drawn in characters: `#` is a wall, `.` and blanks are floor, a letter is where a side starts.
+
+        >>> outlast.FloorPlan.from_text('''
+        ... A....#....B
+        ... A.........B
+        ... A....#....B
+        ... ''')
+
+        `A` is side 0, `B` side 1 and so on to `Z`; `*` is where items start. The middle of the text is the middle of
+        the room; the first line is at the top. Cells of a kind that form a rectangle become one.
+
+        Args:
+            text: Lines of characters; blank lines around them, and indentation of all of them, are ignored.
+            cell: Metres, side of the square that a character stands for.
+
+        Raises:
+            ScenarioError: Another character, or no lines.
+        """
+        if not 0 < _real("cell", cell) <= 1e3:
+            raise ScenarioError(f"cell = {cell!r}: the metres of a character are needed")
+        rectangles, columns, rows = parsed(text, float(cell))
+        walls = [place for sign, place in rectangles if sign == "#"]
+        areas = [(sign, place) for sign, place in rectangles if sign != "#"]
+        starts = [("items" if sign == "*" else ord(sign) - ord("A"), *place) for sign, place in areas]
+        return cls(walls, starts, columns * float(cell), rows * float(cell))
+
+    @classmethod
+    def of_world(cls, worlds: Worlds, w: int = 0) -> "FloorPlan":
+        """The walls that stand in a world now, as where a generator drew them; without start areas.
+
+        Args:
+            worlds: As env.worlds.
+            w: The number of the world.
+
+        Raises:
+            ScenarioError: There is no such world.
+        """
+        if not 0 <= w < worlds.count:
+            raise ScenarioError(f"world {w}: there are the worlds 0 to {worlds.count - 1}")
+        if Wall not in worlds:
+            return cls()
+        body, shape, alive = worlds[Body], worlds[Shape], worlds[Entity].alive[w]
+        rows = [e for e in worlds.layout.rows(Wall) if alive[e]]
+        columns = (body.x, body.y, 2 * shape.half_width, 2 * shape.half_height, body.angle)
+        sides = worlds[Floor].size[w]
+        return cls([[float(c[w, e]) for c in columns] for e in rows], (), float(sides[0]), float(sides[-1]))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "FloorPlan":
+        """Read what `save` wrote, or a plan in characters of a metre each (see `from_text`).
+
+        Raises:
+            ScenarioError: It is neither, of another version, or damaged.
+            OSError: It cannot be read.
+        """
+        name = os.fspath(path)
+        with open(path, "rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise ScenarioError(f"{name} has more than {LARGEST} bytes: it is no floor plan")
+        try:
+            text = content.decode()
+            return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
+        except (ScenarioError, ValueError, RecursionError) as error:  # UnicodeDecodeError, JSONDecodeError
+            raise ScenarioError(f"{name} is no floor plan: {error}") from None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a JSON file, whole or not at all. Raises OSError if it cannot be."""
+        starts = [list(each) for each in self.starts]
+        values = (FORMAT, VERSION, self.width, self.height, [list(each) for each in self.walls], starts)
+        with atomic_write(Path(path)) as place:
+            place.write_text(json.dumps(dict(zip(KEYS, values, strict=True)), indent=1) + "\n", encoding="utf-8")
+
+    def layout(self, length: int = 0) -> tuple[float, ...]:
+        """The number walls_layout, so that layouts of one length can be chosen from in each episode.
+
+        >>> scenario.vary(walls_layout=outlast.choice(one.layout(20), two.layout(20)))
+
+        Args:
+            length: Rectangles, walls and start areas together; what it has fewer is filled up. 0: as many as there are.
+
+        Raises:
+            ScenarioError: It has more than that.
+        """
+        uses = [ITEMS if owner == "items" else int(owner) + 1 for owner, *_ in self.starts]
+        places = [*self.walls, *(place for _, *place in self.starts)]
+        found = list(zip(places, [WALL] * len(self.walls) + uses, strict=True))
+        if length and length < len(found):
+            raise ScenarioError(f"{self} has {len(found)} rectangles, more than {length}; take a longer layout")
+        empty = max(0, length - len(found)) * ENTRY
+        return (*(float(number) for place, use in found for number in (*place, use)), *[0.0] * empty)
+
+    def mechanic(self, length: int = 0) -> Walls:
+        """The mechanic that sets it up: scenario.with_(plan.mechanic()). length: as for `layout`."""
+        return Walls(layout=self.layout(length))
+
+    def room(self) -> Room:
+        """A room as large as the plan: scenario.with_(plan.room(), plan.mechanic()).
+
+        Raises:
+            ScenarioError: It is for rooms of any size.
+        """
+        if not (self.width and self.height):
+            raise ScenarioError(f"{self} is for rooms of any size: give it a width and a height, or leave room() out")
+        return Room(width=self.width, height=self.height)
+
+
+GENERATORS: dict[str, type[Maze | Rooms | Pillars]] = {"maze": Maze, "rooms": Rooms, "pillars": Pillars}
+LAYOUT = "maze, rooms, pillars, or a file with a floor plan"
+
+
+def named_layout(name: str) -> tuple[Module, ...]:
+    """The mechanics of a layout: one that draws it, or those of a floor plan in a file, with a room of its size.
+
+    Raises:
+        ScenarioError: It is neither one of GENERATORS nor a floor plan.
+    """
+    if name in GENERATORS:
+        return (GENERATORS[name](),)
+    try:
+        plan = FloorPlan.load(name)
+    except OSError as error:
+        raise ScenarioError(f"layout {name}: {error.strerror}; {LAYOUT} is needed") from None
+    return (plan.room(), plan.mechanic()) if plan.width and plan.height else (plan.mechanic(),)
+
+
+def _from_json(text: str) -> FloorPlan:
+    def pairs(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len(found := dict(items)) < len(items):
+            raise ScenarioError("it names something twice")
+        return found
+
+    def refused(constant: str) -> Any:
+        raise ScenarioError(f"it has {constant}, which is no number")
+
+    given = json.loads(text, object_pairs_hook=pairs, parse_constant=refused)
+    if given.get("format") != FORMAT:
+        raise ScenarioError(f'it lacks "format": "{FORMAT}"')
+    if type(version := given.get("version")) is not int or version != VERSION:
+        raise ScenarioError(f"it has version {version!r:.20} of the format: this outlast reads version {VERSION}")
+    if other := sorted(given.keys() ^ set(KEYS)):
+        problem = "lacks" if other[0] in KEYS else "has"
+        raise ScenarioError(f"it {problem} {other[0]!r:.60}; its keys are {', '.join(KEYS)}")
+    return FloorPlan(given["walls"], given["starts"], given["width"], given["height"])
+
+
+def _listed(name: str, given: Any) -> Iterable[Any]:
+    if isinstance(given, (str, bytes, dict)) or not isinstance(given, Iterable):
+        raise ScenarioError(f"{name} = {given!r:.60}: a list of rectangles is needed, {EXAMPLE}")
+    return given
+
+
+def _rectangle(name: str, given: Any) -> Rectangle:
+    numbers = tuple(_listed(name, given))
+    if len(numbers) not in (4, 5):
+        raise ScenarioError(f"{name} has {len(numbers)} numbers: {EXAMPLE} is needed")
+    x, y, width, height, *angle = (_real(name, number) for number in numbers)
+    if width <= 0 or height <= 0:
+        raise ScenarioError(f"{name} is {width:g} x {height:g} m: width and height must be above 0")
+    return x, y, width, height, angle[0] if angle else 0.0
+
+
+def _start(name: str, given: Any) -> tuple[int | str, float, float, float, float, float]:
+    owner, *place = tuple(_listed(name, given)) or ("",)
+    if owner != "items" and (type(owner) is not int or not 0 <= owner < 2**16):
+        raise ScenarioError(f'{name} is for {owner!r:.60}: the number of a side is needed first, or "items"')
+    return (owner, *_rectangle(name, place))
+
+
+def _real(name: str, number: Any) -> float:
+    if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e5:
+        raise ScenarioError(f"{name} has {number!r:.60}: a number of at most 100000 is needed")
+    if not math.isfinite(number):
+        raise ScenarioError(f"{name} has {number!r}: a finite number is needed")
+    return float(number)

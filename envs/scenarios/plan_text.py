@@ -1,0 +1,61 @@
+"""Floor plans drawn in characters, as rectangles."""
+
+import textwrap
+
+from ..errors import ScenarioError
+
+SIGNS = "#*ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+BLANK = ". "
+LONGEST = 1000  # characters of a line, and lines
+Place = tuple[float, float, float, float, float]
+
+
+def parsed(text: str, cell: float) -> tuple[list[tuple[str, Place]], int, int]:
+    """The rectangles of each sign in a drawing.
+
+    Args:
+        text: Its lines; blank ones around it, and indentation of all of them, are ignored.
+        cell: Metres of a character.
+
+    Returns:
+        Sign and (x, y, width, height, angle) of each rectangle, metres; how many columns and rows the drawing has.
+
+    Raises:
+        ScenarioError: A character that means nothing, or no lines.
+    """
+    lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
+    while lines and not lines[0]:
+        del lines[0]
+    while lines and not lines[-1]:
+        del lines[-1]
+    columns, rows = max(map(len, lines), default=0), len(lines)
+    if not 0 < columns <= LONGEST or rows > LONGEST:
+        raise ScenarioError(f"a drawing of {columns} x {rows} characters: 1 to {LONGEST} either way are needed")
+    grid = [list(line.ljust(columns)) for line in lines]
+    found = []
+    for row in range(rows):
+        for column in range(columns):
+            sign = grid[row][column]
+            if sign in BLANK:
+                continue
+            if sign not in SIGNS:
+                raise ScenarioError(
+                    f"line {row + 1}, column {column + 1}: {sign!r} means nothing; # is a wall, . is floor, A to Z are "
+                    "where sides start, * where items do"
+                )
+            wide, high = _cut_out(grid, row, column, sign)
+            x, y = column + wide / 2 - columns / 2, rows / 2 - row - high / 2
+            found.append((sign, (x * cell, y * cell, wide * cell, high * cell, 0.0)))
+    return found, columns, rows
+
+
+def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[int, int]:
+    """Take a rectangle of a sign out of the grid, which begins here: to the right as far as it goes, then down."""
+    wide = high = 1
+    while column + wide < len(grid[0]) and grid[row][column + wide] == sign:
+        wide += 1
+    while row + high < len(grid) and grid[row + high][column : column + wide] == [sign] * wide:
+        high += 1
+    for line in grid[row : row + high]:
+        line[column : column + wide] = "." * wide
+    return wide, high

@@ -1,0 +1,59 @@
+"""What levels cost: scenarios with walls, in turn with the same ones without.
+
+    python -m perf.levels [--worlds N] [--rounds N]
+
+Random actions, worlds at all steps of their episodes at once, env.step with all that belongs to it; one thread.
+Microseconds of CPU time a world-step, best of the rounds, and the median of the rounds' ratios.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from outlast import Scenario, variant
+from outlast.systems import Maze, Pillars, Rooms, Walls
+from perf.measure import in_turn, stepper, timer
+
+BLOCKS = 40
+
+
+def scattered(count: int, seed: int = 0) -> Walls:
+    """So many blocks of 0.4 by 2 m, at random angles all over the paper's room."""
+    generator = np.random.default_rng(seed)
+    cells = generator.permutation(49)[:count]
+    layout = list[float]()
+    for cell in cells.tolist():
+        x, y = (3.4 * (cell % 7 - 3), 3.4 * (cell // 7 - 3))
+        layout += [x, y, 0.4, 2.0, float(generator.uniform(0, np.pi)), 0]
+    return Walls(layout=tuple(layout))
+
+
+def rows() -> list[tuple[str, Scenario, Scenario]]:
+    """What is measured: a name, the plain scenario, and the one that is compared with it."""
+    found = []
+    for name in ("ffa_3", "teams_3"):
+        plain = variant(name)
+        found.append((f"{name}, {BLOCKS} blocks", plain, plain.with_(scattered(BLOCKS))))
+        found.append((f"{name}, maze of 7 x 7 cells", plain, plain.with_(Maze(columns=7, rows=7, loops=0.0))))
+        found.append((f"{name}, 3 x 3 rooms", plain, plain.with_(Rooms())))
+        found.append((f"{name}, 12 pillars", plain, plain.with_(Pillars())))
+    return found
+
+
+def main() -> None:
+    """Measure all rows and print a table."""
+    parser = argparse.ArgumentParser(prog="python -m perf.levels", description=__doc__)
+    parser.add_argument("--worlds", type=int, default=256, help="in a batch (%(default)s)")
+    parser.add_argument("--rounds", type=int, default=5, help="(%(default)s)")
+    given = parser.parse_args()
+    print(f"{'scenario':<32} {'plain':>8} {'with':>8} {'ratio':>7}")
+    for name, *pair in rows():
+        timers = [timer(stepper(each, given.worlds), clock=time.process_time) for each in pair]
+        times = in_turn(timers, given.rounds) / given.worlds * 1e6
+        plain, other = times.min(axis=0)
+        print(f"{name:<32} {plain:8.3f} {other:8.3f} {np.median(times[:, 1] / times[:, 0]):7.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

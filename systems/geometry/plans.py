@@ -1,0 +1,64 @@
+"""Rectangles of a layout in plain Python: where they reach, which overlap, and what floor they leave.
+
+A rectangle is a tuple of numbers: x and y of its middle, width, height (metres), angle (radians), and maybe more.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+Rectangle = Sequence[float]
+POINTS = 100  # along either side, by which free floor is measured
+
+
+def corners(rectangle: Rectangle) -> list[complex]:
+    """Its corners, counter-clockwise."""
+    x, y, width, height, angle = rectangle[:5]
+    turn = complex(math.cos(angle), math.sin(angle))
+    return [complex(x, y) + turn * complex(a * width, b * height) / 2 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+
+
+def reach(rectangle: Rectangle) -> tuple[float, float]:
+    """How far from the origin it reaches along x and along y, metres."""
+    points = corners(rectangle)
+    return max(abs(point.real) for point in points), max(abs(point.imag) for point in points)
+
+
+def overlap(one: Rectangle, two: Rectangle) -> bool:
+    """Whether two rectangles have floor in common; touching is none (a separating-axis test)."""
+    for angle in (one[4], one[4] + math.pi / 2, two[4], two[4] + math.pi / 2):
+        axis = complex(math.cos(angle), -math.sin(angle))
+        first, second = ([(point * axis).real for point in corners(each)] for each in (one, two))
+        if max(first) <= min(second) + 1e-6 or max(second) <= min(first) + 1e-6:
+            return False
+    return True
+
+
+def lattice(rectangle: Rectangle, points: int = POINTS) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Points all over a rectangle, in the middles of equal parts: x and y, metres, float64 (points, points) each."""
+    x, y, width, height, angle = rectangle[:5]
+    share = (np.arange(points) + 0.5) / points - 0.5
+    along, across = share[None, :] * width, share[:, None] * height
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return x + cosine * along - sine * across, y + sine * along + cosine * across
+
+
+def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, float], radius: float) -> Any:
+    """Whether a disc around each point touches no block and is inside of the room: bool, of the shape of x and y.
+
+    Args:
+        x: Metres.
+        y: Metres.
+        blocks: What is in the way.
+        sides: Width and height of the room, metres.
+        radius: Of the disc, metres.
+    """
+    free = (abs(x) + radius <= sides[0] / 2) & (abs(y) + radius <= sides[1] / 2)
+    for middle_x, middle_y, width, height, angle in (block[:5] for block in blocks):
+        cosine, sine = math.cos(angle), math.sin(angle)
+        along = abs(cosine * (x - middle_x) + sine * (y - middle_y)) - width / 2
+        across = abs(cosine * (y - middle_y) - sine * (x - middle_x)) - height / 2
+        free &= np.hypot(np.maximum(along, 0), np.maximum(across, 0)) > radius
+    return free

@@ -1,0 +1,185 @@
+"""What all walls inside of the room have in common; Walls, Maze, Rooms and Pillars set up the blocks."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.components import (
+    Before,
+    Body,
+    Floor,
+    Phase,
+    Shape,
+    Side,
+    Solid,
+    Spawned,
+    Strike,
+    Unplaced,
+    Wall,
+    Weapon,
+)
+from outlast.components.body import room_sides
+from outlast.components.wall import NAME
+from outlast.ecs import (
+    Archetype,
+    Bitset,
+    Entity,
+    Layout,
+    Module,
+    NumberError,
+    Random,
+    Read,
+    RowIndex,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+)
+from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
+
+from .geometry.aabb import make_half_extents
+from .geometry.barriers import first_barrier, hold_back
+from .geometry.blocks import alive_bits, block_span, first_row
+from .geometry.mazes import make_grid_memory
+from .geometry.places import ENTRY, fill_floor, measure, place_all
+
+SPARE = 0.1  # metres that a passage is wider than the widest agent, at least
+
+
+@dataclass(frozen=True)
+class InnerWalls(Module):
+    """Base of mechanics that set up blocks; each brings a system `build`, which does it at reset.
+
+    Bodies that would start in something get a place that is free; a box that fits nowhere is cut in half until it does.
+    A body whose centre is pushed into a block, as by a box that is set up beside it, stays on the side it came from.
+    """
+
+    def archetypes(self) -> Iterable[Archetype]:
+        return [Archetype(NAME, (Body(), Shape(), Solid(), Wall()), self.most_blocks(), alive=False, order=60)]
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Before(), Unplaced()]
+
+    def most_blocks(self) -> int:
+        """How many blocks there can be, at least 1."""
+        raise NotImplementedError("InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars")
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        match name:
+            case "memory":
+                return make_grid_memory()
+            case "half_extents":
+                return make_half_extents(dims)
+            case "obstacles":
+                return np.zeros(dims["blocks"], np.int32)
+        return np.zeros((1, ENTRY), np.float32)  # areas: the room
+
+    def whole(self, layout: Layout) -> tuple[float, float]:
+        """Metres, width and height of the room. NumberError if there is none."""
+        sides = room_sides(layout)
+        if sides is None:
+            raise NumberError(f"{self.name} needs a room to stand in; add Room")
+        return sides
+
+    def inside(self, layout: Layout) -> tuple[float, float]:
+        """Metres, width and height of what the room's own walls leave of it. NumberError if there is no room."""
+        (width, height), room = self.whole(layout), layout.numbers("room")
+        thick = room["thickness"] if room.get("walls") else 0.0
+        return width * (1 - thick), height * (1 - thick)
+
+    def check_passage(self, layout: Layout, what: str, wide: float, cure: str) -> None:
+        """NumberError unless the widest agent fits through a passage of so many metres."""
+        if wide < (needed := passage(layout)):
+            raise NumberError(
+                f"{self.name}: {what} would be {wide:.3g} m wide, and agents need {needed:.3g} m "
+                f"(their diameter and {SPARE:g} m); take {cure}"
+            )
+
+
+def passage(layout: Layout) -> float:
+    """Metres that the widest agent needs to get through."""
+    radii = layout.prefab_values(Shape, "radius").get("agent", 0.0)
+    return float(2 * np.max(radii) + SPARE)
+
+
+@InnerWalls.system(Phase.SPAWN, after=("inner_walls", Body), before=Shape)
+def find_places(
+    body: Write[Body],
+    shape: Write[Shape],
+    spawned: Write[Spawned],
+    unplaced: Write[Unplaced],
+    wall: Write[Wall],
+    entities: Read[Entity],
+    side: Read[Side],
+    floor: Read[Floor],
+    rows: Rows[Spawned],
+    index: RowIndex[Spawned],
+    agents: RowIndex[Side],
+    solids: Rows[Solid],
+    walls: Rows[Wall],
+    areas: Scratch,
+    half_extents: Scratch,
+    obstacles: Scratch,
+    key: Random,
+) -> None:
+    """Bodies that stand in something get a free place. Agents come first."""
+    fill_floor(areas[0], floor)
+    tables = (body, shape, entities, floor, half_extents, obstacles)
+    measure(wall, walls, half_extents, body, shape)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
+    unplaced.bodies[0] = np.int32(missed)
+
+
+@InnerWalls.system(Phase.MOVE, before=Body)
+def remember(before: Write[Before], body: Read[Body], solid: Read[Solid], solids: Bitset[Solid]) -> None:
+    """Where bodies are before they move."""
+    for b in range(solids.size):
+        pending = solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)) if solids[b] else 0
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            before.x[e], before.y[e] = body.x[e], body.y[e]
+
+
+@InnerWalls.system(Phase.MOVE, after=("room", Body))
+def keep_out(
+    body: Write[Body],
+    before: Read[Before],
+    shape: Read[Shape],
+    solid: Read[Solid],
+    wall: Read[Wall],
+    entities: Read[Entity],
+    solids: Bitset[Solid],
+    walls: Bitset[Wall],
+) -> None:
+    """A body that was pushed into a block, or through one, stays on the side that it came from."""
+    span = block_span(walls)
+    for b in range(solids.size):
+        touching = load_flags(solid.dynamic, SIMD_WIDTH * b) & load_flags(solid.may_collide, SIMD_WIDTH * b)
+        pending = alive_bits(entities, solids, b) & to_bits(touching)
+        while pending:
+            e = first_row(b, pending)
+            pending &= pending - 1
+            hold_back(body, before, shape, wall, entities, walls, span, e)
+
+
+@InnerWalls.system(Phase.MELEE, after="melee.aim", before="melee.strike")
+def stop_blows(
+    weapon: Write[Weapon],
+    strikes: Write[Strike],
+    body: Read[Body],
+    shape: Read[Shape],
+    wall: Read[Wall],
+    entities: Read[Entity],
+    walls: Bitset[Wall],
+    armed: Rows[Weapon],
+) -> None:
+    """A strike that would go through a block hits the block."""
+    span = block_span(walls)
+    for k in range(strikes.count[0]):
+        me, target = strikes.agent[k], strikes.target[k]
+        if target >= 0:
+            strikes.target[k] = np.int32(first_barrier(body, shape, wall, entities, walls, span, me, target))
+            weapon.target[me] = strikes.target[k]

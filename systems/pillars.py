@@ -1,0 +1,116 @@
+"""Pillars: square blocks that stand scattered, drawn anew for each episode."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from outlast.components import Body, Floor, Phase, Shape, Solid, Spawned, Wall
+from outlast.components.limits import FAR
+from outlast.ecs import (
+    Array,
+    Entity,
+    Layout,
+    NumberError,
+    Random,
+    Read,
+    Real,
+    RowIndex,
+    Rows,
+    Write,
+    kernel,
+    number,
+)
+from outlast.ecs.random import uniform, uniform2
+
+from .geometry.mazes import place_block
+from .geometry.points import gap_circle_box
+from .inner_walls import InnerWalls
+
+TRIES = 256  # places that are drawn for a pillar, at most
+MOST, FIRST = 512, 1024  # the first index of the draws of angles, and of places
+FILLED = 0.3  # share of the floor that pillars and the passages around them may take: then there is a place for each
+HALF, ZERO = np.float32(0.5), np.float32(0)
+ROOT, QUARTER = np.float32(math.sqrt(2)), np.float32(math.pi / 2)
+
+
+@dataclass(frozen=True)
+class Pillars(InnerWalls):
+    """Squares of random size, place and angle. Between any two, and to the walls, there is a gap for agents.
+
+    A pillar for which 256 places were drawn in vain is left out, which is next to impossible with what `check` allows.
+    """
+
+    count: int = number(12, low=1, high=450, about="how many there are")
+    least: float = number(0.8, low=0.004, high=FAR, unit="metres", about="the shortest side that one can have")
+    most: float = number(1.6, low=0.004, high=FAR, unit="metres", about="the longest side that one can have")
+    gap: float = number(
+        1.2, above=0, high=FAR, unit="metres", about="between the circles around two pillars, and to walls, at least"
+    )
+
+    def most_blocks(self) -> int:
+        return self.count
+
+    def check(self, layout: Layout) -> None:
+        if self.least > self.most:
+            raise NumberError(f"pillars.least = {self.least:g} is above pillars.most = {self.most:g}; swap them")
+        self.check_passage(layout, "the gap between two pillars", self.gap, "a larger pillars.gap")
+        width, height = self.inside(layout)
+        around = self.most * math.sqrt(0.5) + self.gap / 2
+        free = max(0.0, width - self.gap) * max(0.0, height - self.gap)
+        if self.count * math.pi * around**2 > FILLED * free:
+            raise NumberError(
+                f"pillars.count = {self.count}: with a gap of {self.gap:g} m around each they do not fit into "
+                f"{width:.3g} x {height:.3g} m; take at most {int(FILLED * free / (math.pi * around**2))}, smaller "
+                "ones, or a larger room"
+            )
+
+
+@Pillars.system(Phase.SPAWN, before=(Body, Shape, Entity))
+def build(
+    body: Write[Body],
+    shape: Write[Shape],
+    entities: Write[Entity],
+    floor: Read[Floor],
+    walls: Rows[Wall],
+    solids: Rows[Solid],
+    spawned: RowIndex[Spawned],
+    count: int,
+    least: float,
+    most: float,
+    gap: float,
+    key: Random,
+) -> None:
+    """Place them one after the other, each where the ones before leave a gap."""
+    stand = 0
+    for k in range(count):
+        half = HALF * (least + uniform(key, k) * (most - least))
+        radius = ROOT * half
+        for t in range(TRIES):
+            u, v = uniform2(key, FIRST + t + TRIES * k)
+            x = (u - HALF) * (floor.size[0] - radius - radius)
+            y = (v - HALF) * (floor.size[floor.size.size - 1] - radius - radius)
+            if is_clear(body, shape, entities, solids, spawned, x, y, radius + gap):
+                e, angle = walls[stand], QUARTER * uniform(key, MOST + k)
+                place_block(body, shape, entities, e, x, y, half, half)
+                body.angle[e], body.cosine[e], body.sine[e] = angle, np.cos(angle), np.sin(angle)
+                stand += 1
+                break
+
+
+@kernel
+def is_clear(
+    body: Array, shape: Array, entities: Array, solids: Array, spawned: Array, x: Real, y: Real, far: Real
+) -> bool:
+    """Whether nothing that stays where it is comes within `far` of a point; pillars count as circles around them."""
+    for o in solids:
+        if spawned[o] >= 0 or not entities.alive[o]:
+            continue
+        half, high = shape.half_width[o], shape.half_height[o]
+        if half == high:
+            reach, dx, dy = far + ROOT * half, body.x[o] - x, body.y[o] - y
+            if dx * dx + dy * dy < reach * reach:
+                return False
+        elif gap_circle_box(x, y, far, body.x[o], body.y[o], body.cosine[o], body.sine[o], half, high) < ZERO:
+            return False
+    return True

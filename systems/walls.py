@@ -1,0 +1,158 @@
+"""Walls from data: rectangles inside of the room, and where who starts."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.components import Body, Floor, Phase, Shape, Side, Solid, Spawned, Unplaced, Wall
+from outlast.ecs import Entity, Layout, NumberError, Random, Read, RowIndex, Rows, Scratch, Write, number
+
+from .geometry.mazes import place_block
+from .geometry.places import ANGLE, ENTRY, HEIGHT, ITEMS, USE, WALL, WIDTH, X, Y, fill_floor, measure, place_all
+from .geometry.plans import are_free, lattice, overlap, reach
+from .inner_walls import InnerWalls, passage
+
+HALF = np.float32(0.5)
+THINNEST = 0.004  # metres: Box2D takes half sides of more than a millimetre
+ROUNDING = 0.01  # metres beyond the room that are allowed
+
+
+@dataclass(frozen=True)
+class Walls(InnerWalls):
+    """Blocks that are the same in every episode; outlast.FloorPlan makes them from text, files and lists.
+
+    layout: six numbers for each rectangle, one behind the other: x and y of the middle, width, height (metres), angle
+    (radians), and what it is: 0 a block, 1 and more where side 0 and so on start, -1 where items and boxes start. A
+    rectangle of width and height 0 is none, so that layouts of one length can be chosen from:
+    vary(walls_layout=choice(one, two)).
+    """
+
+    layout: tuple[float, ...] = number((), low=-1e4, high=1e4, about="of a floor plan, as outlast.FloorPlan makes it")
+
+    def most_blocks(self) -> int:
+        return max(1, len(self.layout) // ENTRY)
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        if name == "areas":
+            return np.zeros((len(self.layout) // ENTRY + 1, ENTRY), np.float32)
+        return super().scratch(name, dims)
+
+    def check(self, layout: Layout) -> None:
+        if len(self.layout) % ENTRY:
+            raise NumberError(
+                f"walls.layout has {len(self.layout)} numbers: {ENTRY} for each rectangle are needed (x, y, width, "
+                "height, angle, what it is); outlast.FloorPlan(...).layout() makes them"
+            )
+        sides = self.whole(layout)
+        found = [entry for entry in entries(self.layout) if entry[WIDTH] != 0 or entry[HEIGHT] != 0]
+        for k, entry in enumerate(found):
+            self._check_entry(f"walls.layout: rectangle {k} at ({entry[X]:g}, {entry[Y]:g})", entry, sides, layout)
+            for other in found[:k]:
+                if min(entry[USE], other[USE]) > WALL and other[USE] != entry[USE] and overlap(other, entry):
+                    raise NumberError(
+                        f"walls.layout: the start area of {owner(entry[USE])} at ({entry[X]:g}, {entry[Y]:g}) overlaps "
+                        f"that of {owner(other[USE])} at ({other[X]:g}, {other[Y]:g}); move them apart"
+                    )
+        self._check_space(found, layout)
+
+    def _check_entry(self, what: str, entry: tuple[float, ...], sides: tuple[float, float], layout: Layout) -> None:
+        """NumberError for a rectangle that cannot be."""
+        if min(entry[WIDTH], entry[HEIGHT]) < THINNEST:
+            raise NumberError(
+                f"{what} is {entry[WIDTH]:g} x {entry[HEIGHT]:g} m: at least {THINNEST:g} m are needed either way, or "
+                "0 both ways for none"
+            )
+        far = reach(entry)
+        if any(end > side / 2 + ROUNDING for end, side in zip(far, sides, strict=True)):
+            raise NumberError(
+                f"{what} reaches to ({far[0]:g}, {far[1]:g}), outside of the room, which ends at ({sides[0] / 2:g}, "
+                f"{sides[1] / 2:g}); make it smaller, or the room larger: Room(width=..., height=...)"
+            )
+        count = layout.dims.get("sides", 0)
+        if entry[USE] != int(entry[USE]) or not ITEMS <= entry[USE] <= count:
+            raise NumberError(
+                f"{what} is for {owner(entry[USE])}, and this scenario has the sides 0 to {count - 1}; take one of "
+                "these, or -1 for items"
+            )
+
+    def _check_space(self, found: list[tuple[float, ...]], layout: Layout) -> None:
+        """NumberError if the blocks leave too little floor for who starts."""
+        radius, sides = passage(layout) / 2, self.inside(layout)
+        blocks = [entry for entry in found if entry[USE] == WALL]
+        for use in sorted({entry[USE] for entry in found if entry[USE] > WALL}):
+            areas = [entry for entry in found if entry[USE] == use]
+            if not any(are_free(*lattice(area), blocks, sides, radius).any() for area in areas):
+                raise NumberError(
+                    f"walls.layout: the start areas of {owner(use)} have no free place for an agent of radius "
+                    f"{radius:.3g} m (with what it needs around it); make them larger, or move blocks away"
+                )
+        free = are_free(*lattice((0, 0, *sides, 0)), blocks, sides, radius).mean() * sides[0] * sides[1]
+        needed = math.pi * radius**2 * layout.dims.get("agents", 0)
+        if free < needed:
+            raise NumberError(
+                f"walls.layout leaves {free:.3g} square metres where agents can be, and they need {needed:.3g}; take "
+                "fewer or smaller agents, fewer blocks, or a larger room"
+            )
+
+
+def entries(layout: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+    """The rectangles of a layout, ENTRY numbers each."""
+    return zip(*[iter(layout)] * ENTRY, strict=True)
+
+
+def owner(use: float) -> str:
+    """Who starts in an area, in words."""
+    return "items" if use == ITEMS else f"side {use - 1:g}"
+
+
+@Walls.system(Phase.SPAWN, before=(Body, Shape, Entity))
+def build(
+    body: Write[Body], shape: Write[Shape], entities: Write[Entity], walls: Rows[Wall], layout: tuple[float, ...]
+) -> None:
+    """Set up the blocks."""
+    count = 0
+    for k in range(len(layout) // ENTRY):
+        if layout[ENTRY * k + USE] == WALL and layout[ENTRY * k + WIDTH] > 0:
+            e, angle = walls[count], layout[ENTRY * k + ANGLE]
+            x, y = layout[ENTRY * k + X], layout[ENTRY * k + Y]
+            place_block(
+                body, shape, entities, e, x, y, HALF * layout[ENTRY * k + WIDTH], HALF * layout[ENTRY * k + HEIGHT]
+            )
+            body.angle[e], body.cosine[e], body.sine[e] = angle, np.cos(angle), np.sin(angle)
+            count += 1
+
+
+@Walls.system(Phase.SPAWN, after=("inner_walls", Body), before=Shape)
+def find_places(
+    body: Write[Body],
+    shape: Write[Shape],
+    spawned: Write[Spawned],
+    unplaced: Write[Unplaced],
+    wall: Write[Wall],
+    entities: Read[Entity],
+    side: Read[Side],
+    floor: Read[Floor],
+    rows: Rows[Spawned],
+    index: RowIndex[Spawned],
+    agents: RowIndex[Side],
+    solids: Rows[Solid],
+    walls: Rows[Wall],
+    areas: Scratch,
+    half_extents: Scratch,
+    obstacles: Scratch,
+    layout: tuple[float, ...],
+    key: Random,
+) -> None:
+    """Bodies that stand in something, or outside of their start areas, get a free place there. Agents come first."""
+    last = areas.shape[0] - 1
+    for k in range(last):
+        for field in range(ENTRY):
+            areas[k, field] = layout[ENTRY * k + field]
+    fill_floor(areas[last], floor)
+    tables = (body, shape, entities, floor, half_extents, obstacles)
+    measure(wall, walls, half_extents, body, shape)
+    missed = place_all(tables, spawned, side, solids, (rows, index, agents), areas, key)
+    unplaced.bodies[0] = np.int32(missed)

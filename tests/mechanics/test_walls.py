@@ -1,0 +1,374 @@
+"""Walls inside of the room: they collide, hide and stop blows; generators connect; everybody starts in a free place."""
+
+import itertools
+import math
+from typing import Any
+
+import Box2D
+import numpy as np
+import pytest
+
+import outlast
+from outlast import Scenario, systems, variant
+from outlast.components import Body, Shape, Side, Sight, Solid, Spawned, Strike, Wall
+from outlast.ecs import Entity, Worlds
+from outlast.ecs.simd import SIMD_WIDTH
+from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, obstacles, overlap, signed_distance
+from tests.helpers.random_worlds import RUNS, TEXT
+
+GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
+    "maze": systems.Maze(),
+    "maze without loops": systems.Maze(columns=5, rows=7, loops=0.0),
+    "rooms": systems.Rooms(),
+    "narrow doors": systems.Rooms(columns=4, rows=3, doors=0.0, door=1.1, thickness=0.2),
+    "pillars": systems.Pillars(),
+    "many pillars": systems.Pillars(count=30, least=0.4, most=0.9, gap=1.1),
+}
+HALL = variant("teams_3").replace(room_width=40.0, room_height=16.0, safe_zone_radii=(7.0, 4.0))
+generators = pytest.mark.parametrize("kind", GENERATORS)
+
+
+def level(*rectangles: tuple[float, ...]) -> systems.Walls:
+    """Walls from rectangles of six numbers."""
+    return systems.Walls(layout=tuple(itertools.chain(*rectangles)))
+
+
+def duel(*rectangles: tuple[float, ...], **numbers: Any) -> Any:
+    """A world of ffa_1 with these blocks, and its Body."""
+    env = outlast.make_vec(variant("ffa_1").replace(safe_zone_damage=0, **numbers).with_(level(*rectangles)), 1, seed=0)
+    env.reset()
+    return env, env.worlds[Body]
+
+
+def put(body: Any, agent: int, x: float, y: float, angle: float = 0.0) -> None:
+    body.x[0, agent], body.y[0, agent], body.angle[0, agent] = x, y, angle
+    body.cosine[0, agent], body.sine[0, agent] = math.cos(angle), math.sin(angle)
+    body.vx[0, agent] = body.vy[0, agent] = body.omega[0, agent] = 0
+
+
+AHEAD, IDLE, STRIKE = [2, 1, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 0, 0]
+
+
+def test_a_block_stops_an_agent_just_before_it_touches() -> None:
+    env, body = duel((4, 0, 1, 6, 0, 0))
+    put(body, 0, 0, 0)
+    for _ in range(120):
+        env.step(np.array([[AHEAD, IDLE]]))
+    assert body.x[0, 0] == pytest.approx(3.5 - 0.505, abs=2e-3)
+
+
+def test_an_agent_slides_along_a_block_that_is_turned() -> None:
+    env, body = duel((4, 0, 1, 8, math.pi / 4, 0))
+    put(body, 0, 0, 0)
+    for _ in range(150):
+        env.step(np.array([[AHEAD, IDLE]]))
+    assert abs(body.y[0, 0]) > 1
+
+
+@pytest.mark.parametrize("blocked", [True, False])
+@pytest.mark.parametrize(("wall", "hurt"), [(0.95, False), (3.0, True), (-1.2, True)])
+def test_a_block_stops_blows(blocked: bool, wall: float, hurt: bool) -> None:
+    """Whether the melee ends at the first body or not; blocks behind the target or the attacker do nothing."""
+    env, body = duel((wall, 0, 0.2, 4, 0, 0), melee_blocked=blocked)
+    put(body, 0, 0, 0)
+    put(body, 1, 1.9, 0)
+    env.step(np.array([[STRIKE, IDLE]]))
+    (row,) = env.worlds.entries(Strike)
+    assert row["target"] == (1 if hurt else env.worlds.span("inner_wall").start)
+
+
+def test_a_block_hides() -> None:
+    for x, seen in ((2.0, 0.0), (6.0, 1.0)):
+        env, body = duel((x, 0, 0.2, 4, 0, 0))
+        put(body, 0, 0, 0)
+        put(body, 1, 4, 0)
+        assert env.step(np.array([[IDLE, IDLE]]))[0]["others_mask"][0, 0, 0] == seen
+
+
+class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
+    def __init__(self, skipped: Any) -> None:
+        super().__init__()
+        self.skipped, self.fraction, self.found = skipped, 2.0, None
+
+    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
+        if fixture.body is self.skipped or fixture.body == self.skipped:
+            return -1.0
+        self.fraction, self.found = fraction, fixture.body
+        return fraction
+
+
+def box2d_world(worlds: Worlds, w: int) -> tuple[Any, dict[int, Any]]:
+    """All bodies of a world that are there, in Box2D, and each by its row."""
+    world, body, shape = Box2D.b2World(), worlds[Body], worlds[Shape]
+    found = {}
+    for e in np.flatnonzero(worlds[Entity].alive[w]).tolist():
+        radius, half = float(shape.radius[w, e]), (float(shape.half_width[w, e]), float(shape.half_height[w, e]))
+        form = Box2D.b2CircleShape(radius=radius) if radius else Box2D.b2PolygonShape(box=half)
+        place, angle = (float(body.x[w, e]), float(body.y[w, e])), float(body.angle[w, e])
+        fixture = Box2D.b2FixtureDef(shape=form)
+        found[e] = world.CreateStaticBody(position=place, angle=angle, fixtures=fixture, userData=e)
+    return world, found
+
+
+def compared_rays(mechanic: Any, count: int, seed: int) -> tuple[int, int, int]:
+    """How many lines of sight were compared with Box2D's ray casts, how many were free, and how many differ."""
+    cameras = {"cameras_fov": math.pi, "cameras_depth": 40.0, "cameras_cone": "sector"}
+    scenario = variant("ffa_3").replace(n_agents=8, n_heals=20, **cameras).with_(mechanic)
+    env = outlast.make_vec(scenario, 16, seed=seed)
+    rays = free = differing = 0
+    while rays < count:
+        env.reset()  # after a step, items that were seen may be in bags
+        for w in range(env.num_worlds):
+            world, bodies = box2d_world(env.worlds, w)
+            seen = env.worlds[Sight].visible[w]
+            for i, me in enumerate(env.worlds.layout.rows(Side).tolist()):
+                for e, other in bodies.items():
+                    if e == me or e in env.worlds.layout.rows(Wall) or not ahead(env.worlds, w, me, e):
+                        continue
+                    nearest, eye = _Nearest(bodies[me]), bodies[me].position
+                    end = [eye[k] + (other.position[k] - eye[k]) * (1 + 1e-6) for k in range(2)]
+                    world.RayCast(nearest, eye, end)
+                    naive = nearest.found is not None and nearest.found.userData == e
+                    mine = bool(seen[i, e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1)
+                    rays, free, differing = rays + 1, free + naive, differing + (mine != naive)
+    env.close()
+    return rays, free, differing
+
+
+def ahead(worlds: Worlds, w: int, me: int, e: int) -> bool:
+    """Whether the centre is clearly in a half disc of 40 metres ahead."""
+    body = worlds[Body]
+    x, y = body.x[w, e] - body.x[w, me], body.y[w, e] - body.y[w, me]
+    return bool(x * body.cosine[w, me] + y * body.sine[w, me] > 1e-3 and math.hypot(x, y) < 39)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILED, reason="many rays")
+@pytest.mark.parametrize("kind", ["maze", "pillars"])
+def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
+    """100,000 of them, of two kinds of levels; few may differ by rounding, where a ray grazes a corner."""
+    rays, free, differing = compared_rays(GENERATORS[kind], 50_000, 3)
+    assert rays >= 50_000
+    assert 0.05 < free / rays < 0.8
+    assert differing <= 2
+
+
+@generators
+def test_floor_is_connected_and_doors_are_passable(kind: str) -> None:
+    """Where an agent can be is one part: a flood fill of floor for its radius."""
+    env = outlast.make_vec(variant("ffa_1").with_(GENERATORS[kind]), scaled(2), seed=7)
+    env.reset()
+    for w in range(env.num_worlds):
+        parts = free_parts(env.worlds, w, 0.5)
+        assert len(parts) == 1, parts
+    env.close()
+
+
+@generators
+def test_blocks_are_as_many_as_their_numbers_say(kind: str) -> None:
+    mechanic = GENERATORS[kind]
+    env = outlast.make_vec(variant("ffa_1").with_(mechanic), scaled(200, least=4), seed=7)
+    env.reset()
+    counts = env.worlds[Entity].alive[:, env.worlds.span("inner_wall")].sum(1)
+    if isinstance(mechanic, systems.Pillars):
+        assert (counts == mechanic.count).all()
+    else:
+        edges = (mechanic.columns - 1) * mechanic.rows + mechanic.columns * (mechanic.rows - 1)
+        tree = mechanic.columns * mechanic.rows - 1  # openings that connect all cells
+        extra = mechanic.loops if isinstance(mechanic, systems.Maze) else mechanic.doors
+        openings = edges - counts if isinstance(mechanic, systems.Maze) else counts - edges
+        assert (openings >= tree).all()
+        share = (openings - tree).mean() / (edges - tree)
+        assert share == extra if extra in (0, 1) else not COMPILED or abs(share - extra) < 0.06
+    assert len({env.worlds[Body].x[w].tobytes() for w in range(env.num_worlds)}) == env.num_worlds
+    env.close()
+
+
+def test_pillars_leave_gaps() -> None:
+    mechanic = GENERATORS["many pillars"]
+    env = outlast.make_vec(variant("ffa_1").with_(mechanic), scaled(20, least=2), seed=1)
+    env.reset()
+    for w in range(env.num_worlds):
+        pillars = blocks(env.worlds, w)
+        for one, two in itertools.combinations(pillars, 2):
+            far = math.hypot(one.x - two.x, one.y - two.y) - math.sqrt(2) * (one.half_width + two.half_width)
+            assert far > mechanic.gap - 1e-4
+        for pillar in pillars:
+            walls = [wall for wall in obstacles(env.worlds, w) if wall not in pillars]
+            gap = min(float(signed_distance(wall, pillar.x, pillar.y)) for wall in walls)
+            assert gap - math.sqrt(2) * pillar.half_width > mechanic.gap - 1e-4
+    env.close()
+
+
+def check_starts(worlds: Worlds) -> None:
+    """Whoever starts stands apart from walls and from all others, and inside of the room."""
+    for w in range(worlds.count):
+        fixed, bodies = obstacles(worlds, w), blocks(worlds, w, Spawned)
+        for k, body in enumerate(bodies):
+            near = [o for o in (*fixed, *bodies[:k]) if abs(o.x - body.x) + abs(o.y - body.y) < 60]
+            assert not any(overlap(body, other) for other in near if close(body, other)), (w, k)
+
+
+def close(one: Any, two: Any) -> bool:
+    reach = sum(max(b.radius, b.half_width + b.half_height) for b in (one, two))
+    return math.hypot(one.x - two.x, one.y - two.y) < reach
+
+
+@generators
+@pytest.mark.parametrize("plain", [variant("teams_3"), HALL], ids=["square", "hall"])
+def test_everybody_starts_in_a_free_place(kind: str, plain: Scenario) -> None:
+    mechanic = GENERATORS[kind]
+    if plain is HALL and "pillars" not in kind:
+        mechanic = mechanic.replace(columns=6, rows=2)
+    elif plain is HALL:
+        mechanic = mechanic.replace(count=8)
+    env = outlast.make_vec(plain.with_(mechanic), scaled(24, least=1), seed=2)
+    for _ in range(2):
+        env.reset()
+        check_starts(env.worlds)
+    env.close()
+
+
+def play_inside(mechanic: Any, numbers: dict[str, Any], worlds: int, ticks: int) -> None:
+    """Random play, in which no centre of a body is ever in a wall or outside of the room."""
+    numbers = numbers | {"safe_zone_damage": 0, "motors_ahead": 0.6, "rewards_posthumous": False}
+    env = outlast.make_vec(variant("ffa_4").replace(**numbers).with_(mechanic), worlds, seed=1)
+    env.reset()
+    rng = np.random.default_rng(0)
+    edges = []
+    for tick in range(ticks):
+        actions = draw_actions(env, rng)
+        if tick % 20 == 0:
+            held = actions
+        actions[..., :3] = held[..., :3]  # somewhere
+        env.step(actions)
+        centre, edge = depth_in_walls(env.worlds)
+        assert centre.max() < 0
+        edges += edge.tolist()
+        place = np.maximum(abs(env.worlds[Body].x), abs(env.worlds[Body].y))[:, env.worlds.span("agent")]
+        assert place.max() < 12.5
+    assert np.mean(np.array(edges) < 0.01) > 0.95  # but where a box that is set up squeezes somebody
+    env.close()
+
+
+@pytest.mark.skipif(not COMPILED, reason="many ticks")
+@pytest.mark.parametrize("numbers", [RUNS, TEXT], ids=["as run", "as written"])
+@pytest.mark.parametrize("kind", ["maze", "rooms", "pillars"])
+def test_nobody_is_ever_inside_a_wall(kind: str, numbers: dict[str, Any]) -> None:
+    play_inside(GENERATORS[kind], numbers, 48, 150)
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="many ticks")
+@pytest.mark.parametrize("numbers", [RUNS, TEXT], ids=["as run", "as written"])
+@generators
+def test_nobody_is_ever_inside_a_wall_in_many_levels(kind: str, numbers: dict[str, Any]) -> None:
+    """A million world-steps in all."""
+    play_inside(GENERATORS[kind], numbers | {"ending_limit": 200}, 256, 400)
+
+
+def test_a_body_that_is_pushed_through_a_thin_wall_stays_on_its_side() -> None:
+    """Moved by hand before contacts are resolved, as no play does; along the wall it moves freely."""
+    env, body = duel((0, 0, 0.1, 20, 0, 0))
+    put(body, 0, -0.6, 0)
+    body.vx[0, 0], body.vy[0, 0] = 40.0, 1.0  # metres a second: 1.3 m in a tick
+    env.step(np.array([[IDLE, IDLE]]))
+    assert body.x[0, 0] < -0.05
+    assert body.y[0, 0] > 0.01
+
+
+def test_start_areas_are_kept() -> None:
+    scenario = variant("teams_3").with_(
+        level((-9, 0, 4, 12, 0, 1), (9, 2, 4, 10, 0.3, 2), (0, 8, 14, 5, 0, -1))
+    )  # the items' reaches into a side's
+    env = outlast.make_vec(scenario, scaled(32, least=2), seed=0)
+    env.reset()
+    body, side = env.worlds[Body], env.worlds[Side].side
+    for e in env.worlds.layout.rows(Spawned).tolist():
+        for w in range(env.num_worlds):
+            x, y, angle = (-9, 0, 0.0) if side[w, e] == 0 else (9, 2, 0.3)
+            half_width, half_height = (2, 6) if side[w, e] == 0 else (2, 5)
+            if e >= env.num_agents:
+                x, y, angle, half_width, half_height = 0, 8, 0.0, 7, 2.5
+            local = complex(body.x[w, e] - x, body.y[w, e] - y) * complex(math.cos(angle), -math.sin(angle))
+            assert abs(local.real) <= half_width + 1e-4
+            assert abs(local.imag) <= half_height + 1e-4
+    check_starts(env.worlds)
+    env.close()
+
+
+def test_without_blocks_nothing_changes_but_overlaps_at_the_start() -> None:
+    """The numbers that are drawn, and who starts where, are the same as without the mechanic."""
+    plain, walled = (
+        outlast.make_vec(scenario, 8, seed=0)
+        for scenario in (variant("ffa_1"), variant("ffa_1").with_(systems.Walls()))
+    )
+    rng = np.random.default_rng(0)
+    one, two = plain.reset()[0], walled.reset()[0]
+    for _ in range(scaled(100, least=2)):
+        for key in one:
+            np.testing.assert_array_equal(one[key], two[key])
+        actions = draw_actions(plain, rng)
+        one, two = plain.step(actions)[0], walled.step(actions)[0]
+    plain.close()
+    walled.close()
+
+
+def test_varied_layouts_equal_worlds_with_each_of_them() -> None:
+    """Bit for bit, for a choice of two floor plans and for mazes of different sizes."""
+    one = outlast.FloorPlan(walls=[(0, 0, 8, 0.5), (4, 4, 0.5, 6, 0.2)])
+    two = outlast.FloorPlan(walls=[(-3, 0, 2, 6)], starts=[(0, -9, 0, 4, 8)])
+    layouts = one.layout(4), two.layout(4)
+    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.choice(*layouts))
+    maze = variant("ffa_3").with_(systems.Maze(blocks=40))
+    sizes = maze.vary(maze_columns=outlast.integers(2, 6), maze_loops=outlast.uniform(0, 1))
+    pillars = variant("teams_3").with_(systems.Pillars())
+    counts = pillars.vary(pillars_count=outlast.integers(1, 12), agents_count=outlast.integers(2, 6))
+    for varied, name in ((choice, "walls_layout"), (sizes, "maze_columns"), (counts, "pillars_count")):
+        env = outlast.make_vec(varied, 6, seed=4)
+        env.reset()
+        actions = [draw_actions(env, np.random.default_rng(k)) for k in range(scaled(60, least=2))]
+        for action in actions:
+            env.step(action)
+        found = set()
+        for w in range(6):
+            own = {key: env.numbers()[key][w] for key, _ in varied.varied}
+            numbers = {key: tuple(v.tolist()) if np.ndim(v) else v.item() for key, v in own.items()}
+            found.add(numbers[name])
+            alone = outlast.make_vec(varied.replace(**numbers), 1, seed=4, first_world=w)
+            alone.reset()
+            for action in actions:
+                alone.step(action[w : w + 1, : alone.num_agents])
+            for kind in ("agent", "box", "heal", "inner_wall"):
+                here, there = env.worlds.span(kind), alone.worlds.span(kind)
+                count = there.stop - there.start
+                for column in Body.columns:
+                    mine, its = (getattr(each.worlds[Body], column) for each in (env, alone))
+                    np.testing.assert_array_equal(mine[w, here][:count], its[0, there])
+            alone.close()
+        assert len(found) > 1
+        env.close()
+
+
+def test_a_level_is_a_function_of_seed_world_and_episode() -> None:
+    for kind in GENERATORS:
+        scenario = variant("teams_3").with_(GENERATORS[kind])
+        one, two = outlast.make_vec(scenario, 4, seed=9), outlast.make_vec(scenario, 2, seed=9, first_world=2)
+        for env in (one, two):
+            env.reset()
+            env.reset()
+        assert digest(one.worlds, slice(2, 4)) == digest(two.worlds)
+        one.close()
+        two.close()
+
+
+def test_walls_exclude_each_other() -> None:
+    assert "maze" not in variant("ffa_1").with_(systems.Maze()).with_(systems.Rooms())
+
+
+def test_blocks_take_part_in_contacts() -> None:
+    worlds = Worlds(variant("ffa_1").with_(systems.Pillars()).modules, 1)
+    rows = worlds.layout.rows(Wall)
+    assert {*rows.tolist()} <= {*worlds.layout.rows(Solid).tolist()}
+    assert min(rows) > max(worlds.layout.spans["wall"])  # behind all that the variants have

@@ -1,0 +1,48 @@
+"""The command `outlast layout`, and the option --layout of commands that name a game."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from outlast import FloorPlan
+from tests.conftest import run
+
+
+def test_layouts_are_drawn_and_written_down(capsys: Any, tmp_path: Path) -> None:
+    """A picture of several worlds; and a plan, of which the next call draws the same picture."""
+    assert run(capsys, "layout", "pillars", "--set", "n_pillars=5", "--out", tmp_path / "plan.json")[0] == 0
+    assert len(FloorPlan.load(tmp_path / "plan.json").walls) == 5
+    for name, out in (("pillars", "one.png"), (tmp_path / "plan.json", "two.png")):
+        more = ("--set", "n_pillars=5") if name == "pillars" else ()
+        assert run(capsys, "layout", name, *more, "--variant", "ffa_1", "--out", tmp_path / out)[0] == 0
+    one, two = (cv2.imread(str(tmp_path / out)) for out in ("one.png", "two.png"))
+    assert (one.shape, two.shape) == ((384, 384, 3), (384, 384, 3))
+    assert (one != two).any(-1).mean() < 0.02  # who starts where is drawn by another mechanic
+    assert run(capsys, "layout", "pillars", "--worlds", 3, "--out", tmp_path / "three.png")[0] == 0
+    assert cv2.imread(str(tmp_path / "three.png")).shape == (776, 776, 3)
+
+
+def test_commands_take_a_layout(capsys: Any, tmp_path: Path) -> None:
+    (tmp_path / "plan.txt").write_text("A" + "." * 38 + "B\n" + "." * 40 + "\n" + ".....#" * 6 + "....\n" + "." * 40)
+    given = ("rollout", "ffa_1", "--layout", tmp_path / "plan.txt", "--set", "safe_zone_radii=2,1")
+    assert "room_width=40" in run(capsys, *given, "--worlds", 2, "--steps", 5, "--quiet")[1]
+    assert run(capsys, "schedule", "ffa_1", "--layout", "maze")[1].count("maze.") > 3
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("layout", "nowhere", "--out", "x.png"), "layout nowhere: No such file or directory; maze, rooms, pillars"),
+        (("layout", "maze", "--out", "x.gif"), "a name that ends in .png or .json is needed"),
+        (("layout", "maze", "--size", "9999", "--out", "x.png"), "--size 9999: pixels from 64 to 4096"),
+        (("layout", "maze", "--worlds", "2", "--out", "x.json"), "is for the floor plan of one world"),
+        (("layout", "maze", "--out", "/nowhere/x.json"), "--out /nowhere/x.json cannot be written: No such file"),
+        (("rollout", "ffa_1", "--layout", "/dev/null"), "/dev/null is no floor plan: a drawing of 0 x 0 characters"),
+    ],
+)
+def test_what_cannot_be_is_one_line(capsys: Any, given: tuple[str, ...], words: str) -> None:
+    status, _, err = run(capsys, *given)
+    assert status == 2
+    assert words in err
