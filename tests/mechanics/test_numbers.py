@@ -71,7 +71,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     },
     "Room": {
         "size": (25.0, "[1,1e5]"), "walls": (True, SWITCH), "thickness": (0.01, "[0.003,0.5]"),
-        "width": (0.0, "[0,1e5]"), "height": (0.0, "[0,1e5]"),
+        "width": (0.0, "0 or [1,1e5]"), "height": (0.0, "0 or [1,1e5]"),
     },
     "Rooms": {
         "columns": (3, "[1,32]"), "rows": (3, "[1,32]"), "doors": (0.5, "[0,1]"), "door": (1.6, "(0,1e5]"),
@@ -102,6 +102,8 @@ def tried(default: Any, spec: Any) -> tuple[list[Any], list[Any]]:
         return [*spec], ["", *range(len(spec))]
     if spec == "whole numbers":
         return [(), (1, 3)], [(0, 1), (1, 0.5)]
+    if spec == "0 or [1,1e5]":
+        return [0.0, 1.0, 1e5], [-1.0, 0.5, 1.1e5]
     one = (*default, 0.0)[0] if isinstance(default, tuple) else default
     both = limits(spec, 1 if isinstance(one, int) else TINY)
     taken, refused = ([type(one)(number) for number in numbers] for numbers in both)
