@@ -45,8 +45,9 @@ class Room(Module):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if min(self.sides()) < 1:
-            raise NumberError(f"room: {self.sides()[0]:g} x {self.sides()[1]:g} m: at least 1 m is needed either way")
+        for name in ("width", "height"):
+            if 0 < (side := getattr(self, name)) < 1:
+                raise NumberError(f"room.{name} = {side:g}: at least 1 m is needed, or 0 for room.size")
 
     def systems(self) -> Iterable[System]:
         return [system for system in super().systems() if self.walls or system.name != "keep_inside"]

@@ -49,7 +49,7 @@ def test_rewards_are_the_papers_formula(kind: str) -> None:
 def test_episodes_end_by_their_rule_or_at_the_limit(kind: str) -> None:
     ends = [naive_observations.end(tick.want) for tick in play(kind)]
     assert [tick.end for tick in play(kind)] == ends
-    assert len(set(ends)) == (3 if "written" in kind else 2)
+    assert len(set(ends)) == (3 if KINDS[kind][1].get("ending_limit") else 2)
 
 
 @kinds

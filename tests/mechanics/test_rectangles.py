@@ -90,7 +90,7 @@ def test_bounds_and_scales_are_those_of_the_sides() -> None:
 
 def test_rooms_that_cannot_be_are_refused() -> None:
     for numbers, words in (
-        ({"room_width": 0.5}, "0.5 x 25 m: at least 1 m"),
+        ({"room_width": 0.5}, "room.width = 0.5: at least 1 m"),
         ({"room_width": 40.0, "room_height": 10.0}, "room of side 10"),
     ):
         with pytest.raises(NumberError, match=words):
