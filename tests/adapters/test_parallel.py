@@ -155,8 +155,9 @@ def test_the_registry_makes_them(kind: Any, name: str) -> None:
     env = pettingzoo.make(kind, f"outlast/{name}-v1", max_cycles=7, melee_damage=2)
     assert isinstance(env, pettingzoo.ParallelEnv if kind == "parallel" else pettingzoo.AECEnv)
     scenario = env.unwrapped.base_env.scenario
-    assert (scenario.name, str(env)) == (name, name)
-    assert scenario.numbers() == variant(name).replace(ending_limit=7, melee_damage=2).numbers()
+    expected = variant(name).replace(ending_limit=7, melee_damage=2)
+    assert (scenario.name, str(env)) == (expected.name, expected.name)
+    assert scenario.numbers() == expected.numbers()
 
 
 def test_without_pettingzoo_only_this_adapter_is_missing() -> None:

@@ -39,7 +39,7 @@ outlast.errors.ActionErr  # E: attr-defined
 env.observe_all()  # E: attr-defined
 make_vec("ffa_3")  # E: call-arg
 outlast.variant("ffa_3", 1)  # E: call-arg
-outlast.rollout(env)  # E: call-arg
+outlast.rollout()  # E: call-arg
 env.reset(sed=1)  # E: call-arg
 make_vec("ffa_3", "8")  # E: arg-type
 make_vec("ffa_3", 8, seed="0")  # E: arg-type

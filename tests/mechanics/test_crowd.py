@@ -90,8 +90,9 @@ def test_nobody_leaves_a_crowded_room(
     seed: int,
 ) -> None:
     """Whatever its size, and that of the bodies in it, which overlap each other and the walls from the start."""
+    side = min(sides[0], size)
     scenario = outlast.variant("ffa_3").without("heals", "safe_zone").replace(
-        n_agents=counts[0], n_boxes=counts[1], agents_radius=radius, boxes_width=sides[0], boxes_height=sides[0],
+        n_agents=counts[0], n_boxes=counts[1], agents_radius=radius, boxes_width=side, boxes_height=side,
         boxes_width_deviation=sides[1], boxes_dynamic=dynamic, motors_ahead=thrust, room_size=size,
         spawn_grid_cells=cells, ending_rule="all dead",
     )  # fmt: skip

@@ -79,7 +79,7 @@ def test_a_policy_that_says_nothing_is_refused(tmp_path: Path) -> None:
     ("options", "words"),
     [
         (("--record", "a.rec", "--record-policy"), "does not say with what probabilities it chooses"),
-        (("--record-policy",), "give --record FILE, too"),
+        (("--record-policy",), "name a file to record into, too"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -32,7 +32,7 @@ def test_a_film_shows_what_was_played_with_all_that_films_show(tmp_path: Path) -
     made = outlast.film("ffa_3", tmp_path / "film", steps=4, seed=7, size=128, n_heals=3)
     assert made == tmp_path / "film"
     env = outlast.make_vec("ffa_3", 1, seed=7, n_heals=3)
-    title = "ffa_3, scripted policy"
+    title = "ffa_3-n_heals=3, scripted policy"
     expected = footage(env.worlds, ticks(env, scripted_policy(env), 4), [0], size=128, layers=FILM_LAYERS, title=title)
     assert np.array_equal(pictures(made), np.array(list(expected)))
 

@@ -148,6 +148,6 @@ def test_rollouts_record_it(tmp_path: Path, capsys: Any) -> None:
 
 def test_a_policy_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     player, env = load_policy(saved(tmp_path / "a.zip")), make_vec("teams_4", 1, seed=0)
-    with pytest.raises(ValueError, match="the policy was trained on ffa_2; here are"):
+    with pytest.raises(ValueError, match="the policy was trained on ffa_2 and does not fit here"):
         record(env, tmp_path / "a.rec", policy=player)
     assert not (tmp_path / "a.rec").exists()
