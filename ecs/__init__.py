@@ -10,6 +10,7 @@ cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, 
 """
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
+from .archetype import Archetype
 from .component import (
     Action,
     Array,
@@ -30,7 +31,7 @@ from .errors import CapacityError, DeclarationError, EngineError, NumberError, S
 from .event import Event, emit
 from .fields import Field, Fields, columns_of
 from .jit import kernel
-from .layout import Archetype, Layout
+from .layout import Layout
 from .module import Module
 from .numbers import number
 from .per_agent import AgentRoles, differs, of

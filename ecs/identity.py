@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from .archetype import Archetype, listed
 from .component import Component
 from .fields import Field
-from .layout import Archetype, listed
 from .module import Module
 from .references import codes, is_outside, references
 from .system import Neighbour, System

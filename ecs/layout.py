@@ -6,13 +6,13 @@ world is to copy bytes. Columns that environments return (actions, observations,
 
 import difflib
 import functools
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from .archetype import MOST, Archetype, listed, merge
 from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .distributions import Distribution
 from .errors import DeclarationError, NumberError
@@ -26,40 +26,6 @@ from .system import System
 from .varied import DIM, Given, NumbersView, Varied, place
 
 ALIGN = 64  # bytes: a cache line
-MOST = 2**16  # entities of a kind, and sizes of dimensions: more would take gigabytes, or minutes to lay out
-
-
-@dataclass(frozen=True)
-class Archetype:
-    """`count` entities of one kind and the prefab values of their components.
-
-    Several modules may declare the same archetype: counts add up, components join. A count of 0 extends
-    an archetype that another module declares.
-
-    Attributes:
-        name: Unique among kinds.
-        parts: Its components, with their prefab values.
-        count: How many entities this module adds.
-        alive: Whether they are in the world right after reset.
-        order: Where its rows lie: kinds of smaller numbers come first. Kinds without a number follow all that have one.
-            Ties go by name. One number for all modules that declare the kind.
-    """
-
-    name: str
-    parts: tuple[Component, ...]
-    count: int = 0
-    alive: bool = True
-    order: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.count > MOST:
-            raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
-        parts: Any = self.parts
-        if not isinstance(parts, tuple) or not all(isinstance(part, Component) for part in parts):
-            raise DeclarationError(
-                f"Archetype({self.name!r}, {parts!r:.60}): a tuple of instances of components is needed, as in "
-                f"Archetype({self.name!r}, (Health(points=20),)); with one, mind the comma"
-            )
 
 
 @dataclass(frozen=True)
@@ -106,9 +72,10 @@ class Layout:
         roles: Roles | None = None,
         checks: bool = True,
     ) -> None:
+        self.fewer = False  # whether it has fewer entities than a world has room for, see varied.patches
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
         self.varied = place(self.modules, distributions or {})
-        self.archetypes = _merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
+        self.archetypes = merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
         self._check_counts()
         self.spans: dict[str, range] = {}
         start = 0
@@ -359,47 +326,3 @@ def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 def _fill(table: Any, where: Any, part: Component) -> None:
     for name, column in part.columns.items():
         getattr(table, name)[where] = part.fills.get(name, column.fill)
-
-
-def _merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
-    """Join the declarations of each archetype by several modules, in the order of rows."""
-    merged: dict[str, Archetype] = {}
-    for part in parts:
-        before = merged.get(part.name, Archetype(part.name, ()))
-        have = {type(component) for component in before.parts}
-        for component in part.parts:
-            if isinstance(component, Singleton):
-                raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
-            if type(component) in have:
-                raise DeclarationError(f"two modules give '{part.name}' the component {type(component).__name__}")
-        orders = {before.order, part.order} - {None}
-        if len(orders) > 1:
-            raise DeclarationError(
-                f"modules give '{part.name}' the orders {before.order} and {part.order}; let one of them leave it out"
-            )
-        merged[part.name] = Archetype(
-            part.name,
-            before.parts + part.parts,
-            before.count + part.count,
-            before.alive and part.alive,
-            next(iter(orders), None),
-        )
-    places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
-    return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
-
-
-def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:
-    """What a module's method returns, as a list. DeclarationError if it is no list of instances of `kind`."""
-    given = getattr(module, method)()
-    many = isinstance(given, Iterable)
-    items = list(given) if many else [given]
-    for item in items:
-        if not (many and isinstance(item, kind)):
-            found = item if isinstance(item, type) else type(item)
-            shown = f"the class {found.__name__}" if found is item else found.__name__
-            example = found if issubclass(found, kind) else kind
-            raise DeclarationError(
-                f"{module.name}.{method}() returned {'a list with ' if many else ''}{shown}: a list of instances of "
-                f"{kind.__name__} is needed, as in return [{example.__name__}(...)]"
-            )
-    return items

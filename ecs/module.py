@@ -23,11 +23,12 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
+from .archetype import Archetype
 from .component import Component, Singleton, snake_case
 from .errors import DeclarationError, NumberError
 from .fields import Field
 from .jit import kernel
-from .layout import Archetype, Layout
+from .layout import Layout
 from .numbers import checked, kind_of
 from .phase import Phase
 from .references import check_random

@@ -269,7 +269,10 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
     for number in numbers:
         found += _own_patches(layout, number)
     for values in corners(numbers):
-        type(layout)(replaced(layout.modules, values))  # raises what mechanics say to fewer entities
+        fewer = type(layout)(replaced(layout.modules, values), checks=False)
+        fewer.roles, fewer.fewer = layout.roles, True
+        for module in fewer.modules:
+            module.check(fewer)  # raises what mechanics say to fewer entities
         image, there = layout.initial_image.copy(), with_values(layout, values)
         for number, value in values.items():
             encoded = encode(layout.modules[number.module], number.number, value)

@@ -61,7 +61,7 @@ class Teams(Module):
         agents, needed = layout.dims["agents"], int(sum(self.sizes))
         if self.count > agents:
             raise NumberError(f"teams.count = {self.count} teams, but there are only {agents} agents")
-        if self.sizes and needed != agents:
+        if self.sizes and needed != agents and not layout.fewer:
             raise NumberError(
                 f"teams.sizes = {tuple(map(int, self.sizes))} are {needed} agents, but n_agents is {agents}: say "
                 f"replace(n_agents={needed}), or other sizes"

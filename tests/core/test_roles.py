@@ -15,6 +15,7 @@ from outlast import Recording, Replay, State, make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
 from outlast.ecs import Module, NumberError, Rows, Write
 from outlast.ecs.roles import plain
+from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ScenarioError, StateError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
@@ -143,6 +144,17 @@ def test_impossible_sizes_are_refused(name: str) -> None:
 def test_sizes_fit_the_number_of_agents() -> None:
     with pytest.raises(NumberError, match=re.escape("(1, 4) are 5 agents, but n_agents is 4: say replace(n_agents=5)")):
         make_vec("teams_3", 1, teams_sizes=(1, 4))
+
+
+def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> None:
+    scenario = variant("teams_3").replace(teams_count=3, teams_sizes=(1, 2, 1))
+    scenario = scenario.roles(one=outlast.role(1), other=outlast.role())
+    env = make_vec(scenario.vary(n_agents=outlast.integers(3, 4)), 8, seed=0)
+    _, info = env.reset()
+    full = info["numbers"]["agents_count"] == 4
+    assert 0 < full.sum() < 8
+    assert (side(env.worlds) == np.where(full[:, None], [0, 1, 1, 2], [0, 1, 1, -1])).all()
+    assert (info["roles"][full] == [0, 1, 1, 1]).all()
 
 
 # ---- what is told

@@ -15,9 +15,13 @@ from outlast.envs.cli import options
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.naming import mechanic, named
-from outlast.systems import DropLast
+from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.systems import DropLast, Maze, Teams
 
+BARS = outlast.FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
+ROOM_ROLE = {"drawn": "never", "roles": [{"name": "a", "count": None, "numbers": {"room_size": 9}}]}
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
 
@@ -48,6 +52,24 @@ def test_json_holds_all_of_a_scenario(tag: Scenario, tmp_path: Path) -> None:
     env = outlast.make_vec(f"{tmp_path}/0.json", 1, seed=0, melee_damage=7)
     assert env.scenario.name == "ffa_1-melee_damage=7"
     env.close()
+
+
+def test_json_holds_what_differs_between_worlds_and_agents(tmp_path: Path) -> None:
+    plain = variant("teams_3").with_(Maze(), Teams(sizes=(1, 3)))
+    roles = {"hunter": outlast.role(1, melee_damage=outlast.integers(10, 20)), "prey": outlast.role(agents=(1, 2, 3))}
+    varied = plain.vary(safe_zone_damage=outlast.choice(1, 5), rewards_kill=outlast.uniform(0, 1))
+    both = varied.observe_numbers("safe_zone_damage").roles(**roles, drawn="side")
+    plan = plain.with_(BARS.mechanic(3)).vary(walls_layout=outlast.choice(BARS.layout(3), BARS.layout(3)))
+    for scenario in (varied, plain.roles(**roles), both, plan):
+        loaded = Scenario.from_json(scenario.to_json())
+        assert loaded == scenario
+        assert rebuilt(json.loads(json.dumps(fingerprint(scenario))), classes(scenario)).varied == scenario.varied
+        again = loaded.replace(melee_reach=3.0)
+        assert (again.varied, again.by_role) == (scenario.varied, scenario.by_role)
+        assert again.name == f"{scenario.name}-melee_reach=3"
+        env = outlast.make_vec(loaded, 2, seed=0)
+        env.reset()
+        env.close()
 
 
 def test_nothing_that_json_names_is_imported(tag: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,6 +107,14 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"modules": [[]]}, "its names cannot be"),
         (lambda form: form | {"modules": form["modules"] * 2}, "exclude each other|missing"),
         (lambda form: form | {"order": [["melee"]]}, "is no order"),
+        (lambda form: form | {"varied": {"x_y": ["uniform", 1, 2]}}, "there is no number 'x_y' to vary"),
+        (lambda form: form | {"varied": {"melee_damage": ["uniform", 1, 2]}}, "melee_damage"),
+        (lambda form: form | {"varied": {"melee_damage": ["normal", 1, 2]}}, "is no distribution"),
+        (lambda form: form | {"varied": ["melee_damage"]}, "does not hold a scenario"),
+        (lambda form: form | {"observed": ["melee_damage"]}, "melee_damage is observed there, and does not vary"),
+        (lambda form: form | {"observed": [[]]}, "does not hold a scenario"),
+        (lambda form: form | {"roles": {"drawn": "never"}}, "roles: .* is not"),
+        (lambda form: form | {"roles": ROOM_ROLE}, "role a: the number room_size is the same for all agents"),
         (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
         (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),
         (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": -1}}, "melee.damage = -1: must be >= 0"),
@@ -143,6 +173,18 @@ def test_mechanics_can_be_left_out_and_added(tag: Scenario) -> None:
     assert asked("ffa_3", "--with", "Teams").name == "ffa_3-with_teams"
 
 
+def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
+    words = "--vary", "safe_zone_damage=uniform(1, 2)", "--vary", "n_heals=integers(2,8)"
+    with pytest.raises(EngineError, match="safe_zone_damage"):
+        asked("ffa_3", *words)
+    words = "--vary", "rewards_kill=uniform(1, 2.5)", "--vary", "n_heals = choice(2, 8)", "--set", "melee_damage=7"
+    varied = variant("ffa_3").replace(melee_damage=7)
+    assert asked("ffa_3", *words) == varied.vary(rewards_kill=outlast.uniform(1, 2.5), n_heals=outlast.choice(2, 8))
+    for twice in (("--set", "heals_count=3"), ("--vary", "heals_count=integers(1,3)")):
+        with pytest.raises(ScenarioError, match=r"heals_count|n_heals.*: it is given twice, or set, too; say one"):
+            asked("ffa_3", "--vary", "n_heals=choice(2,8)", *twice)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -151,6 +193,15 @@ def test_mechanics_can_be_left_out_and_added(tag: Scenario) -> None:
         ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
         ("--set melee_damage=inf", "an integer below"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
+        ("--vary melee_damage", "--vary melee_damage: NUMBER=VALUE is needed, as in --vary 'melee_damage=uniform"),
+        ("--vary melee_damag=integers(1,2)", "did you mean melee_damage"),
+        ("--vary melee_damage=integers(1,zone)", "a distribution of literals is needed"),
+        ("--vary melee_damage=__import__('os').getpid()", "a distribution of literals is needed"),
+        ("--vary melee_damage=5", "a distribution of literals is needed"),
+        ("--vary melee_damage=normal(1,2)", "is no distribution: uniform, log_uniform, integers, choice"),
+        ("--vary melee_damage=integers(2)", "is no distribution"),
+        ("--vary melee_damage=integers(3,2)", "the first must be below the second"),
+        ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
         ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
         ("--with Drop", "there is no mechanic Drop; did you mean DropLast"),

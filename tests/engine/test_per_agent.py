@@ -30,7 +30,7 @@ from outlast.ecs import (
     number,
     of,
 )
-from outlast.ecs.layout import Archetype
+from outlast.ecs.archetype import Archetype
 from outlast.ecs.roles import from_plain, plain
 from outlast.systems import Agents, Ending, FreeForAll, Rewards, Room, SpawnGrid, Teams
 from tests.conftest import scaled

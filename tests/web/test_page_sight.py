@@ -16,6 +16,7 @@ from outlast.components import Body, Shape, Solid
 from outlast.ecs import Archetype, Module
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.web.replay import write_page
+from outlast.systems import Rooms
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.web.browser import Screen, ticks
 
@@ -38,6 +39,9 @@ class Partitions(Module):
 SCENARIOS = {
     "boxes and items": outlast.variant("teams_4"),
     "inner walls, items do not hide": outlast.variant("ffa_3").with_(Partitions()).replace(cameras_items_occlude=False),
+    "rooms and roles": outlast.variant("teams_4")
+    .with_(Rooms())
+    .roles(near=outlast.role(1, cameras_depth=3.0, cameras_fov=2.5), far=outlast.role(cameras_depth=14.0)),
     "a kite": outlast.variant("ffa_2").replace(cameras_cone="kite", cameras_fov=2.5),
 }
 
@@ -85,16 +89,19 @@ def compared(polygon: Any, description: Json, state: Json, i: int) -> Counter[tu
         there = body.get("alive", body.get("here"))
         if k == i or not there or shape.get("role") in ("wall", "other"):
             continue
-        views = [painted(polygon, description, eye, shape, body, turn) for turn in (-NEAR, 0.0, NEAR)]
+        views = [
+            painted(polygon, description["agents"][i]["cone"], eye, shape, body, turn) for turn in (-NEAR, 0.0, NEAR)
+        ]
         if len(set(views)) == 1 and views[0] is not None:
             found[views[0], k in eye["sees"]] += 1
     return found
 
 
-def painted(polygon: Any, description: Json, eye: Json, shape: Json, body: Json, turn: float) -> bool | None:
+def painted(polygon: Any, own: Any, eye: Json, shape: Json, body: Json, turn: float) -> bool | None:
     """Whether a body's centre is in the open cone, and the ray to it is painted up to the body's front.
 
-    The ray is turned by `turn` radians. None: the eye is in the body, or the centre at the very end of the cone.
+    own: the corners of the open cone. The ray is turned by `turn` radians. None: the eye is in the body, or the centre
+    at the very end of the cone.
     """
     x, y = body["x"] - eye["x"], body["y"] - eye["y"]
     dx, dy = x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn)
@@ -105,7 +112,7 @@ def painted(polygon: Any, description: Json, eye: Json, shape: Json, body: Json,
         fraction = ray_box(o, (dx, dy), centre, body["angle"], shape["width"] / 2, shape["height"] / 2)
     cosine, sine = math.cos(eye["angle"]), math.sin(eye["angle"])
     ahead, left = dx * cosine + dy * sine, dy * cosine - dx * sine
-    nearer, farther = (inside(description["cone"], f * ahead, f * left) for f in (1 - NEAR, 1 + NEAR))
+    nearer, farther = (inside(own, f * ahead, f * left) for f in (1 - NEAR, 1 + NEAR))
     if fraction == NO_HIT or nearer != farther:
         return None
     share = fraction - BEFORE / math.hypot(x, y)
