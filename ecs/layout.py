@@ -8,6 +8,7 @@ import difflib
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from .event import Event, memory_type
 from .fields import Field, placed, width
 from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
 from .random import stream_number
-from .roles import Roles
+from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
 from .varied import DIM, Given, NumbersView, Varied, place
@@ -160,6 +161,22 @@ class Layout:
         """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
         agents = self.dims.get("agents", 0)
         return next((found for module in self.modules if (found := module.groups(agents))), ())
+
+    @functools.cached_property
+    def side_names(self) -> tuple[str, ...]:
+        """What the sides are called, by number: "agent 0" without teams; a team has the name of a role that is its own.
+
+        That is so if all its members have the role, and nobody else has it.
+        """
+        if not (sizes := self.groups()):
+            return tuple(f"agent {i}" for i in range(self.dims.get("sides", 0)))
+        plain = tuple(f"team {k}" for k in range(len(sizes)))
+        if self.roles is None or self.roles.drawn != NEVER:
+            return plain
+        of_agents, ends = self.roles.of_agents(sum(sizes)), np.cumsum([0, *sizes])
+        own = [of_agents[first:last] for first, last in pairwise(ends)]
+        only = [len({*roles}) == 1 and of_agents.count(roles[0]) == len(roles) for roles in own]
+        return tuple(self.roles.names[own[k][0]] if only[k] else name for k, name in enumerate(plain))
 
     def systems(self) -> list[System]:
         """The systems of the modules, those included that a module has with the numbers of a role only."""

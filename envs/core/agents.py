@@ -1,14 +1,12 @@
 """The agents of every world as arrays: who is alive, which side each one is on, and its share of a statistic."""
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from outlast.components import Side
-from outlast.ecs import Entity, Layout, Statistic, Worlds
-from outlast.ecs.roles import NEVER
+from outlast.ecs import Entity, Statistic, Worlds
 
 from .spaces import published
 
@@ -42,19 +40,6 @@ def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
     return sides
-
-
-def side_names(layout: Layout) -> tuple[str, ...]:
-    """What the sides are called, by number: "agent 0" without teams; a team whose members alone have one role, so."""
-    if not (sizes := layout.groups()):
-        return tuple(f"agent {i}" for i in range(layout.dims.get("sides", 0)))
-    plain = tuple(f"team {k}" for k in range(len(sizes)))
-    if layout.roles is None or layout.roles.drawn != NEVER:
-        return plain
-    of_agents, ends = layout.roles.of_agents(sum(sizes)), np.cumsum([0, *sizes])
-    own = [of_agents[first:last] for first, last in pairwise(ends)]
-    only = [len({*roles}) == 1 and of_agents.count(roles[0]) == len(roles) for roles in own]
-    return tuple(layout.roles.names[own[k][0]] if only[k] else name for k, name in enumerate(plain))
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], where: Any = slice(None)) -> dict[str, Array]:

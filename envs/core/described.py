@@ -10,7 +10,7 @@ from gymnasium.vector.utils import batch_space
 from outlast.ecs import AgentRoles, Fields, Worlds
 
 from ..scenarios.scenario import Scenario
-from .agents import alive, present, side_names
+from .agents import alive, present
 from .buffers import flat_size
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -47,7 +47,7 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     @property
     def sides(self) -> tuple[str, ...]:
         """What the sides are called, by number, as in statistics of sides."""
-        return side_names(self.worlds.layout)
+        return self.worlds.layout.side_names
 
     @property
     def roles(self) -> tuple[str, ...]:

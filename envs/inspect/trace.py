@@ -93,11 +93,11 @@ def describe(worlds: Worlds, w: int) -> Json:
     points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone:
     [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
     everything. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards: whether
-    there are any. sides: [{color, ink, box}] as CSS. agents: [{side, radius, hides, health, reach, cone}], the last
-    three as above, but of this agent. objects: [{kind, role, radius, width, height, hides, of, amount, health}]: role
-    is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether cameras do not see through it;
-    of: the box that a box item was, -1: none; amount: hit points that a heal gives; health: hit points at the start, 0:
-    cannot be damaged. color: of items and others, as CSS; else empty.
+    there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side, radius, hides, health, reach,
+    cone}], the last three as above, but of this agent; side -1: absent. objects: [{kind, role, radius, width, height,
+    hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether
+    cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
+    health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -121,7 +121,13 @@ def describe(worlds: Worlds, w: int) -> Json:
         ],
         "rewards": Reward in scene,
         "sides": [
-            {"color": css(of_side(s)), "ink": css(ink_on(of_side(s))), "box": css(of_box(s))} for s in range(count)
+            {
+                "color": css(of_side(s)),
+                "ink": css(ink_on(of_side(s))),
+                "box": css(of_box(s)),
+                "name": scene.side_name(s),
+            }
+            for s in range(count)
         ],
         "agents": [
             {

@@ -4,7 +4,7 @@ import functools
 import math
 from typing import Any, TypeVar
 
-from outlast.components import Body, Floor, Shape, Side
+from outlast.components import Body, Floor, Shape, Side, Sides
 from outlast.ecs import Clock, Component, Entity, Event, Layout, Module, Worlds
 from outlast.ecs.per_agent import agent_values, initial_image
 from outlast.ecs.varied import Varied, VariedNumber
@@ -60,6 +60,12 @@ class Scene:
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
         """Rows of all entities with all of these components, in the world or not; agents in order of their numbers."""
         return _rows(self.worlds.layout, components)
+
+    def side_name(self, side: int) -> str:
+        """What a side is called: see Layout.side_names, and its number where a mechanic of the user's makes teams."""
+        layout, teams = self.worlds.layout, Sides in self and self[Sides].teams[0]
+        names = layout.side_names if layout.groups() or not teams else ()
+        return names[side] if side < len(names) else f"{'team' if teams else 'agent'} {side}"
 
     def prefab(self, component: type[Component]) -> Any:
         """The table as it is at the start of an episode."""

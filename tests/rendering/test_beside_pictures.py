@@ -97,7 +97,7 @@ def test_the_scoreboard_has_hit_points_kills_and_deaths() -> None:
     game = killed(ScenarioBuilder("teams_3"), 2, 0)
     game.wound(1, 150)
     assert said(game.env.worlds, ScoresStrip()) == [
-        *("side 0: 1 kill", "side 1: 0 kills"),
+        *("team 0: 1 kill", "team 1: 0 kills"),
         *("0", "100", "1", "150", "2", "dead", "3", "100"),
     ]
     duel = killed(ScenarioBuilder("ffa_4"), 1, 0)

@@ -98,14 +98,14 @@ def test_the_feed_lists_deaths_and_their_causes_the_latest_first() -> None:
     game = ScenarioBuilder("teams_3", safe_zone_damage=50)
     assert words(game, KillFeedLayer()) == []
     killed(game, 2, 0)
-    assert words(game, KillFeedLayer()) == ["2 killed by side 0"]
+    assert words(game, KillFeedLayer()) == ["2 killed by team 0"]
     image = draw(game.env.worlds, 0, SIZE)
     assert spot(image, -ROOM + 0.3, -HALF + 0.4) == colors.VERMILLION
     game.column(Clock).tick[0] += 3
     game.wound(1, 1)
     game.put("agent", 1, 12, 12)  # out of the zone
     game.step(times=2)
-    assert words(game, KillFeedLayer()) == ["1 died of zone", "2 killed by side 0"]
+    assert words(game, KillFeedLayer()) == ["1 died of zone", "2 killed by team 0"]
     assert spot(draw(game.env.worlds, 0, SIZE), -ROOM + 0.3, -HALF + 0.4) == colors.BLUE
     assert [game.death(1), game.death(2)] == [("zone", -1), ("melee", 0)]
 

@@ -10,7 +10,7 @@ from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, PAPER, WALL, Color, mix, of_side
 from .layer import Layer, Strip, ZOrder
-from .title import LINE, digit
+from .title import LINE, digit, printable
 
 MIDDLE, HEIGHT = 0.66, 0.36  # of digits, in margins: bars of agents at the wall reach up to 0.38, letters below digits
 
@@ -90,7 +90,7 @@ def _cause_of_death(scene: Scene, e: int) -> str:
     source = scene[Died].source[e]
     if source < 0:
         return f"died of {scene.worlds.layout.damage_types[scene[Died].damage_type[e]]}"
-    return f"killed by {'side ' if scene[Sides].teams[0] else ''}{source}"
+    return f"killed by {printable(scene.side_name(source)) if scene[Sides].teams[0] else source}"
 
 
 def _line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import End, Health, Score, Side, Sides
+from outlast.components import End, Health, Score, Side
 from outlast.ecs import Clock
 
 from ..canvas import Canvas
 from ..scene import Scene
 from ..style import INK, PAPER, Color, of_side
 from .layer import Layer, ZOrder
-from .title import LINE, digit
+from .title import LINE, digit, printable
 
 OPACITY = 0.85
 PLACE = 0.55  # of the middle of the banner, in halves of the picture
@@ -49,7 +49,8 @@ def winner(scene: Scene) -> int | None:
         return None
     lived = [2**63 if count else -1 for count in alive]
     for e in scene.rows(Health, Side) if Health in scene else ():
-        side = scene[Side].side[e]
+        if (side := scene[Side].side[e]) < 0:  # absent
+            continue
         lived[side] = max(lived[side], scene[Health].fatal_tick[e])
     best = max(lived)
     return lived.index(best) if lived.count(best) == 1 else None
@@ -59,8 +60,7 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
     """In words, and in the colour of the winner."""
     side = winner(scene)
     if side is not None:
-        teams = Sides in scene and scene[Sides].teams[0]
-        return f"{'side' if teams else 'agent'} {side} wins", of_side(side)
+        return f"{printable(scene.side_name(side))} wins", of_side(side)
     return "a draw" if Score in scene and len(scene[Score].alive) > 1 else "the episode is over", None
 
 

@@ -4,14 +4,14 @@ import functools
 from dataclasses import dataclass
 
 from outlast.components import Bag, Episode, Health, Side, Sides
-from outlast.ecs import Layout
+from outlast.ecs import Entity, Layout
 
 from ..canvas import Canvas
 from ..scene import Scene
 from ..style import EXTRA, INK, PAPER, WALL, ink_on, mix, of_health, of_side
 from .inventory import draw_item
 from .layer import Strip, ZOrder
-from .title import LINE, digit
+from .title import LINE, digit, printable
 
 DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
 MOST = 6  # items of a bag that are shown
@@ -54,11 +54,12 @@ class ScoresStrip(Strip):
         left, top = unit - canvas.half, canvas.height / 2 - 0.5 * (LINE + GAP) * unit
         if _teams(scene):
             _write_teams(canvas, scene, left, top, unit)
-        for i, e in enumerate(scene.rows(Side)[: board.shown]):
+        there = [(i, e) for i, e in enumerate(scene.rows(Side)) if scene[Entity].identity[e] >= 0]
+        for i, e in there[: board.shown]:
             column, row = divmod(i, board.rows)
             y = top - (row + _teams(scene)) * LINE * unit
             Entry(canvas, scene, board, i, e, e in alive).draw(left + column * board.width * unit, y)
-        if hidden := len(scene.rows(Side)) - board.shown:
+        if (hidden := len(there) - board.shown) > 0:
             y = top - (board.lines - 1) * LINE * unit
             canvas.text(left, y, f"and {hidden} more", unit, PAPER, anchor=0)
 
@@ -71,7 +72,7 @@ def _teams(scene: Scene) -> bool:
 def _write_teams(canvas: Canvas, scene: Scene, x: float, y: float, unit: int) -> None:
     """Kills of the teams, as many as fit."""
     for side in range(len(scene[Episode].kills)):
-        words = f"side {side}: {_kills(scene, side)}"
+        words = f"{printable(scene.side_name(side))}: {_kills(scene, side)}"
         end = x + DISC * unit + canvas.length(words, unit)
         if end > canvas.half:
             return

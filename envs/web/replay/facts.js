@@ -19,7 +19,7 @@ const Facts = (() => {
     Dom.write($("length"), start + length - 1);
     Dom.write($("seconds"), Dom.seconds(tick, description));
     Dom.write($("alive"), agents.filter(({ alive }) => alive).length);
-    Dom.write($("agents"), agents.length);
+    Dom.write($("agents"), description.agents.filter(({ side }) => side >= 0).length);
     Dom.write($("zone"), zone ? zone[2].toFixed(1) : "–");
     for (const fact of $("facts").querySelectorAll("[data-role]")) {
       Dom.write(fact, objects.filter(({ here }, j) => here && description.objects[j].role === fact.dataset.role).length);

@@ -23,13 +23,14 @@ const Panel = (() => {
     root.replaceChildren();
     const teams = description.teams ? description.sides.map((_, s) => addTeam(root, description, s)) : [];
     const cards = description.agents.map(({ side }, i) => {
+      if (side < 0) return null; // absent
       const card = addAgent(teams[side]?.list || root, description, i);
       card.button.addEventListener("click", () => onFollow(i));
       return card;
     });
     root.classList.toggle("many", cards.length > 8);
     return (snapshot, follow, tallies = []) => {
-      cards.forEach((card, i) => show(card, description, snapshot, i, follow === i, tallies[i]));
+      cards.forEach((card, i) => card && show(card, description, snapshot, i, follow === i, tallies[i]));
       teams.forEach((team, s) => {
         const members = snapshot.agents.filter((_, i) => description.agents[i].side === s);
         write(team.count, `${members.filter(({ alive }) => alive).length} of ${members.length} alive`);
@@ -41,7 +42,7 @@ const Panel = (() => {
     const section = make("section", "team", root);
     section.style.setProperty("--side", sides[s].color);
     const heading = make("h3", "", section);
-    make("span", "", heading, `Team ${s}`);
+    make("span", "", heading, sides[s].name.replace(/^./, (letter) => letter.toUpperCase()));
     const count = make("small", "", heading);
     return { list: section, count };
   }

@@ -66,6 +66,7 @@ const Timeline = (() => {
       const { description } = episode, y = top(i), tall = strip();
       const points = episode.history("agent.health", i), alive = episode.history("agent.alive", i);
       const { health: full, side } = description.agents[i];
+      if (side < 0) return; // absent
       const whole = 1.25 * Math.max(1, full), color = description.sides[side].color;
       pen.fillStyle = colors.ink;
       pen.globalAlpha = 0.07;
@@ -97,6 +98,7 @@ const Timeline = (() => {
 
     function curve(pen, i, wide, alpha) {
       const { description } = episode, values = episode.returns()[i];
+      if (description.agents[i].side < 0) return;
       pen.strokeStyle = description.sides[description.agents[i].side].color;
       pen.lineWidth = wide;
       pen.globalAlpha = alpha;
