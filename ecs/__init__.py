@@ -2,11 +2,11 @@
 
 Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module
 (functions on them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and
-abstract_values (what systems do, against what they declare), layout (the memory of a world) with distributions and
-varied (numbers that differ from world to world, which draw draws), arguments (what kernels get), tick (the code
-generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the compile
-cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and identity
-(what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
+abstract_values (what systems do, against what they declare), layout with archetype (the memory of a world),
+distributions and varied (numbers that differ from world to world, which draw draws), arguments (what kernels get), tick
+(the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the
+compile cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and
+identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 
 from .access import Add, Bitset, DamageType, Offset, Random, Read, RowIndex, Rows, Scratch, Write
