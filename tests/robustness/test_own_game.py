@@ -86,6 +86,23 @@ if __name__ == "__main__":
 """
 
 
+CALLS = """
+import outlast
+
+if __name__ == "__main__":
+    game = "bog_game.py:arena"
+    summary = outlast.rollout(game, "random", worlds=2, seed=1, record="calls.rec", csv="calls.csv")
+    film = outlast.film(game, "film.apng", steps=3, size=64)
+    page = outlast.replay_page("calls.rec", "page.html", quiet=True)
+    trained = outlast.train(game, steps=128, seed=7, worlds=4, rollout=128, quiet=True, swamp_drag=0.5)
+    evaluation = outlast.evaluate(game, [trained.policy, "random"], episodes=4, worlds=2, quiet=True)
+    figures = outlast.plot([trained.folder], "calls")
+    drawn = "drawn" if figures else "nothing"
+    policies = len(evaluation.chosen)
+    print(f"{summary.episodes} episodes, {film.name}, {page.name}, {trained.folder.name}, {policies} policies, {drawn}")
+"""
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("games")
@@ -122,7 +139,7 @@ def test_every_command_takes_it(folder: Path) -> None:
     made = ("--html", "page.html", "--data", "samples", "--out", "film.webm", "--events", "events.csv")
     outlast(folder, "replay", "a.rec", "--scenario", name, *made, quiet)
     assert all((folder / each).exists() for each in made[1::2])
-    words = ("--steps", "64", "--worlds", "4", "--rollout", "64", "--every", "1", "--film", quiet)
+    words = ("--steps", "128", "--worlds", "4", "--rollout", "128", "--every", "1", "--film", quiet)
     outlast(folder, "train", name, *words, "--seed", "0", "1")
     run_folder = folder / "runs" / "bog-fast-1"
     assert list(run_folder.glob("*.webm"))
@@ -130,6 +147,8 @@ def test_every_command_takes_it(folder: Path) -> None:
     words = ("--episodes", "4", "--worlds", "2", "--out", "tables", "--film", quiet)
     assert "bog, seed 0" in outlast(folder, "evaluate", name, "random", str(checkpoint), *words)
     assert "bog: " in outlast(folder, "rollout", name, "--policy", str(checkpoint), "--worlds", "2", quiet)
+    outlast(folder, "plot", "runs", "--by", "seed", "--curves", "length")
+    assert (folder / "figures" / "ends.md").read_text().startswith("bog, preset fast, 2 runs.")
 
 
 def test_it_is_saved_and_named_beside_its_mechanics(folder: Path) -> None:
@@ -141,9 +160,16 @@ def test_it_is_saved_and_named_beside_its_mechanics(folder: Path) -> None:
     assert "swamp.wade" in outlast(folder, "schedule", "ffa_1", "--with", "swamp.py:Swamp(drag=0.3)")
 
 
-def test_it_is_played_in_a_browser(folder: Path) -> None:
-    words = [sys.executable, "-m", "outlast", "play", "bog_game.py:arena", "--no-browser"]
-    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("-m", "outlast", "play", "bog_game.py:arena", "--no-browser"),
+        ("-uc", "import outlast; outlast.play('bog_game.py:arena', browser=False)"),
+    ],
+)
+def test_it_is_played_in_a_browser(folder: Path, words: Sequence[str]) -> None:
+    command = [sys.executable, *words]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         assert server.stdout.readline().startswith("bog: you are agent 0 at http://127.0.0.1:")
         server.send_signal(signal.SIGINT)
@@ -158,6 +184,11 @@ def test_benchmarks_take_it(folder: Path) -> None:
 def test_python_takes_it(folder: Path) -> None:
     (folder / "faces.py").write_text(FACES.format(name="bog_game.py:arena"))
     assert run(folder, "faces.py").endswith("bog 2\n")
+
+
+def test_python_does_in_one_call_each_what_commands_do(folder: Path) -> None:
+    (folder / "calls.py").write_text(CALLS)
+    assert run(folder, "calls.py").endswith("2 episodes, film.apng, page.html, bog-fast-7, 2 policies, drawn\n")
 
 
 def test_a_package_offers_it(folder: Path, tmp_path: Path) -> None:
