@@ -35,6 +35,17 @@ class Distribution:
         whole = self.kind != INTEGERS or (real and float(value).is_integer())
         return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
 
+    def sample(self, rng: np.random.Generator) -> Any:
+        """A draw by numpy's generator, for levels that are made outside of worlds."""
+        if self.kind == CHOICE:
+            return self.values[int(rng.integers(len(self.values)))]
+        low, high = self.values
+        if self.kind == INTEGERS:
+            return int(rng.integers(low, high, endpoint=True))
+        if self.kind == LOG_UNIFORM:
+            return min(max(math.exp(rng.uniform(math.log(low), math.log(high))), low), high)
+        return float(rng.uniform(low, high))
+
     def extremes(self) -> tuple[Any, ...]:
         """The lowest and the highest value; of a choice among other things than numbers, all."""
         plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)

@@ -10,7 +10,7 @@ from .component import Array, Observation, Signal
 from .distributions import CHOICE, INTEGERS, LOG_UNIFORM
 from .jit import kernel
 from .random import integer, stream_number, words
-from .varied import GIVEN, WORD, VariedNumber, encode, patches
+from .varied import GIVEN, KEY, ONCE, WORD, VariedNumber, encode, patches
 
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
@@ -106,11 +106,18 @@ def draw(
     given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
     its state, as int32 and as uint8. kinds and all that follow: see Plan.
     """
+    keyed = values.size  # where the key is in `given`
+    if given[keyed] != 0:
+        clock.seed[0], clock.world[0], clock.episode[0] = given[keyed + 1], given[keyed + 2], given[keyed + 3]
+        for k in range(keyed, keyed + KEY):
+            given[k] = 0
     for n in range(kinds.size):
         start, width = spans[n, 0], spans[n, 1]
         if given[start] >> GIVEN:
             for k in range(start, start + width):
                 values[k] = np.int32(np.uint32(given[k] & WORD))
+                if given[k] >> ONCE:
+                    given[k] = 0
             continue
         key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), streams[n])
         if kinds[n] == CHOICE:

@@ -24,7 +24,7 @@ from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, Given, NumbersView, Varied, place
+from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, place
 
 ALIGN = 64  # bytes: a cache line
 
@@ -106,6 +106,7 @@ class Layout:
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         if self.varied:
             self.dims[DIM] = sum(number.width for number in self.varied.values())
+            self.dims[GIVEN_DIM] = self.dims[DIM] + KEY
         own = (Clock, *([Given, Varied] if self.varied else []), Entity)
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)

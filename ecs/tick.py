@@ -36,7 +36,7 @@ from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
 from .system import System
-from .varied import DIM, Given, NumbersView, Varied, VariedNumber
+from .varied import GIVEN_DIM, Given, NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
@@ -138,16 +138,16 @@ class Generator:
         image = self._constant("image", self.layout.initial_image.view(np.uint64))
         state = self._words("state", BLOCK, np.dtype("u8"))
         counts = self._words("event_counts", EVENTS, np.dtype("i4"))
-        kept = self._number(CLOCK_SIZE + self.layout.dims.get(DIM, 0), "kept")
+        kept = self._number(CLOCK_SIZE + self.layout.dims.get(GIVEN_DIM, 0), "kept")
         arguments = [state, image, counts, "mode[w]", kept]
         return self._unit(CLOCK, None, advance_clock, IDLE[When.ALWAYS], arguments)
 
     def draw(self) -> Unit:
         """The unit that draws the varied numbers of every world whose episode begins."""
         arguments = [
-            self._table(Clock, "r"),
+            self._table(Clock, "w"),
             self._table(Entity, "w"),
-            f"{self._table(Given, 'r')}.words",
+            f"{self._table(Given, 'w')}.words",
             f"{self._table(Varied, 'w')}.words",
             self._view_of("reals", lambda worlds: worlds[Varied].words.view(np.float32), np.dtype("f4"), writable=True),
             self._view_of("words", lambda worlds: worlds.block.view(np.int32), np.dtype("i4"), writable=True),

@@ -19,16 +19,21 @@ from .distributions import CHOICE, INTEGERS, NAMES, Distribution
 from .errors import NumberError
 from .fields import Field
 
-DIM = "varied words"
+DIM, GIVEN_DIM = "varied words", "given words"
 GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
+ONCE = np.uint64(33)  # the bit that says that it is for one episode
 HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
+KEY = 4  # words at the end of Given: whether there is a key, and the seed, world and episode of it
 CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
 
 
 class Given(Singleton):
-    """The engine's own component of worlds with varied numbers: those that are not drawn, as somebody has set them."""
+    """The engine's own component of worlds with varied numbers: what is not drawn, as somebody has set it.
 
-    words: Array = column("u8", DIM)  # 0: drawn; else the word, and bit 32
+    It outlasts episodes. Behind the words of numbers is a key of random numbers, for the next episode.
+    """
+
+    words: Array = column("u8", GIVEN_DIM)  # 0: drawn; else the word, bit 32, and maybe bit 33
 
 
 class Varied(Singleton):
@@ -206,6 +211,26 @@ def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
         low, high = (number.dtype.type(end) for end in number.distribution.values)
         fits = (low <= values) & (values <= high)
     return ~np.asarray(fits)
+
+
+def wrongly_given(layout: Any, words: Array) -> str:
+    """What is wrong with words of Given that come out of a file, which kernels use as indices; empty if nothing is.
+
+    Args:
+        layout: An ecs.layout.Layout with varied numbers.
+        words: uint64 (worlds, words).
+    """
+    for name, number in layout.varied.items():
+        own = words[:, number.words]
+        there, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
+        flags = own >> GIVEN
+        wrong = (flags[:, :1] != flags).any(1) | ((flags != 1) & (flags != 3)).any(1)
+        if (there & (wrong | misfits(number, layout.modules[number.module], low))).any():
+            w = int((there & (wrong | misfits(number, layout.modules[number.module], low))).argmax())
+            return f"{name} in world {w} is not of {number.distribution}"
+    if (words[:, -KEY] > 1).any():
+        return f"the key of random numbers in world {int((words[:, -KEY] > 1).argmax())} is none"
+    return ""
 
 
 def _plain(value: Any) -> Any:

@@ -25,7 +25,7 @@ from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
-from .varied import Given, Varied, given_words
+from .varied import KEY, ONCE, Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -216,12 +216,13 @@ class Worlds:
         """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
         return {name: agent_values(self, number) for name, number in self.layout.per_agent.items()}
 
-    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None)) -> None:
+    def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None), once: bool = False) -> None:
         """Set varied numbers from the next reset of each world on, instead of drawing them.
 
         Args:
             numbers: By name, one value or one for each of the worlds `where`; None: drawn again.
             where: The worlds: mask, indices or slice.
+            once: For that episode only.
 
         Raises:
             NumberError: One that does not vary, another shape, or a value that could not be drawn; nothing is changed.
@@ -235,8 +236,25 @@ class Worlds:
             number = self.layout.varied[name]
             module = self.layout.modules[number.module]
             words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+            if once and values is not None:
+                words[name] = words[name] | np.uint64(1) << ONCE
         for name, given in words.items():
             self[Given].words[rows, self.layout.varied[name].words] = given
+
+    def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
+        """Key the random numbers of the next episode, so that it is that one; those after it go on from there.
+
+        Args:
+            keys: (seed, world, episode) of the worlds `where`, uint64 (n, 3).
+            where: The worlds: mask, indices or slice.
+
+        Raises:
+            NumberError: Nothing varies here: seeds key worlds then.
+        """
+        if Given not in self:
+            raise NumberError("no number varies here; worlds are keyed by seeds then")
+        rows = np.atleast_1d(np.arange(self.count)[where])
+        self[Given].words[rows, -KEY:] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
 
     @property
     def changed(self) -> dict[str, int | float]:

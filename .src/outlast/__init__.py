@@ -25,12 +25,14 @@ from .envs.snapshots.state import State
 from .errors import ScenarioError
 
 if TYPE_CHECKING:
+    from .envs import levels
     from .envs.adapters.gymnasium_agents import make_agents
     from .envs.adapters.pettingzoo import aec_env, parallel_env
     from .envs.adapters.puffer import make_puffer
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
     from .envs.films import film
+    from .envs.levels import Level
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
     from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
@@ -49,6 +51,7 @@ __all__ = [
     "ALIASES",
     "VARIANTS",
     "FloorPlan",
+    "Level",
     "Recording",
     "Replay",
     "Scenario",
@@ -65,6 +68,7 @@ __all__ = [
     "evaluate",
     "film",
     "integers",
+    "levels",
     "load_policy",
     "log_uniform",
     "make_agents",
@@ -92,6 +96,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "FloorPlan": "envs.scenarios.floor_plan",
     "Recording": "envs.recording",
     "Replay": "envs.recording",
+    "Level": "envs.levels",
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
     "draw": "envs.rendering.rgb",
@@ -117,6 +122,8 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
 if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that exists
 
     def __getattr__(name: str) -> object:
+        if name == "levels":
+            return import_module(".envs.levels", __name__)
         if name in _LAZY:
             return getattr(import_module(f".{_LAZY[name]}", __name__), name)
         if name == "FIXES":

@@ -1,14 +1,15 @@
 """The numbers of a game that runs: what they are, and how they change."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import NumberError, Worlds
+from outlast.ecs import Clock, NumberError, Worlds
 from outlast.ecs.varied import Given
 
+from ..levels import Level, check
 from ..scenarios.scenario import Scenario
 from .validation import reset_mask
 
@@ -54,6 +55,37 @@ def change_numbers(
         if before is not None:
             worlds[Given].words[:] = before
         raise
+
+
+def current_levels(worlds: Worlds) -> list[Level]:
+    """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
+    clock, numbers = worlds[Clock], worlds.numbers()
+    return [
+        Level(
+            {
+                name: tuple(values[w].tolist()) if values.ndim > 1 else values[w].item()
+                for name, values in numbers.items()
+            },
+            (int(clock.seed[w, 0]), int(clock.world[w, 0]), int(clock.episode[w, 0])),
+        )
+        for w in range(worlds.count)
+    ]
+
+
+def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
+    """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
+    rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
+    if len(levels) not in (1, len(rows)):
+        raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
+    if Given not in worlds:
+        raise NumberError("no number varies here, so a level is a seed: reset(seed=[...]); or vary() some")
+    varied = {name: number.distribution for name, number in worlds.layout.varied.items()}
+    for level in levels:
+        check(level, varied)
+    for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
+        worlds.give_numbers(level.numbers, row, once=True)
+        if level.key is not None:
+            worlds.give_keys([level.key], row)
 
 
 def _chosen(name: str, value: Any, where: Array) -> Any:

@@ -1,7 +1,7 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import sys
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,6 +11,7 @@ from outlast.components import End, Reward
 from outlast.ecs import RESET, SKIP, STEP, Action, Observation
 
 from ..errors import RecordingError
+from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
@@ -21,7 +22,7 @@ from .deaths import log_deaths
 from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
-from .numbers import change_numbers, current_numbers
+from .numbers import change_levels, change_numbers, current_levels, current_numbers
 from .spaces import action_space, check_published, observation_space, published, statistics
 from .step_events import StepEvents
 from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
@@ -308,6 +309,25 @@ class SurvivalVectorEnv(Described):
         """
         asked = {**(given or {}), **numbers}
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
+
+    @exclusive
+    def levels(self) -> list[Level]:
+        """The level of each world: what its episode was made from. See outlast.levels."""
+        return current_levels(self.worlds)
+
+    @exclusive
+    def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:
+        """Play these levels in the next episodes, one each. After that, worlds draw again.
+
+        Args:
+            levels: One for each world of the mask, in order, or one for all of them.
+            mask: The worlds, bool (worlds,); None: all.
+
+        Raises:
+            NumberError: Another number of levels, numbers that do not vary, or values that could not be drawn.
+            ValueError: A mask that cannot be.
+        """
+        change_levels(self.worlds, levels, mask)
 
     def stop_when(self, stops: Stops) -> None:
         """End episodes earlier than the scenario does; for adapters, such as one whose episode ends with its learner.

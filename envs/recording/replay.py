@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import End
 from outlast.ecs import STEP, Clock, EngineError
-from outlast.ecs.varied import Given
+from outlast.ecs.varied import GIVEN_DIM, Given, wrongly_given
 
 from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
@@ -51,6 +51,7 @@ class Replay:
             raise RecordingError(f"{recording.path}: its worlds cannot be made: {error}") from error
         self._joint_actions = JointActions(self.worlds)
         self._digests = Digests(self.worlds, recording.header["digests"]["worlds"])
+        self._check("words of given numbers", recording.header.get("given", 0), self.worlds.dims.get(GIVEN_DIM, 0))
         self._check("actions", recording.header["actions"], [list(column) for column in self._joint_actions.columns])
         names = self._digests.names
         there = [
@@ -105,8 +106,11 @@ class Replay:
     def _run(self, record: TickRecord) -> None:
         clock, rows = self.worlds[Clock], record.keys[:, 0].astype(np.intp)
         clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0] = record.keys[:, 1:KEY_SIZE].T
-        if Given in self.worlds:
-            self.worlds[Given].words[rows] = record.keys[:, KEY_SIZE:]
+        if Given in self.worlds and len(rows):
+            words = record.keys[:, KEY_SIZE:]
+            if wrong := wrongly_given(self.worlds.layout, words):
+                raise RecordingError(f"{self.recording.path} is damaged: {wrong}")
+            self.worlds[Given].words[rows] = words
         try:
             self.worlds.actions[:, record.mode == STEP] = self._joint_actions.decode(record.codes)
         except ValueError as error:

@@ -26,7 +26,7 @@ from outlast.components.sight import MODES
 from outlast.ecs import AgentRoles, Clock, Component, Entity, Layout, Singleton
 from outlast.ecs.event import EventMemory, table
 from outlast.ecs.layout import Place
-from outlast.ecs.varied import GIVEN, WORD, Given, Varied, misfits
+from outlast.ecs.varied import Given, Varied, misfits, wrongly_given
 
 from ..errors import StateError
 
@@ -213,14 +213,13 @@ def _check_varied(layout: Layout, block: Array, started: Array) -> None:
     """Varied numbers, and those that are given, are some that could have been drawn; counts are used as indices."""
     if not layout.varied:
         return
-    words, given = layout.columns(block, Varied).words, layout.columns(block, Given).words
+    words = layout.columns(block, Varied).words
     for name, number in layout.varied.items():
-        module, own = layout.modules[number.module], given[:, number.words]
-        set_, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
-        wrong = started & misfits(number, module, words[:, number.words])
-        wrong |= set_ & ((own >> GIVEN != 1).any(1) | misfits(number, module, low))
+        wrong = started & misfits(number, layout.modules[number.module], words[:, number.words])
         if wrong.any():
             raise StateError(f"the state's {name} in world {int(wrong.argmax())} is not of {number.distribution}")
+    if wrong_words := wrongly_given(layout, layout.columns(block, Given).words):
+        raise StateError(f"the state's {wrong_words}")
 
 
 def _refusal(what: str, rows: slice | Array, values: Array, bad: Array, needed: str) -> StateError:

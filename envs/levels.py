@@ -1,0 +1,125 @@
+"""Levels: what one episode of one world is made from, as data to keep, change and play again.
+
+A level is the numbers that vary in its scenario (see Scenario.vary) and the key of its random numbers, from which
+start places and everything else follow. Environments tell the levels that they are in, and take others for their next
+episodes: curricula choose among levels, searches mutate them, benchmarks keep a list of them in a file.
+"""
+
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import NumberError
+from outlast.ecs.distributions import Distribution
+
+from .errors import ScenarioError
+from .scenarios.scenario import Scenario
+from .storage.atomic_write import atomic_write
+
+VERSION = 1
+MOST = 2**64  # seeds, worlds and episodes are below it
+
+
+@dataclass(frozen=True)
+class Level:
+    """What one episode is made from.
+
+    >>> level = env.levels()[0]
+    >>> env.set_levels([level.mutated(scenario, rng) for _ in range(env.num_worlds)])
+
+    Attributes:
+        numbers: Those that vary, by full name ("melee_damage"): a number, a bool, a text or a tuple. Those that are
+            left out are drawn.
+        key: (seed, world, episode), which key the random numbers; None: those of the world that plays it.
+
+    Raises:
+        NumberError: A key of something else than three integers from 0 to 2**64 - 1.
+    """
+
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    key: tuple[int, int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if self.key is None:
+            return
+        key: Sequence[Any] = self.key
+        if len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
+            raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0 to 2**64 - 1")
+
+    def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":
+        """A level like this one, with some numbers drawn anew.
+
+        Args:
+            scenario: The one that varies them.
+            rng: Draws which numbers, and their values.
+            count: How many numbers, at most as many as vary.
+            rekey: Whether it gets another key, too: other start places and other luck.
+        """
+        varied = dict(scenario.varied)
+        chosen: list[str] = rng.permutation(sorted(varied)).tolist()[:count]
+        drawn = {name: varied[name].sample(rng) for name in chosen}
+        key = (int(rng.integers(MOST - 1, dtype=np.uint64)), 0, 1) if rekey else self.key
+        return Level({**self.numbers, **drawn}, key)
+
+
+def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Level]) -> None:
+    """Write levels into a JSON file, whole or not at all.
+
+    Args:
+        path: The file, which is replaced.
+        scenario: What they are levels of; the file says what it varies.
+        levels: The levels.
+    """
+    content = {
+        "version": VERSION,
+        "varied": {name: repr(distribution) for name, distribution in scenario.varied},
+        "levels": [{"numbers": dict(each.numbers), "key": each.key} for each in levels],
+    }
+    with atomic_write(Path(path)) as place:
+        place.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
+    """Read levels that `save` wrote.
+
+    Args:
+        path: The file.
+        scenario: What they are to be played in; each number must be one that could be drawn there.
+
+    Raises:
+        ScenarioError: It is no file of levels, or of another version.
+        NumberError: A level has a number that the scenario does not vary, or a value that could not be drawn.
+        OSError: The file cannot be read.
+    """
+    try:
+        content = json.loads(Path(path).read_text())
+        version, entries = content["version"], content["levels"]
+        found = [Level(_numbers(each["numbers"]), each["key"] and tuple(each["key"])) for each in entries]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ScenarioError(f"{path} is no file of levels: {error}") from None
+    if version != VERSION:
+        raise ScenarioError(f"{path} has version {version!r:.20} of the format: this outlast reads version {VERSION}")
+    for k, level in enumerate(found):
+        try:
+            check(level, dict(scenario.varied))
+        except NumberError as error:
+            raise NumberError(f"{path}, level {k}: {error}") from None
+    return found
+
+
+def check(level: Level, varied: Mapping[str, Distribution]) -> None:
+    """NumberError unless the level's numbers are some that could be drawn from these distributions."""
+    for name, value in level.numbers.items():
+        if name not in varied:
+            raise NumberError(f"{name} does not vary here; these do: {', '.join(varied) or 'none'}")
+        if value not in varied[name]:
+            raise NumberError(f"{name} = {value!r}: it varies as {varied[name]}; take a value of that")
+
+
+def _numbers(given: dict[str, Any]) -> dict[str, Any]:
+    return {str(name): tuple(value) if isinstance(value, list) else value for name, value in given.items()}

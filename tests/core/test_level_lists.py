@@ -1,0 +1,198 @@
+"""Levels: what an episode was made from, kept, changed, and played again."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import Level, choice, integers, levels, log_uniform, uniform
+from outlast.ecs import NumberError
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import RecordingError, ScenarioError, StateError
+from tests.conftest import draw_actions, scaled
+
+DUEL = outlast.variant("ffa_3").vary(
+    n_agents=integers(2, 4),
+    melee_damage=integers(5, 20),
+    cameras_depth=uniform(5, 12),
+    cameras_cone=choice("sector", "kite"),
+    safe_zone_radii=choice((12.5, 10, 7.5, 5, 4, 2, 1), (12, 9, 7, 5, 4, 2, 1)),
+)
+
+
+def make(count: int = 6, seed: int = 3) -> SurvivalVectorEnv:
+    env = outlast.make_vec(DUEL, count, seed=seed)
+    env.reset()
+    return env
+
+
+def played(env: SurvivalVectorEnv, seed: int) -> list[Any]:
+    """What a few steps of random actions lead to."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(scaled(20, least=2)):
+        observations, rewards, *_ = env.step(draw_actions(env, rng))
+        found += [*observations.values(), rewards]
+    return found
+
+
+def test_a_level_is_the_episode_again() -> None:
+    env, other = make(seed=3), make(seed=99)
+    env.reset()
+    other.set_levels(env.levels())
+    other.reset()
+    assert other.levels() == env.levels()
+    for mine, its in zip(played(env, 0), played(other, 0), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    env.reset(), other.reset()  # the episodes behind it are the next ones of that key
+    assert other.levels() == env.levels()
+    env.close(), other.close()
+
+
+def test_levels_are_for_one_episode_of_the_worlds_that_are_meant() -> None:
+    env, expected = make(), make()
+    mask = np.arange(6) % 2 == 0
+    env.set_levels([Level({"agents_count": 4, "melee_damage": 7})], mask=mask)
+    assert env.levels() == expected.levels()
+    env.reset(), expected.reset()
+    numbers, drawn = env.numbers(), expected.numbers()
+    assert (numbers["agents_count"][mask] == 4).all()
+    assert (numbers["melee_damage"][mask] == 7).all()
+    assert numbers["cameras_depth"].tolist() == drawn["cameras_depth"].tolist()
+    assert numbers["melee_damage"][~mask].tolist() == drawn["melee_damage"][~mask].tolist()
+    env.reset(), expected.reset()
+    assert env.levels() == expected.levels()
+    env.close(), expected.close()
+
+
+def test_numbers_that_are_set_stay_behind_a_level() -> None:
+    env = make()
+    env.set_numbers(melee_damage=11)
+    env.set_levels([Level({"agents_count": 2})])
+    for count in (2, None):
+        env.reset()
+        assert (env.numbers()["melee_damage"] == 11).all()
+        assert count is None or (env.numbers()["agents_count"] == count).all()
+    env.close()
+
+
+def test_mutations_change_so_many_numbers_and_stay_in_range() -> None:
+    env, rng = make(), np.random.default_rng(0)
+    (level, *_) = env.levels()
+    for count in range(len(DUEL.varied) + 1):
+        changed = level.mutated(DUEL, rng, count)
+        assert sum(changed.numbers[name] != level.numbers[name] for name in level.numbers) <= count
+        assert changed.key == level.key
+        levels.check(changed, dict(DUEL.varied))
+    assert level.mutated(DUEL, rng, rekey=True).key != level.key
+    env.set_levels([level.mutated(DUEL, rng, 3, rekey=True) for _ in range(6)])
+    env.reset()
+    assert len({each.key for each in env.levels()}) == 6
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "distribution", [uniform(1, 3), log_uniform(0.1, 10), integers(-2, 5), choice(1, 2, 5), choice((1, 2), (3, 4))]
+)
+def test_samples_could_be_drawn(distribution: Any) -> None:
+    rng = np.random.default_rng(0)
+    drawn = [distribution.sample(rng) for _ in range(200)]
+    assert all(each in distribution for each in drawn)
+    assert len(set(drawn)) > 1
+
+
+def test_levels_are_files(tmp_path: Path) -> None:
+    env = make()
+    levels.save(tmp_path / "levels.json", DUEL, [*env.levels(), Level({"melee_damage": 5})])
+    assert levels.load(tmp_path / "levels.json", DUEL) == [*env.levels(), Level({"melee_damage": 5})]
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "reason"),
+    [
+        (lambda content: content.update(version=2), ScenarioError, "has version 2 of the format"),
+        (lambda content: content.pop("levels"), ScenarioError, "is no file of levels"),
+        (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),
+        (lambda content: content["levels"][0]["numbers"].update(melee_damage=99), NumberError, "level 0: melee_damage"),
+        (lambda content: content["levels"][0]["numbers"].update(melee_damage=math.nan), NumberError, "level 0"),
+        (lambda content: content["levels"][0]["numbers"].update(melee_reach=2), NumberError, "does not vary here"),
+        (lambda content: content["levels"][0].update(key=[1, 2]), ScenarioError, "seed, world and episode are needed"),
+        (lambda content: content["levels"][0].update(key=[1, 2, -1]), ScenarioError, "seed, world and episode"),
+    ],
+)
+def test_files_that_are_none_are_refused(tmp_path: Path, spoil: Any, error: Any, reason: str) -> None:
+    env, path = make(), tmp_path / "levels.json"
+    levels.save(path, DUEL, env.levels())
+    content = json.loads(path.read_text())
+    spoil(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(error, match=reason):
+        levels.load(path, DUEL)
+    path.write_text("nonsense")
+    with pytest.raises(ScenarioError, match="is no file of levels"):
+        levels.load(path, DUEL)
+    env.close()
+
+
+def test_levels_that_do_not_fit_are_refused_and_nothing_changes() -> None:
+    env = make()
+    before = env.worlds.block.copy()
+    for given, reason in (
+        ([Level(), Level()], "2 levels for 6 worlds"),
+        ([Level()] * 5 + [Level({"melee_damage": 99})], "melee_damage = 99: it varies as"),
+        ([Level({"melee_reach": 1.0})], "melee_reach does not vary here"),
+    ):
+        with pytest.raises(NumberError, match=reason):
+            env.set_levels(given)
+    np.testing.assert_array_equal(env.worlds.block, before)
+    env.close()
+    plain = outlast.make_vec("ffa_1", 2, seed=0)
+    with pytest.raises(NumberError, match="a level is a seed"):
+        plain.set_levels([Level()])
+    plain.close()
+
+
+def test_recordings_and_states_keep_levels_that_wait(tmp_path: Path) -> None:
+    env = outlast.make_vec(DUEL, 6, seed=3)
+    outlast.record(env, tmp_path / "a.rec")
+    env.reset()
+    env.set_levels([Level({"agents_count": 3}, (7, 5, 2))])
+    state = env.get_state()
+    played(env, 0)
+    env.reset()
+    played(env, 1)
+    block = env.worlds.block.copy()
+    env.close()
+    replay = outlast.Replay(outlast.Recording.open(tmp_path / "a.rec"))
+    assert list(replay.ticks())
+    np.testing.assert_array_equal(replay.worlds.block, block)
+    replay.close()
+    other = make(seed=8)
+    other.set_state(state)
+    other.reset()
+    assert {each.key for each in other.levels()} == {(7, 5, 2)}
+    other.close()
+
+
+def test_keys_that_are_none_are_refused_in_states() -> None:
+    env = make()
+    state = env.get_state()
+    state.arrays["world"][1].view(np.uint64)[4 + env.worlds.dims["varied words"]] = 2
+    with pytest.raises(StateError, match="the key of random numbers in world 1 is none"):
+        env.set_state(state)
+    env.close()
+
+
+def test_recordings_with_other_words_are_refused(tmp_path: Path) -> None:
+    env = outlast.make_vec(DUEL, 2, seed=3)
+    outlast.record(env, tmp_path / "a.rec")
+    env.reset()
+    env.close()
+    recording = outlast.Recording.open(tmp_path / "a.rec")
+    recording.header["given"] -= 1
+    with pytest.raises(RecordingError, match="words of given numbers"):
+        outlast.Replay(recording)
