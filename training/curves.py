@@ -56,6 +56,23 @@ class Curves:
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
+class Logged:
+    """What all runs that were read have in common: the plan of run.json, and curves."""
+
+    plan: dict[str, Any]
+    curves: Curves
+
+    @property
+    def seed(self) -> int:
+        """The seed of the run."""
+        return int(self.plan["seed"])
+
+    @property
+    def steps(self) -> int:
+        """Agent-steps done."""
+        return int(self.curves.steps[-1])
+
+
 def curves_of_log(path: Path, known: Callable[[str], bool], every: bool = False) -> Curves:
     """The curves in the log of a run.
 

@@ -15,7 +15,7 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
-from ..curves import NEEDED, Curves, curves_of_log, format_curves, read_curves
+from ..curves import NEEDED, Curves, Logged, curves_of_log, format_curves, read_curves
 from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
 from ..presets import ROLLOUT, preset
@@ -31,7 +31,7 @@ logger = logging.getLogger("outlast")
 
 
 @dataclass(frozen=True)
-class RunResult:
+class RunResult(Logged):
     """A run: its folder or kept file, and curves of the paper's quantities.
 
     variant: with ablations. plan: that of run.json. changed: numbers of the scenario other than the paper's.
@@ -42,16 +42,6 @@ class RunResult:
     plan: dict[str, Any]
     changed: dict[str, Any]
     curves: Curves
-
-    @property
-    def seed(self) -> int:
-        """The seed of the run."""
-        return int(self.plan["seed"])
-
-    @property
-    def steps(self) -> int:
-        """Agent-steps done."""
-        return int(self.curves.steps[-1])
 
     @property
     def done(self) -> bool:

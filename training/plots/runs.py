@@ -13,7 +13,7 @@ from outlast.envs.scenarios.variants import base, variant
 
 from .. import log_file, run_header
 from ..config import HOW, SELF, TrainingConfig
-from ..curves import Curves, curves_of_log
+from ..curves import Curves, Logged, curves_of_log
 from ..errors import TrainingError
 from ..paper import results
 from ..paper.curves import is_known
@@ -27,7 +27,7 @@ SCENARIO, PRESET = "scenario", "preset"
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Logged):
     """A run.
 
     Attributes:
@@ -43,16 +43,6 @@ class Run:
     numbers: dict[str, Any]
     plan: dict[str, Any]
     curves: Curves
-
-    @property
-    def seed(self) -> int:
-        """The seed of the run."""
-        return int(self.plan["seed"])
-
-    @property
-    def steps(self) -> int:
-        """Agent-steps done."""
-        return int(self.curves.steps[-1])
 
     @cached_property
     def settings(self) -> dict[str, Any]:
