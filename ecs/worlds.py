@@ -25,7 +25,7 @@ from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
-from .varied import KEY, ONCE, Given, Varied, given_words
+from .varied import KEY, NO_LEVELS, ONCE, Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -234,8 +234,7 @@ class Worlds:
                 known = ", ".join(self.layout.varied) or "none"
                 raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
             number = self.layout.varied[name]
-            module = self.layout.modules[number.module]
-            words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+            words[name] = np.uint64(0) if values is None else given_words(number, self.layout, values, len(rows))
             if once and values is not None:
                 words[name] = words[name] | np.uint64(1) << ONCE
         for name, given in words.items():
@@ -249,10 +248,10 @@ class Worlds:
             where: The worlds: mask, indices or slice.
 
         Raises:
-            NumberError: Nothing varies here: seeds key worlds then.
+            NumberError: Episodes of these worlds differ by too little to be levels, see Layout.keyed.
         """
-        if Given not in self:
-            raise NumberError("no number varies here; worlds are keyed by seeds then")
+        if not self.layout.keyed:
+            raise NumberError(NO_LEVELS)
         rows = np.atleast_1d(np.arange(self.count)[where])
         self[Given].words[rows, -KEY:] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
 
