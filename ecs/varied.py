@@ -98,19 +98,17 @@ class VariedNumber:
         """Its values in worlds, from their words.
 
         Args:
-            words: int32 (worlds, all words).
+            words: int32 (all words, worlds), contiguous.
             module: The mechanic.
 
         Returns:
-            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). A new array.
+            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). Numbers are views of `words`.
         """
-        values = np.ascontiguousarray(words[:, self.words]).view(self.dtype)
-        if self.kind is tuple:
-            return values
+        values: Array = words[self.words if self.kind is tuple else self.start].view(self.dtype)
         if self.kind is str:
             choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
-            return np.array(choices)[values[:, 0]]
-        return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
+            return np.array(choices)[values]
+        return values.astype(bool) if self.kind is bool else values.T
 
 
 def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:

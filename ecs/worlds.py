@@ -163,7 +163,7 @@ class Worlds:
         if (agents := self.layout.per_agent.get(name)) is not None:
             return agent_values(self, agents)
         if (varied := self.layout.varied.get(name)) is not None:
-            return varied.decode(self[Varied].words, self.layout.modules[varied.module])
+            return varied.decode(self[Varied].words.T.copy(), self.layout.modules[varied.module])
         for module in self.modules:
             if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
                 return getattr(module, own)
@@ -207,10 +207,10 @@ class Worlds:
 
         A tuple is float32 (count, length).
         """
-        return {
-            name: number.decode(self[Varied].words, self.layout.modules[number.module])
-            for name, number in self.layout.varied.items()
-        }
+        if not self.layout.varied:
+            return {}
+        words = self[Varied].words.T.copy()
+        return {name: n.decode(words, self.layout.modules[n.module]) for name, n in self.layout.varied.items()}
 
     def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
