@@ -164,9 +164,9 @@ class Layout:
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
-    def groups(self) -> tuple[int, ...]:
-        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
-        agents = self.dims.get("agents", 0)
+    def groups(self, agents: int | None = None) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits so many agents (all, if None) by id; of no groups, ()."""
+        agents = self.dims.get("agents", 0) if agents is None else agents
         return next((found for module in self.modules if (found := module.groups(agents))), ())
 
     @functools.cached_property
