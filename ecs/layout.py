@@ -6,6 +6,7 @@ world is to copy bytes. Columns that environments return (actions, observations,
 
 import difflib
 import functools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
@@ -344,7 +345,7 @@ def _check_keys(base: type[Component], components: Iterable[type[Component]]) ->
 
 
 def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    return tuple(itemsize * int(np.prod(shape[k + 1 :])) for k in range(len(shape)))
+    return tuple(itemsize * math.prod(shape[k + 1 :]) for k in range(len(shape)))
 
 
 def _fill(table: Any, where: Any, part: Component) -> None:
