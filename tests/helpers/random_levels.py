@@ -24,7 +24,7 @@ def scenario(kind: str, rng: np.random.Generator) -> Scenario:
     while True:
         found = KINDS[kind](rng)
         try:
-            found.worlds(1).close()
+            outlast.make_vec(found, 1).close()
         except NumberError as error:  # no room for the passages or the bodies
             assert any(words in str(error) for words in ("wide, and agents", "do not fit", "must stay", "free place")), error
         else:
@@ -53,7 +53,7 @@ def _game(name: str, rng: np.random.Generator, **numbers: Any) -> Scenario:
             safe_zone_damage=0,
             motors_ahead=_between(rng, 0.2, 0.7),
             melee_damage=20,
-            agents_health=25,
+            agents_health=15,
             boxes_toughness=int(rng.integers(1, 20)),
             **numbers,
         )
@@ -98,7 +98,7 @@ def _pillars(rng: np.random.Generator) -> Scenario:
     most = _between(rng, 0.6, 3)
     return (
         _game("ffa_4", rng)
-        .with_(systems.Pillars(most=most, gap=_between(rng, 1.3, 2.5)))
+        .with_(systems.Pillars(least=0.1, most=most, gap=_between(rng, 1.3, 2.5)))
         .roles(big=big, small=small, drawn="anyone")
         .vary(pillars_count=integers(1, int(rng.integers(2, 16))), pillars_least=_range(rng, 0.1, 0.5))
     )

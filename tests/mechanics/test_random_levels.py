@@ -48,7 +48,7 @@ def test_bodies_stay_apart_for_a_million_world_steps(kind: str) -> None:
     games = MILLION // len(KINDS) // WORLDS // STEPS + 1
     found = [play(kind, 100 + seed, WORLDS, STEPS) for seed in range(games)]
     assert sum(each.resets for each in found) > 1000
-    assert sum(each.returns for each in found) > 100 or kind in ("rooms", "pillars")
+    assert sum(each.returns for each in found) > 50 or kind in ("rooms", "pillars")
     assert sum(each.deep for each in found) < 1e-3 * sum(each.ticks for each in found)
 
 
