@@ -11,6 +11,7 @@ from .errors import NumberError
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
 MOST = 2**16  # values of a choice
+LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,7 +33,7 @@ class Distribution:
         """Whether it could be drawn."""
         if self.kind == CHOICE:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
-            return any(given == each and isinstance(given, bool) == isinstance(each, bool) for each in self.values)
+            return any(_is_same(given, each) for each in self.values)
         if self.kind == FREE:
             return (
                 not isinstance(value, str) and np.shape(value) == np.shape(self.values[0]) and all(map(_is_real, value))
@@ -144,6 +145,15 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether it is a finite number."""
+    """Whether it is a finite number, as a float32, too."""
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    return real and math.isfinite(value)
+    return real and bool(abs(value) <= LARGEST)
+
+
+def _is_same(value: Any, option: Any) -> bool:
+    """Whether a value is an option of a choice, floats as worlds have them: rounded to float32."""
+    if isinstance(option, tuple):
+        return isinstance(value, tuple) and len(value) == len(option) and all(map(_is_same, value, option))
+    if isinstance(option, float) and _is_real(value):
+        return bool(np.float32(value) == np.float32(option))
+    return type(value) is not tuple and value == option and isinstance(value, bool) == isinstance(option, bool)

@@ -6,6 +6,7 @@ world is to copy bytes. Columns that environments return (actions, observations,
 
 import difflib
 import functools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
@@ -164,9 +165,9 @@ class Layout:
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
-    def groups(self) -> tuple[int, ...]:
-        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
-        agents = self.dims.get("agents", 0)
+    def groups(self, agents: int | None = None) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits so many agents (all, if None) by id; of no groups, ()."""
+        agents = self.dims.get("agents", 0) if agents is None else agents
         return next((found for module in self.modules if (found := module.groups(agents))), ())
 
     @functools.cached_property
@@ -344,7 +345,7 @@ def _check_keys(base: type[Component], components: Iterable[type[Component]]) ->
 
 
 def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    return tuple(itemsize * int(np.prod(shape[k + 1 :])) for k in range(len(shape)))
+    return tuple(itemsize * math.prod(shape[k + 1 :]) for k in range(len(shape)))
 
 
 def _fill(table: Any, where: Any, part: Component) -> None:

@@ -201,7 +201,8 @@ class Plan:
     Attributes:
         rows: int32 (agents,), of the agents.
         fixed: int32 (agents,), the role of each, before any is drawn.
-        groups: int32 (groups + 1,), where groups of agents begin within which roles are drawn; of none, (0,).
+        groups: int32 (agents + 1, groups + 1), where groups of agents begin within which roles are drawn, by how many
+            agents there are; without groups, (agents + 1, 1).
         real: int8 (numbers,), 1 where words are float32.
         starts: int32 (numbers,), the first word.
         streams: uint64 (numbers,), of random numbers.
@@ -244,7 +245,7 @@ def plan(layout: Any) -> Plan:
     return Plan(
         rows=np.array(agents, np.int32),
         fixed=np.array(layout.roles.of_agents(len(agents)), np.int32),
-        groups=np.array(_groups(layout), np.int32),
+        groups=np.array([_groups(layout, there) for there in range(len(agents) + 1)], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
         starts=np.array([number.start for number in numbers], np.int32),
         streams=np.array([stream_number(f"role {number.name}") for number in numbers], np.uint64),
@@ -256,17 +257,16 @@ def plan(layout: Any) -> Plan:
     )
 
 
-def _groups(layout: Any) -> list[int]:
-    """Where groups of agents begin within which roles are drawn. NumberError if there are no sides to be drawn in."""
-    agents = len(layout.spans[AGENT])
+def _groups(layout: Any, agents: int) -> list[int]:
+    """Where groups begin in which roles are drawn among so many agents. NumberError if there are no such sides."""
     if layout.roles.drawn == NEVER:
         return [0]
     sizes = (agents,)
     if layout.roles.drawn == SIDE:
-        sizes = layout.groups()
+        sizes = layout.groups(agents)
         if not sizes:
             raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
-    starts: list[int] = np.cumsum([0, *sizes]).tolist()
+    starts: list[int] = np.cumsum([0, *sizes]).clip(max=agents).tolist()
     return starts
 
 
@@ -302,6 +302,7 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
 @kernel
 def assign(
     clock: Any,
+    entities: Any,
     roles: Any,
     values: Any,
     reals: Any,
@@ -322,14 +323,18 @@ def assign(
 
     roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
     world's state, as int32. rows and all that follow: see Plan. Draws for a number have the agent's id in the place of
-    the tick.
+    the tick. Roles are drawn among those who are there.
     """
+    there = 0
+    while there < rows.size and entities.identity[rows[there]] >= 0:
+        there += 1
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
     for i in range(rows.size):
         roles.role[i] = fixed[i]
-    for g in range(groups.size - 1):
-        for i in range(groups[g + 1] - 1, groups[g], -1):  # Fisher and Yates
-            o = groups[g] + integer(key, i, i - groups[g] + 1)
+    for g in range(groups.shape[1] - 1):
+        first = groups[there, g]
+        for i in range(groups[there, g + 1] - 1, first, -1):  # Fisher and Yates
+            o = first + integer(key, i, i - first + 1)
             roles.role[i], roles.role[o] = roles.role[o], roles.role[i]
     for n in range(starts.size):
         for i in range(rows.size):

@@ -2,21 +2,28 @@
 
 import argparse
 import contextlib
+import logging
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from outlast.components import Shape
+from outlast.ecs import Worlds
+from outlast.systems import Walls
+
 from ..core.make import make_vec
 from ..errors import UsageError
 from ..rendering import opencv as cv2
 from ..rendering.canvas import LARGEST, SMALLEST
 from ..rendering.rgb import draw
-from ..scenarios.floor_plan import LAYOUT, FloorPlan
+from ..scenarios.floor_parts import in_words
+from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
 from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, scenario
 
+LOGGER = logging.getLogger(__name__)
 GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
 
 
@@ -62,6 +69,8 @@ def run(options: argparse.Namespace) -> int:
 
     with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
         env.reset()
+        if options.layout not in GENERATORS:
+            _warn_of_parts(options.layout, env.worlds)
         try:
             if path.suffix == ".json":
                 FloorPlan.of_world(env.worlds).save(path)
@@ -73,6 +82,17 @@ def run(options: argparse.Namespace) -> int:
             raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
     print(options.out)
     return 0
+
+
+def _warn_of_parts(name: str, worlds: Worlds) -> None:
+    """Log a warning if agents cannot get everywhere on the floor plan in a file."""
+    plan = FloorPlan.load(name)
+    width = 2 * float(worlds[Shape].radius[:, worlds.span("agent")].max(initial=0))
+    for walls in worlds.modules:
+        if isinstance(walls, Walls) and width > 0:
+            parts = plan.parts(width, walls.inside(worlds.layout))
+            if words := in_words(parts, [owner for owner, *_ in plan.starts], width):
+                LOGGER.warning("%s: %s", name, words)
 
 
 def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:

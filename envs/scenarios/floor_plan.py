@@ -15,6 +15,7 @@ from outlast.systems.geometry.places import ENTRY, ITEMS, WALL
 
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
+from .floor_parts import Part, parts_of
 from .plan_text import parsed
 
 Rectangle = tuple[float, float, float, float, float]
@@ -111,6 +112,35 @@ class FloorPlan:
         columns = (body.x, body.y, 2 * shape.half_width, 2 * shape.half_height, body.angle)
         sides = worlds[Floor].size[w]
         return cls([[float(c[w, e]) for c in columns] for e in rows], (), float(sides[0]), float(sides[-1]))
+
+    def parts(self, width: float, room: tuple[float, float] | None = None) -> list[Part]:
+        """The parts of the floor in which a disc can get everywhere, and which it cannot leave.
+
+        >>> [part] = plan.parts(1.0)  # or ValueError: agents of a metre cannot get everywhere
+
+        It is found out on a lattice whose points are a tenth of the width apart (or a thousandth of the longer side of
+        the room, if that is more): passages that are a point's distance wider than the disc count as open, narrower
+        ones maybe not, and those that it does not fit through as closed.
+
+        Args:
+            width: Metres, the diameter of the disc, such as 2 * agents_radius.
+            room: Width and height of the floor, metres; None: those of the plan.
+
+        Returns:
+            Of each part (x, y, area, starts), the largest first: a point in it and the square metres where the middle
+            of the disc can be, and the indices of the start areas that have some of it.
+
+        Raises:
+            ScenarioError: A plan for rooms of any size without a room, or a disc that is too small for a lattice.
+        """
+        sides = tuple(room or (self.width, self.height))
+        if len(sides) != 2 or not all(sides):
+            raise ScenarioError(
+                f"{self} in a room of {sides}: width and height are needed, as in parts(1.0, room=(25, 25))"
+            )
+        disc, across, along = (_real("parts", each) for each in (width, *sides))
+        areas: list[Any] = [place for _, *place in self.starts]
+        return parts_of(self.walls, areas, disc, (across, along))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "FloorPlan":

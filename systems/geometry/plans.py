@@ -62,3 +62,30 @@ def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, fl
         across = abs(cosine * (y - middle_y) - sine * (x - middle_x)) - height / 2
         free &= np.hypot(np.maximum(along, 0), np.maximum(across, 0)) > radius
     return free
+
+
+def connected(free: Any) -> Any:
+    """The parts of a lattice whose points are connected, each to its eight neighbours.
+
+    Args:
+        free: bool (rows, columns); others are in no part.
+
+    Returns:
+        The number of each point's part, from 1 on, int (rows, columns); 0 of those that are in none.
+    """
+    first = np.diff(free, axis=1, prepend=False) & free
+    runs = np.cumsum(first).reshape(free.shape) * free  # of neighbours in a row
+    label = np.arange(int(runs.max(initial=0)) + 1)
+    shifted = (runs[:-1, :-1], runs[1:, 1:]), (runs[:-1, 1:], runs[1:, :-1]), (runs[:-1], runs[1:])
+    pairs = np.concatenate([(one * label.size + two)[(one > 0) & (two > 0)] for one, two in shifted])
+    one, two = np.divmod(np.unique(pairs), label.size)
+    while True:
+        low = np.minimum(label[one], label[two])
+        lower = label.copy()
+        np.minimum.at(lower, label[one], low)
+        np.minimum.at(lower, label[two], low)
+        lower = lower[lower]
+        if (lower == label).all():
+            break
+        label = lower
+    return np.unique(label, return_inverse=True)[1].reshape(label.shape)[runs]

@@ -107,6 +107,44 @@ def test_samples_could_be_drawn(distribution: Any) -> None:
     assert len(set(drawn)) > 1
 
 
+def test_levels_of_worlds_are_levels_for_worlds(tmp_path: Path) -> None:
+    """Also with fractions, which worlds have as float32: as numbers, as levels, and as levels in a file."""
+    layouts = [outlast.FloorPlan(walls=[(0, 0.1 * k, 4, 0.3, 0.7)]).layout() for k in (1, 2, 3)]
+    walls = outlast.systems.Walls(layout=layouts[0])
+    scenario = outlast.variant("ffa_2").with_(walls).vary(walls_layout=choice(*layouts), motors_ahead=choice(0.1, 0.3))
+    env, other = (outlast.make_vec(scenario, 6, seed=seed) for seed in (3, 4))
+    env.reset(), other.reset()
+    levels.save(tmp_path / "levels.json", scenario, env.levels())
+    for give in (
+        lambda: other.set_numbers({name: env.numbers()[name] for name, _ in scenario.varied}),
+        lambda: other.set_levels(env.levels()),
+        lambda: other.set_levels(levels.load(tmp_path / "levels.json", scenario)),
+    ):
+        give()
+        other.reset()
+        for name, _ in scenario.varied:
+            np.testing.assert_array_equal(env.numbers()[name], other.numbers()[name])
+    with pytest.raises(NumberError, match=r"motors_ahead = 0.2: it varies as choice\(0.1, 0.3\)"):
+        other.set_numbers(motors_ahead=0.2)
+    env.close(), other.close()
+
+
+@pytest.mark.parametrize("huge", [10**400, -(10**400), 1e300])
+def test_numbers_beyond_all_are_refused(huge: float, tmp_path: Path) -> None:
+    env = make()
+    (tmp_path / "levels.json").write_text(
+        json.dumps({"version": 1, "varied": {}, "levels": [{"numbers": {"melee_damage": huge}, "key": None}]})
+    )
+    for give in (
+        lambda: env.set_numbers(melee_damage=huge),
+        lambda: env.set_levels([Level({"cameras_depth": huge})]),
+        lambda: levels.load(tmp_path / "levels.json", DUEL),
+    ):
+        with pytest.raises(NumberError, match="it varies as"):
+            give()
+    env.close()
+
+
 def test_levels_are_files(tmp_path: Path) -> None:
     env = make()
     levels.save(tmp_path / "levels.json", DUEL, [*env.levels(), Level({"melee_damage": 5})])

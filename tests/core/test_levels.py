@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice, integers, log_uniform, uniform
-from outlast.ecs import Component, Entity, NumberError, Observation
+from outlast import choice, integers, log_uniform, systems, uniform
+from outlast.ecs import Clock, Component, Entity, NumberError, Observation
 from outlast.ecs.varied import Given, Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
@@ -30,7 +30,41 @@ TEAMS = outlast.variant("teams_4").vary(
     safe_zone_radii=choice((12.5, 10, 7.5, 5, 4, 2, 1), (12, 9, 7, 5, 4, 2, 1)),
     ending_limit=integers(60, 90),
 )
-WORLDS, STEPS = scaled(1024, least=4), scaled(100, least=5)
+ROLES = {
+    "hunter": outlast.role(1, melee_damage=integers(15, 25), agents_health=80, cameras_depth=uniform(8, 14)),
+    "prey": outlast.role(agents_health=integers(20, 40), pickup_reach=1.5),
+}
+COUNTS = outlast.variant("teams_4").vary(
+    n_agents=integers(2, 6),
+    n_heals=integers(1, 15),
+    n_boxes=integers(1, 8),
+    agents_radius=uniform(0.3, 0.5),
+    motors_ahead=log_uniform(0.1, 0.5),
+    safe_zone_damage=integers(0, 3),
+    ending_limit=integers(12, 24),
+)
+MIXED = COUNTS.roles(**ROLES, drawn="anyone")
+PLANS = [
+    outlast.FloorPlan(
+        walls=[(3 * k - 8, 3, 0.5, 6), (-6, -5, 4, 1 + k / 4, 0.2 * k), (6, k - 9, 3, 0.5, 1.0)],
+        starts=[(0, -10, 0, 3, 14), (1, 10, 0, 3, 10 + k)],
+    )
+    for k in range(6)
+]
+GAMES: dict[str, Scenario] = {
+    "numbers": TEAMS.replace(ending_limit=20).vary(ending_limit=integers(12, 24)),
+    "mazes": MIXED.with_(systems.Maze(blocks=40)).vary(
+        maze_columns=integers(2, 6), maze_rows=integers(2, 6), maze_loops=uniform(0, 1), maze_thickness=uniform(0.2, 0.5)
+    ),
+    "rooms": MIXED.with_(systems.Rooms(blocks=24)).vary(
+        rooms_columns=integers(1, 3), rooms_rows=integers(1, 3), rooms_doors=uniform(0, 1), rooms_door=uniform(1.2, 2)
+    ),
+    "pillars": MIXED.with_(systems.Pillars()).vary(pillars_count=integers(1, 12), pillars_least=uniform(0.5, 1.5)),
+    "floor plans": COUNTS.roles(**ROLES, drawn="side")
+    .with_(PLANS[0].mechanic(5))
+    .vary(walls_layout=choice(*(plan.layout(5) for plan in PLANS))),
+}
+WORLDS, STEPS, SAMPLE = scaled(1024, least=4), scaled(36, least=5), scaled(20, least=4)
 MEAN = (math.e**2 - 1) / 2  # of log_uniform(1, e squared)
 REFERRING = {"Gift", "Item", "Bag", "Weapon", "Died", "Health", "BoxItem", "Sight", "Cells"}  # they hold rows or sizes
 
@@ -61,31 +95,56 @@ def same_entities(one: SurvivalVectorEnv, w: int, other: SurvivalVectorEnv) -> N
                     np.testing.assert_array_equal(values, getattr(other.worlds[component], column)[0, its], column)
 
 
-def test_every_world_is_the_game_that_has_its_numbers() -> None:
-    many, rng = make(count=WORLDS), np.random.default_rng(0)
-    numbers = {name: values for name, values in many.numbers().items() if name in dict(TEAMS.varied)}
-    assert all(len(np.unique(numbers[name], axis=0)) > 1 for name in numbers)
-    played = [(actions := draw_actions(many, rng), many.step(actions)) for _ in range(STEPS)]
-    for w in range(0, WORLDS, max(1, WORLDS // 40)):
-        one = make(fixed(TEAMS, numbers, w), 1, first_world=w)
+def compare_with_worlds_alone(scenario: Scenario, chosen: Any) -> None:
+    """Some worlds of a batch of 1024, each with a batch of one world in which its numbers are fixed.
+
+    What was drawn is then set, so that episodes behind the first one have the same numbers, and another layout.
+    """
+    many, rng = make(scenario, WORLDS), np.random.default_rng(0)
+    numbers = {name: values for name, values in many.numbers().items() if name in dict(scenario.varied)}
+    assert all(len(np.unique(values, axis=0)) > 1 for values in numbers.values())
+    many.set_numbers(numbers)
+    played = [(actions := draw_actions(many, rng)[chosen], play(many, chosen, actions)) for _ in range(STEPS)]
+    for k, w in enumerate(chosen.tolist()):
+        one = make(fixed(scenario, numbers, w), 1, first_world=w)
         there = one.num_agents
         assert there == numbers["agents_count"][w]
         for actions, (observations, rewards, terminated, truncated, info) in played:
-            mine = one.step(actions[w : w + 1, :there])
-            np.testing.assert_array_equal(rewards[w, :there], mine[1][0])
-            assert not rewards[w, there:].any()
-            assert (terminated[w], truncated[w]) == (mine[2][0], mine[3][0])
-            assert info["present"][w].tolist() == [k < there for k in range(many.num_agents)]
+            mine = one.step(actions[k : k + 1, :there])
+            np.testing.assert_array_equal(rewards[k, :there], mine[1][0])
+            assert not rewards[k, there:].any()
+            assert (terminated[k], truncated[k]) == (mine[2][0], mine[3][0])
+            assert info["present"][k].tolist() == [i < there for i in range(many.num_agents)]
             for key, values in mine[0].items():
-                own = observations[key][w]
+                own = observations[key][k]
                 np.testing.assert_array_equal(own[tuple(map(slice, values[0].shape))], values[0], key)
                 assert not own[there:].any()
-            if terminated[w] or truncated[w]:
-                break
-        else:
-            same_entities(many, w, one)
+        assert one.worlds[Clock].episode[0, 0] > 1 or not COMPILED
+        same_entities(many, w, one)
         one.close()
     many.close()
+
+
+def play(env: SurvivalVectorEnv, chosen: Any, actions: Any) -> Any:
+    """A step in which all others do nothing: what it returns of the chosen worlds."""
+    all_actions = np.tile(env.noop, (env.num_worlds, env.num_agents, 1))
+    all_actions[chosen] = actions
+    observations, *signals, info = env.step(all_actions)
+    own = {key: values[chosen] for key, values in observations.items()}
+    return own, *(values[chosen] for values in signals), {"present": info["present"][chosen]}
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_every_world_is_the_game_that_has_its_numbers(game: str) -> None:
+    """Bit for bit, a few of 1024 worlds, of which each has other numbers, counts, walls and roles."""
+    compare_with_worlds_alone(GAMES[game], np.linspace(0, WORLDS - 1, SAMPLE).astype(int))
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="a thousand environments")
+@pytest.mark.parametrize("quarter", range(4))
+def test_each_of_1024_worlds_is_the_game_that_has_its_numbers(quarter: int) -> None:
+    compare_with_worlds_alone(GAMES["mazes"], np.arange(quarter, WORLDS, 4))
 
 
 def test_draws_are_those_of_the_random_numbers_by_name() -> None:

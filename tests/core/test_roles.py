@@ -157,6 +157,23 @@ def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> No
     assert (info["roles"][full] == [0, 1, 1, 1]).all()
 
 
+@pytest.mark.parametrize("drawn", ["anyone", "side"])
+def test_roles_are_drawn_among_those_who_are_there(drawn: str) -> None:
+    """A hunter is in every world, however few it has; with "side", it is one of the first agent's side."""
+    scenario = variant("teams_2").roles(hunter=outlast.role(1, melee_damage=20), prey=outlast.role(), drawn=drawn)
+    env = make_vec(scenario.vary(n_agents=outlast.integers(2, 6)), scaled(300, least=20), seed=0)
+    _, info = env.reset()
+    hunters = (info["roles"] == 0) & info["present"]
+    assert (hunters.sum(1) == 1).all()
+    there = info["present"].sum(1)
+    among = there if drawn == "anyone" else there // 2
+    for count in range(2, 7):
+        drawn_ids = hunters[there == count].argmax(1)
+        assert set(drawn_ids.tolist()) == set(range(among[there == count].max())) or not COMPILED
+    assert (env.numbers()["melee_damage"][hunters] == 20).all()
+    env.close()
+
+
 # ---- what is told
 
 

@@ -4,15 +4,13 @@ import itertools
 import math
 from typing import Any
 
-import Box2D
 import numpy as np
 import pytest
 
 import outlast
 from outlast import Scenario, systems, variant
-from outlast.components import Body, Shape, Side, Sight, Solid, Spawned, Strike, Wall
+from outlast.components import Body, Shape, Side, Solid, Spawned, Strike, Wall
 from outlast.ecs import Entity, Worlds
-from outlast.ecs.simd import SIMD_WIDTH
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, obstacles, overlap, signed_distance
 from tests.helpers.random_worlds import RUNS, TEXT
@@ -84,74 +82,6 @@ def test_a_block_hides() -> None:
         put(body, 0, 0, 0)
         put(body, 1, 4, 0)
         assert env.step(np.array([[IDLE, IDLE]]))[0]["others_mask"][0, 0, 0] == seen
-
-
-class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
-    def __init__(self, skipped: Any) -> None:
-        super().__init__()
-        self.skipped, self.fraction, self.found = skipped, 2.0, None
-
-    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
-        if fixture.body is self.skipped or fixture.body == self.skipped:
-            return -1.0
-        self.fraction, self.found = fraction, fixture.body
-        return fraction
-
-
-def box2d_world(worlds: Worlds, w: int) -> tuple[Any, dict[int, Any]]:
-    """All bodies of a world that are there, in Box2D, and each by its row."""
-    world, body, shape = Box2D.b2World(), worlds[Body], worlds[Shape]
-    found = {}
-    for e in np.flatnonzero(worlds[Entity].alive[w]).tolist():
-        radius, half = float(shape.radius[w, e]), (float(shape.half_width[w, e]), float(shape.half_height[w, e]))
-        form = Box2D.b2CircleShape(radius=radius) if radius else Box2D.b2PolygonShape(box=half)
-        place, angle = (float(body.x[w, e]), float(body.y[w, e])), float(body.angle[w, e])
-        fixture = Box2D.b2FixtureDef(shape=form)
-        found[e] = world.CreateStaticBody(position=place, angle=angle, fixtures=fixture, userData=e)
-    return world, found
-
-
-def compared_rays(mechanic: Any, count: int, seed: int) -> tuple[int, int, int]:
-    """How many lines of sight were compared with Box2D's ray casts, how many were free, and how many differ."""
-    cameras = {"cameras_fov": math.pi, "cameras_depth": 40.0, "cameras_cone": "sector"}
-    scenario = variant("ffa_3").replace(n_agents=8, n_heals=20, **cameras).with_(mechanic)
-    env = outlast.make_vec(scenario, 16, seed=seed)
-    rays = free = differing = 0
-    while rays < count:
-        env.reset()  # after a step, items that were seen may be in bags
-        for w in range(env.num_worlds):
-            world, bodies = box2d_world(env.worlds, w)
-            seen = env.worlds[Sight].visible[w]
-            for i, me in enumerate(env.worlds.layout.rows(Side).tolist()):
-                for e, other in bodies.items():
-                    if e == me or e in env.worlds.layout.rows(Wall) or not ahead(env.worlds, w, me, e):
-                        continue
-                    nearest, eye = _Nearest(bodies[me]), bodies[me].position
-                    end = [eye[k] + (other.position[k] - eye[k]) * (1 + 1e-6) for k in range(2)]
-                    world.RayCast(nearest, eye, end)
-                    naive = nearest.found is not None and nearest.found.userData == e
-                    mine = bool(seen[i, e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1)
-                    rays, free, differing = rays + 1, free + naive, differing + (mine != naive)
-    env.close()
-    return rays, free, differing
-
-
-def ahead(worlds: Worlds, w: int, me: int, e: int) -> bool:
-    """Whether the centre is clearly in a half disc of 40 metres ahead."""
-    body = worlds[Body]
-    x, y = body.x[w, e] - body.x[w, me], body.y[w, e] - body.y[w, me]
-    return bool(x * body.cosine[w, me] + y * body.sine[w, me] > 1e-3 and math.hypot(x, y) < 39)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not COMPILED, reason="many rays")
-@pytest.mark.parametrize("kind", ["maze", "pillars"])
-def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
-    """100,000 of them, of two kinds of levels; few may differ by rounding, where a ray grazes a corner."""
-    rays, free, differing = compared_rays(GENERATORS[kind], 50_000, 3)
-    assert rays >= 50_000
-    assert 0.05 < free / rays < 0.8
-    assert differing <= 2
 
 
 @generators

@@ -1,0 +1,104 @@
+"""Parts of a floor between which a body cannot get."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from outlast.systems.geometry.plans import Rectangle, are_free, connected, corners
+
+from ..errors import ScenarioError
+
+CELLS = 10  # points to the diameter of the disc
+MOST = 1000  # points along a side of the room, at most; then they are farther apart
+LISTED = 4  # parts that are told in a sentence
+
+
+class Part(NamedTuple):
+    """Floor on which a disc can get everywhere, and that it cannot leave.
+
+    Attributes:
+        x: Metres, of a point in it, near its middle, where the middle of the disc can be.
+        y: Likewise.
+        area: Square metres where the middle of the disc can be.
+        starts: Indices of the start areas that have some of it.
+    """
+
+    x: float
+    y: float
+    area: float
+    starts: tuple[int, ...]
+
+
+def parts_of(
+    walls: Iterable[Rectangle], starts: Sequence[Rectangle], width: float, room: tuple[float, float]
+) -> list[Part]:
+    """The parts of a floor, the largest first: see FloorPlan.parts.
+
+    Args:
+        walls: Rectangles (x, y, width, height, angle), metres and radians.
+        starts: Likewise, of the start areas.
+        width: Metres, the diameter of the disc.
+        room: Width and height of the floor, metres.
+
+    Raises:
+        ScenarioError: No width, no room, or points would lie farther apart than the disc's radius.
+    """
+    step = max(width / CELLS, max(room) / MOST)
+    if not (0 < width and min(room) > 0 and step <= width / 2):
+        raise ScenarioError(
+            f"parts: a disc of {width:g} m in a room of {room[0]:g} x {room[1]:g} m; a diameter from a "
+            f"{MOST // 2}th of the room's longer side on is needed"
+        )
+    counts = [math.ceil(side / step) for side in room]
+    x, y = np.meshgrid(*(((np.arange(n) + 0.5) / n - 0.5) * side for n, side in zip(counts, room, strict=True)))
+    cell = room[0] * room[1] / math.prod(counts)
+    free = are_free(x, y, (), room, width / 2)
+    for wall in walls:
+        ends = np.array(corners(wall))
+        near = _around(y[:, 0], ends.imag, width), _around(x[0], ends.real, width)
+        free[near] &= are_free(x[near], y[near], [wall], room, width / 2)
+    labels = connected(free)
+    inside = [_is_in(area, x, y) for area in starts]
+    found = [_part(x, y, labels == n, inside, cell) for n in range(1, int(labels.max(initial=0)) + 1)]
+    return sorted(found, key=lambda part: -part.area)
+
+
+def in_words(parts: Sequence[Part], owners: Sequence[int | str], width: float) -> str:
+    """That a floor has several parts, where they are and who starts there; "" if there is one, or none.
+
+    Args:
+        parts: See `parts_of`.
+        owners: Who starts in each start area: a side, or "items".
+        width: Metres, of the disc.
+    """
+    if len(parts) < 2:
+        return ""
+    listed = []
+    for part in parts[:LISTED]:
+        who = sorted({"items" if owners[k] == "items" else f"side {owners[k]}" for k in part.starts})
+        there = f", where {' and '.join(who)} start" if who else ""
+        listed.append(f"{part.area:.3g} square metres around ({part.x:.3g}, {part.y:.3g}){there}")
+    more = [f"{len(parts) - LISTED} more"] * (len(parts) > LISTED)
+    return f"agents {width:.3g} m wide cannot get from one part of the floor to another: {'; '.join(listed + more)}"
+
+
+def _around(points: Any, ends: Any, margin: float) -> slice:
+    """Which of the points along an axis, in order, are between the lowest and the highest end, or not far from them."""
+    first, last = np.searchsorted(points, (ends.min() - margin, ends.max() + margin))
+    return slice(int(first), int(last))
+
+
+def _is_in(area: Rectangle, x: Any, y: Any) -> Any:
+    """Which points are in a rectangle; bool, of the shape of x and y."""
+    turned = ((x - area[0]) + 1j * (y - area[1])) * np.exp(-1j * area[4])
+    return (abs(turned.real) <= area[2] / 2) & (abs(turned.imag) <= area[3] / 2)
+
+
+def _part(x: Any, y: Any, own: Any, inside: Sequence[Any], cell: float) -> Part:
+    """What the points `own` make up. cell: square metres that each stands for."""
+    xs, ys = x[own], y[own]
+    middle = int(np.hypot(xs - xs.mean(), ys - ys.mean()).argmin())
+    starts = tuple(k for k, area in enumerate(inside) if (area & own).any())
+    return Part(float(xs[middle]), float(ys[middle]), float(own.sum()) * cell, starts)

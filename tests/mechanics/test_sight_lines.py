@@ -1,0 +1,155 @@
+"""Lines of sight among walls: they are Box2D's ray casts, but for rays that graze something within rounding."""
+
+import math
+from typing import Any
+
+import Box2D
+import numpy as np
+import pytest
+
+import outlast
+from outlast import systems, variant
+from outlast.components import Body, Shape, Side, Sight, Wall
+from outlast.ecs import Entity, Worlds
+from outlast.ecs.simd import SIMD_WIDTH
+from tests.conftest import COMPILED, scaled
+from tests.helpers.naive_walls import Block
+
+ROUNDING = 1e-5  # metres: of float32, where positions are up to 18
+SEEING = {"cameras_fov": math.pi, "cameras_depth": 40.0, "cameras_cone": "sector"}
+KINDS: dict[str, Any] = {
+    "maze": systems.Maze(),
+    "rooms": systems.Rooms(),
+    "pillars": systems.Pillars(count=30, least=0.4, most=0.9, gap=1.1),
+    "plan": systems.Walls(layout=(0, 0, 10, 0.3, 0.7, 0, 3, -2, 0.3, 12, 0.2, 0, -6, 6, 4, 2, 1.1, 0)),
+}
+
+
+class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
+    def __init__(self, skipped: Any) -> None:
+        super().__init__()
+        self.skipped, self.fraction, self.found = skipped, 2.0, None
+
+    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
+        if fixture.body == self.skipped:
+            return -1.0
+        self.fraction, self.found = fraction, fixture.body
+        return fraction
+
+
+class Box2DWorld:
+    """All bodies of a world that are there, in Box2D and as numbers."""
+
+    def __init__(self, worlds: Worlds, w: int) -> None:
+        body, shape = worlds[Body], worlds[Shape]
+        self.world, self.bodies, self.blocks = Box2D.b2World(), dict[int, Any](), dict[int, Block]()
+        for e in np.flatnonzero(worlds[Entity].alive[w]).tolist():
+            columns = (body.x, body.y, body.angle, shape.half_width, shape.half_height, shape.radius)
+            block = Block(*(float(column[w, e]) for column in columns))
+            half = (block.half_width, block.half_height)
+            form = Box2D.b2CircleShape(radius=block.radius) if block.radius else Box2D.b2PolygonShape(box=half)
+            fixture, place = Box2D.b2FixtureDef(shape=form), (block.x, block.y)
+            self.blocks[e] = block
+            self.bodies[e] = self.world.CreateStaticBody(position=place, angle=block.angle, fixtures=fixture, userData=e)
+
+    def sees(self, me: int, e: int) -> bool:
+        """Whether the ray from centre to centre hits `e` first."""
+        nearest, eye, other = _Nearest(self.bodies[me]), self.bodies[me].position, self.bodies[e].position
+        self.world.RayCast(nearest, eye, [eye[k] + (other[k] - eye[k]) * (1 + 1e-6) for k in range(2)])
+        return nearest.found is not None and bool(nearest.found.userData == e)
+
+    def grazes(self, me: int, e: int) -> float:
+        """Metres, by which the ray misses a corner or rim of something, or hits it beside one; the least of all."""
+        start, end = (complex(self.blocks[k].x, self.blocks[k].y) for k in (me, e))
+        return min(grazing(block, start, end) for o, block in self.blocks.items() if o not in (me, e))
+
+
+def grazing(block: Block, start: complex, end: complex) -> float:
+    """Metres between a segment and the nearest corner of a rectangle, or the nearest tangent of a disc."""
+    middle, turn = complex(block.x, block.y), complex(math.cos(block.angle), math.sin(block.angle))
+    signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    corners = [middle + turn * complex(a * block.half_width, b * block.half_height) for a, b in signs]
+    points = [middle] if block.radius else corners
+    return min(abs(distance(point, start, end) - block.radius) for point in points)
+
+
+def distance(point: complex, start: complex, end: complex) -> float:
+    """Metres between a point and a segment."""
+    along = ((point - start) * (end - start).conjugate()).real / abs(end - start) ** 2
+    return abs(point - start - (end - start) * min(max(along, 0), 1))
+
+
+def seen(worlds: Worlds, w: int, i: int, e: int) -> bool:
+    """Whether agent `i` sees row `e`, as the engine has it."""
+    return bool(worlds[Sight].visible[w, i, e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1)
+
+
+def ahead(worlds: Worlds, w: int, me: int, e: int) -> bool:
+    """Whether the centre is clearly in a half disc of 40 metres ahead."""
+    body = worlds[Body]
+    x, y = body.x[w, e] - body.x[w, me], body.y[w, e] - body.y[w, me]
+    return bool(x * body.cosine[w, me] + y * body.sine[w, me] > 1e-3 and math.hypot(x, y) < 39)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPILED, reason="many rays")
+@pytest.mark.parametrize("kind", KINDS)
+def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
+    """100,000 of them, of four kinds of levels: all between agents, heals and boxes as they start."""
+    env = outlast.make_vec(variant("ffa_3").replace(n_agents=8, n_heals=20, **SEEING).with_(KINDS[kind]), 16, seed=3)
+    rays, free, grazed = 0, 0, []
+    while rays < 25_000:
+        env.reset()  # after a step, items that were seen may be in bags
+        for w in range(env.num_worlds):
+            world = Box2DWorld(env.worlds, w)
+            others = [e for e in world.bodies if e not in env.worlds.layout.rows(Wall)]
+            for i, me in enumerate(env.worlds.layout.rows(Side).tolist()):
+                for e in (e for e in others if e != me and ahead(env.worlds, w, me, e)):
+                    expected = world.sees(me, e)
+                    rays, free = rays + 1, free + expected
+                    if seen(env.worlds, w, i, e) != expected:
+                        grazed.append(world.grazes(me, e))
+    env.close()
+    assert 0.05 < free / rays < 0.8
+    assert max(grazed, default=0) < ROUNDING
+    assert len(grazed) < 10
+
+
+def test_a_corner_hides_what_is_behind_it_to_within_rounding() -> None:
+    """Two agents whose line of sight passes the corner of a turned block, at 0.1 micrometres to a centimetre."""
+    count = scaled(2000, least=20)
+    bare = variant("ffa_1").without("safe_zone").replace(n_heals=1, agents_radius=0.3, **SEEING)
+    env = outlast.make_vec(bare.with_(systems.Pillars(count=1, least=0.5, most=3.0, gap=3.0)), count, seed=3)
+    env.reset()
+    rng, body, blocks = np.random.default_rng(0), env.worlds[Body], env.worlds.span("inner_wall")
+    offsets = 10 ** rng.uniform(-7, -2, count) * rng.choice((-1, 1), count)
+    for w in range(count):
+        worlds = Box2DWorld(env.worlds, w)
+        start, end = past_a_corner(worlds.blocks[blocks.start], offsets[w], rng)
+        for agent, place in enumerate((start, end)):
+            body.x[w, agent], body.y[w, agent] = place.real, place.imag
+        body.x[w, env.worlds.span("heal")] = body.y[w, env.worlds.span("heal")] = 12.0
+        angle = np.angle(end - start)
+        body.angle[w, 0], body.cosine[w, 0], body.sine[w, 0] = angle, np.cos(angle), np.sin(angle)
+    body.vx[:], body.vy[:], body.omega[:] = 0, 0, 0
+    env.step(np.broadcast_to(env.noop, (count, 2, len(env.noop))))
+    wrong, compared = [], 0
+    for w in range(count):
+        world = Box2DWorld(env.worlds, w)
+        if seen(env.worlds, w, 0, 1) != world.sees(0, 1):
+            wrong.append(world.grazes(0, 1))
+        if world.grazes(0, 1) > ROUNDING:  # the geometry decides
+            compared += 1
+            assert seen(env.worlds, w, 0, 1) == (offsets[w] > 0), (w, offsets[w])
+    assert max(wrong, default=0) < ROUNDING
+    assert compared > count / 3
+    env.close()
+
+
+def past_a_corner(block: Block, offset: float, rng: np.random.Generator) -> tuple[complex, complex]:
+    """Two points whose segment passes the first corner of a block at `offset` metres, inside of it if below 0."""
+    turn = complex(math.cos(block.angle), math.sin(block.angle))
+    corner = complex(block.x, block.y) + turn * complex(block.half_width, block.half_height)
+    along = turn * complex(math.cos(angle := rng.uniform(2.0, 2.7)), math.sin(angle))  # it touches the corner alone
+    outwards = along * -1j
+    return tuple(corner + offset * outwards + far * along for far in (-1.5, 1.5))  # type: ignore[return-value]
