@@ -34,7 +34,7 @@ def idle(env):
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT])
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT, *execution_modes.LEVELS])
 def test_it_is_world_0_of_a_batch(variant, dead):
     """Observations, rewards and ends, with the same actions."""
     scenario = execution_modes.short(variant).replace(ending_limit=25)
@@ -84,9 +84,10 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
     assert mixed
 
 
-def test_rllib_finds_nothing_wrong():
+@pytest.mark.parametrize("name", ["ffa_3", *execution_modes.LEVELS])
+def test_rllib_finds_nothing_wrong(name):
     for dead in ("end", "keep"):
-        check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": "ffa_3", "dead": dead}))
+        check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": execution_modes.short(name), "dead": dead}))
 
 
 def test_copies_of_a_run_play_worlds_of_their_own():
@@ -119,13 +120,14 @@ def test_a_wrong_configuration_is_reported():
 
 
 @pytest.mark.slow
-def test_ppo_trains(workers):
+@pytest.mark.parametrize("name", ["teams_3", execution_modes.ALL])
+def test_ppo_trains(workers, name):
     """One iteration of the new API stack, with one policy for all."""
     from ray.rllib.algorithms.ppo import PPOConfig
 
     config = (
         PPOConfig()
-        .environment(SurvivalMultiAgentEnv, env_config={"scenario": "teams_3", **SHORT})
+        .environment(SurvivalMultiAgentEnv, env_config={"scenario": execution_modes.short(name), **SHORT})
         .env_runners(
             num_env_runners=1, num_envs_per_env_runner=2,
             env_to_module_connector=lambda env, spaces, device: FlattenObservations(multi_agent=True),
