@@ -36,6 +36,21 @@ def fewest_agents(worlds: Worlds) -> int:
     return int(min([worlds.dims["agents"], *counts]))
 
 
+def counted(worlds: Worlds) -> dict[str, Array]:
+    """Which entries of statistics are of an agent, or of a side with agents, that the episode has.
+
+    Returns:
+        By key, of statistics with an entry an agent or side: bool (worlds, n). {} where all episodes have all agents.
+    """
+    if not counts_vary(worlds):
+        return {}
+    sides = side(worlds)
+    inhabited = (sides[:, :, None] == np.arange(worlds.dims["sides"])).any(1)
+    by_dims = {("agents",): present(worlds), ("sides",): inhabited}
+    dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
+    return {key: by_dims[each] for key, each in dims.items() if each in by_dims}
+
+
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()

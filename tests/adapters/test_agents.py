@@ -97,7 +97,7 @@ def compare_ends(env: Any, info: dict[str, Any], batch_info: dict[str, Any], sid
     sides: of each agent, (worlds, agents), -1 of who is absent, whose statistics are 0.
     """
     agents, absent = sides.shape[1], rows(sides < 0)
-    assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents))
+    assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents) & ~absent)
     for key, values in batch_info["statistics"].items():
         mine = info["statistics"][key]
         expected = rows(values) if key == "return" else np.repeat(values, agents)

@@ -204,7 +204,8 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
     alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
     there = present(batch.worlds, 1)
     assert same(
-        observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4) if there[i]}
+        observations,
+        {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4) if there[i] or dead == "keep"},
     )
     died = done = False
     for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
@@ -218,7 +219,8 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
         assert same(rewards, {f"agent_{i}": float(reward[1, i]) for i in rows})
         assert same(terminated, {f"agent_{i}": bool(ended[1] | gone[i]) for i in rows})
         assert same(truncated, {f"agent_{i}": bool(cut[1]) for i in rows})
-        assert same(infos, {f"agent_{i}": {"alive": int(alive[i])} for i in rows})
+        varying = {i: {"present": int(there[i])} if counts_vary(batch.worlds) else {} for i in rows}
+        assert same(infos, {f"agent_{i}": {"alive": int(alive[i]), **varying[i]} for i in rows})
         assert env.agents == [agent for agent in before if not done and not gone[int(agent[6:])]]
     assert died or there.sum() < 3  # with one on each side, a death is the end
     assert done
@@ -243,7 +245,8 @@ def test_everything_lies_in_its_space(name: str, dead: str) -> None:
     env = short(name, dead=dead, seed=1)
     observations, _ = env.reset()
     assert observations.keys() == {*env.possible_agents} or name in LEVELS
-    assert list(observations) == env.agents == env.possible_agents[: present(env.base_env.worlds, 0).sum()]
+    count = present(env.base_env.worlds, 0).sum() if dead == "end" else None
+    assert list(observations) == env.agents == env.possible_agents[:count]
     for _, (observations, rewards, terminated, truncated, _) in play(env):
         for agent, seen in observations.items():
             assert env.observation_space(agent).contains(seen)
@@ -261,7 +264,7 @@ def test_everything_lies_in_its_space(name: str, dead: str) -> None:
 
 
 def test_every_count_of_agents_is_played() -> None:
-    """Over the episodes of one environment; a state of another count goes on with its agents."""
+    """Over the episodes of one environment; a state of another count goes on with its agents. Or all are kept."""
     env, found, states = short(COUNTS, seed=0), set(), {}
     for _ in range(20):
         observations, _ = env.reset()
@@ -271,6 +274,11 @@ def test_every_count_of_agents_is_played() -> None:
     assert found == {2, 3, 4}
     for count, state in states.items():
         assert list(env.set_state(state)) == env.agents == env.possible_agents[:count]
+        kept = short(COUNTS, dead="keep")
+        assert list(kept.set_state(state)) == kept.agents == kept.possible_agents
+        _, rewards, _, _, infos = kept.step(act(kept, 0))
+        assert [info["present"] for info in infos.values()] == [1] * count + [0] * (4 - count)
+        assert not any(list(rewards.values())[count:])
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

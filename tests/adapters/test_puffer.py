@@ -101,10 +101,19 @@ def test_it_is_the_batched_environment(name: str) -> None:
         assert len(infos) == int("statistics" in info)
         if infos:
             done = info["_statistics"]
-            assert infos[0] == {key: values[done].ravel().tolist() for key, values in info["statistics"].items()}
+            there = info.get("statistics_present", {})
+            assert infos[0] == {
+                key: [x for rows in zip(values[done], there.get(key, values == values)[done]) for x in own(*rows)]
+                for key, values in info["statistics"].items()
+            }
             episodes += len(infos[0]["length"])
     assert episodes >= WORLDS
     assert (dead > 0) == (name != "ffa_3")  # of two, the last one's world ends with the other's death
+
+
+def own(values: Any, there: Any) -> list[Any]:
+    """The entries that an episode has."""
+    return [value for value, had in zip(np.atleast_1d(values).tolist(), np.atleast_1d(there), strict=True) if had]
 
 
 def flat(batch: Any) -> np.ndarray[Any, Any]:

@@ -28,7 +28,7 @@ Actions = np.ndarray[Any, Any]
 
 
 def short(name: str) -> Scenario:
-    """A variant, HUNT or one of LEVELS, whose episodes are short. All but the variants have four agents, or up to four."""
+    """A variant, HUNT or one of LEVELS, whose episodes are short; but for variants with four agents, or up to four."""
     if name == HUNT:
         hunter, prey = role(1, melee_damage=8, cameras_depth=14, agents_radius=0.7, agents_health=20), role(3)
         return variant("teams_3").replace(teams_sizes=(1, 3), **SHORT).roles(hunter=hunter, prey=prey, observed=False)
