@@ -119,7 +119,7 @@ class Summary:
         found = []
         for key in keys:
             sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
-            counts = self.counts[key].sum(0) if key in self.counts else [self.episodes] * len(sums)
+            counts = self.counts[key].sum(0).tolist() if key in self.counts else [self.episodes] * len(sums)
             found += [_mean_and_error(*row) for row in zip(sums, squares, counts, strict=True)]
         return found
 
