@@ -36,6 +36,16 @@ def fewest_agents(worlds: Worlds) -> int:
     return int(min([worlds.dims["agents"], *counts]))
 
 
+def fewest_sides(worlds: Worlds) -> int:
+    """How many sides have an agent in every world, whatever is drawn: the last of unequal teams may have none."""
+    agents = fewest_agents(worlds)
+    sizes = next((found for module in worlds.modules if (found := module.groups(agents))), ())
+    if not sizes:
+        return min(worlds.dims["sides"], agents)
+    starts = np.cumsum((0, *sizes[:-1]))
+    return int(((np.array(sizes) > 0) & (starts < agents)).sum())
+
+
 def counted(worlds: Worlds) -> dict[str, Array]:
     """Which entries of statistics are of an agent, or of a side with agents, that the episode has.
 
