@@ -22,7 +22,8 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Callable[[Mappin
     """A new file for the episodes of a rollout, which is whole or not there.
 
     Columns are `world`, `episode` (of the world, from 1) and the statistics in alphabetical order; what has an entry an
-    agent or side has a column for each, return_0, return_1. Rows are in the order in which episodes end.
+    agent or side has a column for each, return_0, return_1, which is empty where the episode had no such agent or side.
+    Rows are in the order in which episodes end.
 
     Args:
         path: NAME.csv.
@@ -40,8 +41,13 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Callable[[Mappin
     clock, ahead = env.worlds[Clock], env.autoreset_mode is AutoresetMode.SAME_STEP  # where the next one has begun
     with table_file(path, "episodes", ["world", "episode", *names]) as table:
 
-        def add(found: Mapping[str, Any], where: Array) -> None:
+        def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
+                there = info.get("statistics_present", {})
+                found = {
+                    key: np.where(there[key], values.astype(object), "") if key in there else values
+                    for key, values in info["statistics"].items()
+                }
                 columns = [column for key in keys for column in np.reshape(found[key][where], (where.sum(), -1)).T]
                 rows = np.flatnonzero(where)
                 numbers = {"world": rows + env.first_world, "episode": clock.episode[rows, 0] - ahead}
