@@ -204,7 +204,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
         ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
-        ("--with Drop", "there is no mechanic Drop; did you mean DropLast"),
+        ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),
         ("--with DropLast(offset=__import__('os').getpid())", "numbers are given as in"),
         ("--with DropLast(2.0)", "numbers are given as in"),
         ("--with DropLast(**{})", "there is no number None"),

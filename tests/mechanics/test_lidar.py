@@ -17,7 +17,7 @@ from tests.conftest import COMPILED, draw_actions, scaled
 from tests.helpers import naive_lidar
 from tests.helpers.naive_world import read
 from tests.helpers.random_worlds import PILLARS, RUNS, TEXT, scramble
-from tests.mechanics.test_walls import box2d_world, duel, put
+from tests.mechanics.test_inner_walls import box2d_world, duel, put
 
 WORLDS = scaled(60, least=3)
 FEW = scaled(16, least=2)  # that the naive form looks at
