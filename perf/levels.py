@@ -1,4 +1,4 @@
-"""What levels cost: scenarios with varied numbers, roles and walls, in turn with the same ones without.
+"""What levels cost: scenarios with varied numbers, roles, walls and lidar, in turn with the same ones without.
 
     python -m perf.levels [--worlds N] [--rounds N]
 
@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from outlast import Scenario, choice, role, variant
-from outlast.systems import Maze, Pillars, Rooms, Walls
+from outlast.systems import Lidar, Maze, Pillars, Rooms, Walls
 from perf.measure import in_turn, stepper, timer
 
 BLOCKS = 40
@@ -59,6 +59,7 @@ def rows() -> list[tuple[str, Scenario, Scenario]]:
         found.append((f"{name}, maze of 7 x 7 cells", plain, plain.with_(Maze(columns=7, rows=7, loops=0.0))))
         found.append((f"{name}, 3 x 3 rooms", plain, plain.with_(Rooms())))
         found.append((f"{name}, 12 pillars", plain, plain.with_(Pillars())))
+        found.append((f"{name}, lidar of 16 rays", plain, plain.with_(Lidar())))
     return found
 
 
