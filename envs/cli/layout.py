@@ -46,8 +46,7 @@ def add(commands: Any) -> None:
     add_number(command.group(PLAY), "--worlds", 1, "number of worlds")
     add_seed(command)
     output = command.group(OUTPUT)
-    text = f"pixels along a side of one world's picture (default: {SIZE})"
-    output.add_argument("--size", type=int, metavar="N", help=text)
+    add_number(output, "--size", str(SIZE), "pixels along a side of one world's picture")
     text = "where to write: .png for a picture, .html for a page, or .json for the floor plan of the only world"
     output.add_argument("--out", required=True, metavar="FILE", help=text)
     command.set_defaults(run=run)
