@@ -29,7 +29,9 @@ def ppo() -> SimpleNamespace:
 def test_updates(ppo: SimpleNamespace, variant: str) -> None:
     """Losses are finite, actor and critic change, and the same seed does the same."""
     agents = 2 if variant == "duel" else 4
-    args = ppo.Args(short(variant) if variant in LEVELS else variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
+    args = ppo.Args(
+        short(variant) if variant in LEVELS else variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL
+    )
     agent, rows = ppo.train(args)
     assert rows.shape == (3, 4)
     assert np.isfinite(rows[:, 1:]).all()
