@@ -181,8 +181,9 @@ def snapshot(worlds: Worlds, w: int) -> Json:
 
 def _role(scene: Scene, i: int) -> str:
     """The name of the role of agent `i`; "" without roles, and of who is absent."""
-    number = scene[AgentRoles].role[i] if AgentRoles in scene else -1
-    return scene.worlds.layout.roles.names[number] if number >= 0 else ""
+    roles = scene.worlds.layout.roles
+    number = scene[AgentRoles].role[i] if roles is not None else -1
+    return roles.names[number] if roles is not None and number >= 0 else ""
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:

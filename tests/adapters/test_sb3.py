@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 import outlast
 from outlast import make_vec, variant
+from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
@@ -94,6 +95,14 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
                     ends.append(info["TimeLimit.truncated"])
             assert env.reset_infos == dummy.reset_infos
     assert {True, False} == set(ends)
+
+
+@pytest.mark.parametrize("name", ["ffa_3", HUNT, *LEVELS])
+@pytest.mark.filterwarnings("ignore:Your observation .* has an unconventional shape")
+def test_sb3s_own_checker_finds_nothing(name: str) -> None:
+    """In the environment of one agent; but that rows of entities are no vectors, which MultiInputPolicy flattens."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(SurvivalEnv(short(name), learner=1, render_mode="rgb_array"))
 
 
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *LEVELS])

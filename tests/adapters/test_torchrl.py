@@ -106,6 +106,7 @@ def shows(rows: Any, seen: dict[str, Any]) -> bool:
 
 VECTORS = {
     "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
+    "make_agents of levels": lambda mode: outlast.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
     "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
         "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
     ),
@@ -119,7 +120,7 @@ def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
     env = GymWrapper(VECTORS[name](mode))
     check_env_specs(env)
     rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
-    assert rollout.batch_size[0] == env.batch_size[0] == (8 if name == "make_agents" else 2)
+    assert rollout.batch_size[0] == env.batch_size[0] == (2 if name == "gymnasium.make_vec" else 8)
     assert rollout["next", "done"].any() or not COMPILED
     with pytest.raises(RuntimeError, match="NEXT_STEP"):
         GymWrapper(VECTORS[name]("NextStep"))
