@@ -354,7 +354,9 @@ class Worlds:
         )
 
     def _applies(self, system: Any) -> bool:
-        """Whether none of its lists of rows is empty; else the system is inactive, that is, not scheduled."""
+        """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
+        if not all(component in self.layout.components for component in system.needs):
+            return False
         return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
 
     def _allocate(self, component: type[Component]) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import UsageError
+
 Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
@@ -16,8 +18,8 @@ RESULTS = ("won", "drawn", "lost")
 class Summary:
     """Means and standard errors of all statistics of episodes; `str(summary)` is a table.
 
-    Kept are sums for each world, nothing of single episodes. They are exact before they are rounded once, so worlds may
-    be summed up in any order and in any parts.
+    Kept are sums for each world, and of single episodes what `arrays` returns, if it was asked for. Sums are exact
+    before they are rounded once, so worlds may be summed up in any order and in any parts.
 
     Attributes:
         episodes: How many were counted.
@@ -29,6 +31,7 @@ class Summary:
         squares: The sums of squares, likewise.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
+        kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
     """
 
     episodes: int = 0
@@ -37,6 +40,7 @@ class Summary:
     sums: dict[str, Array] = field(default_factory=dict)
     squares: dict[str, Array] = field(default_factory=dict)
     outcomes: dict[str, Array] = field(default_factory=dict)
+    kept: list[dict[str, Array]] | None = None
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
@@ -46,12 +50,14 @@ class Summary:
         world_steps = sum(part.world_steps for part in parts)
         names = dict.fromkeys(name for part in parts for name in part.outcomes)
         outcomes = {name: np.sum([p.outcomes[name] for p in parts if name in p.outcomes], 0) for name in names}
+        lists = [part.kept for part in parts if part.kept is not None]
+        kept = [each for some in lists for each in some] if len(lists) == len(parts) else None
         parts = [part for part in parts if part.episodes]
         sums, squares = (
             {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
             for tables in ([part.sums for part in parts], [part.squares for part in parts])
         )
-        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, outcomes)
+        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, outcomes, kept)
 
     def add(self, statistics: dict[str, Any], where: Array) -> None:
         """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,)."""
@@ -62,6 +68,22 @@ class Summary:
                 self.sums[key], self.squares[key] = np.zeros_like(values), np.zeros_like(values)
             self.sums[key] += values
             self.squares[key] += values**2
+
+    def arrays(self) -> dict[str, Array]:
+        """The statistics of every episode, in order of worlds, and of each world in order of time.
+
+        Returns:
+            By name, (episodes,) or (episodes, n), n agents, sides ...; and `world` and `episode`, int64 (episodes,), as
+            in the files of episodes. Empty if no episode ended.
+
+        Raises:
+            UsageError: They were not kept.
+        """
+        if self.kept is None:
+            raise UsageError("the statistics of single episodes were not kept: say outlast.rollout(..., keep=True)")
+        found = {key: np.concatenate([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
+        order = np.argsort(found["world"], kind="stable") if found else ()
+        return {key: values[order] for key, values in found.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers for JSON; `unbiased` says whether the means lean towards short episodes, see episodes_per_world.
