@@ -355,9 +355,8 @@ class Worlds:
 
     def _applies(self, system: Any) -> bool:
         """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
-        if not all(component in self.layout.components for component in system.needs):
-            return False
-        return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
+        rows = (self.layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
+        return {*system.needs} <= {*self.layout.components} and all(map(len, rows))
 
     def _allocate(self, component: type[Component]) -> Any:
         if component.packed:
