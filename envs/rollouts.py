@@ -202,11 +202,11 @@ def prepared(
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
             watchers.append(lambda where: table.add(env.events(), where))
-        ended: list[Ended] = [] if csv is None else [stack.enter_context(episode_file(os.fspath(csv), env))]
+        ended: list[Ended[None]] = [] if csv is None else [stack.enter_context(episode_file(os.fspath(csv), env))]
         kept: list[dict[str, Array]] | None = [] if keep else None
         if kept is not None:
             rows, add = numbered(env), kept.append
-            ended.append(lambda found, where: add(rows(found, where)) if where.any() else None)
+            ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
 
         def play(steps: int, episodes: int, progress: Progress) -> Summary:
             def progressed(summary: Summary) -> None:

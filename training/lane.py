@@ -289,14 +289,15 @@ class Lane:
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in observations.items()}
 
     def _record(self, t: int, done: Array) -> None:
-        """Note who won where an opponent was drawn, of the worlds that are done.
+        """Note who won where an opponent was drawn, of the worlds that are done; not where the learner was alone.
 
         The pool learns it after the rollout: what is drawn until then must not depend on the worlds of this process.
         """
         for index in np.unique(self.opponent[done & (self.opponent > 0)]):
-            worlds = np.flatnonzero(done & (self.opponent == index))
+            worlds = np.flatnonzero(done & (self.opponent == index) & (self._sides.max(1) > 0))
             won = float(own_wins(self.life[worlds], self.own[worlds]).sum())
-            self.samples.games.append((t, int(index), won, len(worlds)))
+            if len(worlds):
+                self.samples.games.append((t, int(index), won, len(worlds)))
 
     def _draw(self, where: Array) -> None:
         """Episodes begin in the worlds `where`, bool (worlds,): draw who plays there."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from outlast.components import Death, Item, ItemGiven
 from outlast.ecs import Entity, columns_of
-from outlast.envs.core.agents import alive, side
+from outlast.envs.core.agents import alive, counted, present, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.sides import living_sides
 from outlast.envs.scenarios.scenario import Scenario
@@ -46,17 +46,21 @@ class EpisodeMetrics:
     def clear(self) -> None:
         """Start again from nothing."""
         self.count = 0
-        self.sides: Array = np.zeros(self.base_env.worlds.dims["sides"])  # episodes that each side was in
         self.sums: dict[str, Array] = {}
+        self.counts: dict[
+            str, Array
+        ] = {}  # episodes that had each agent or side, of statistics that have an entry each
 
     def add(self, statistics: dict[str, Array], count: int) -> None:
         """Add `count` episodes: info["statistics"], in which the rows of other worlds are zero. Call before resets."""
         self.count += count
-        ended = statistics["length"] > 0
+        ended, counts = statistics["length"] > 0, counted(self.base_env.worlds)
         for key, values in statistics.items():
             if key == "return":
-                values, there = of_first_members(values, side(self.base_env.worlds), len(self.sides))
-                self.sides += there[ended].sum(0)
+                sides = self.base_env.worlds.dims["sides"]
+                values, counts[key] = of_first_members(values, side(self.base_env.worlds), sides)
+            if key in counts:
+                self.counts[key] = self.counts.get(key, 0) + counts[key][ended].sum(0)
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
@@ -67,7 +71,7 @@ class EpisodeMetrics:
             if total.ndim == 0:
                 tags[name] = float(total), self.count
             else:
-                counts = self.sides if key == "return" else np.full(len(total), self.count)
+                counts = self.counts.get(key, np.full(len(total), self.count))
                 tags |= {f"{name}{k}": (float(total[k]), float(counts[k])) for k in range(len(total))}
         self.clear()
         return tags
@@ -82,10 +86,11 @@ class BehaviourMetrics:
         self.heals = base_env.worlds.span("heal") if has_heals else None
         self.agents = base_env.worlds.span("agent")
         self.action_names = [name for name, _ in base_env.action_columns]
-        self.held = self.given = 0
+        self.held = self.given = self.there = 0
 
     def after_step(self) -> None:
-        """Count heals in bags, and those that were given. Call after every step."""
+        """Count agents, dead or alive, heals in bags, and those that were given. Call after every step."""
+        self.there += int(present(self.base_env.worlds).sum())
         if self.heals is not None:
             self.held += int((self.base_env.worlds[Item].holder[:, self.heals] >= 0).sum())
             self.given += int(self.gifts().sum())
@@ -107,13 +112,13 @@ class BehaviourMetrics:
             actions: Integers (steps, worlds, agents, actions).
             living: Who lived when it observed, bool (steps, worlds, agents).
         """
-        tags: Tallies = {"behaviour/alive": (float(living.sum()), living.size)}
+        tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for name, (values, where) in self.quantities(own, actions, living).items():
             tags[f"behaviour/{name}"] = float(values[where].sum(dtype=np.float64)), int(where.sum())
         if self.heals is not None:
             tags["behaviour/heals_held"] = self.held, int(living.sum())
             tags["behaviour/heals_given"] = 1000 * self.given, int(living.sum())  # in 1000 agent-steps
-        self.held = self.given = 0
+        self.held = self.given = self.there = 0
         return tags
 
     def quantities(self, views: dict[str, Array], actions: Array, living: Array) -> dict[str, tuple[Array, Array]]:

@@ -4,6 +4,7 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from ..core.agents import present
 from ..core.spaces import statistics
 from ..core.validation import Array, renamed
 from ..scenarios.scenario import Number, Scenario
@@ -39,13 +40,16 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
     (num_envs,) by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is
     info["_statistics"].
 
+    Where the number of agents varies, info["present"], bool (num_envs,), says whether the episode has the agent. Who is
+    absent is not alive, observes and is paid 0, and has no statistics; its sub-environment ends with its world.
+
     ## Version History
     v1: the rules of the paper's runs.
     """
 
     def _report(self, done: Array) -> dict[str, Any]:
-        found = statistics(self.base_env.worlds, done)
-        return {"statistics": self._statistics(found), "_statistics": self._spread(done)}
+        found, there = statistics(self.base_env.worlds, done), self._rows(present(self.base_env.worlds))
+        return {"statistics": self._statistics(found), "_statistics": self._spread(done) & there}
 
 
 def make_agents(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from ..core.agents import alive, present
+from ..core.agents import alive, counts_vary, present
 from ..core.validation import Array, check_choice, check_count, checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError, install
@@ -37,11 +37,13 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description
-    Where the scenario varies the number of agents, `agents` are those that the episode has.
-
     With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves
     `agents`, as PettingZoo has it. Rewards after death and those of a team for its dead members are then lost. With
     dead="keep", all stay until the world ends, with their rewards; the masks in observations of the dead are 0.
+
+    Where the scenario varies the number of agents, `agents` are those that the episode has; with dead="keep" all of
+    `possible_agents`, for libraries that need the same agents in every episode. Observations and rewards of those that
+    the episode does not have are 0, and their actions are ignored.
 
     ## Action Space
     MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
@@ -61,7 +63,8 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     all agents reported.
 
     ## Info
-    {"alive": 1 or 0} for each agent, after every call.
+    {"alive": 1 or 0} for each agent, after every call. Where the number of agents varies also "present", 1 or 0:
+    whether the episode has the agent.
 
     Attributes:
         statistics: Of the episode that ended last, by key; {} before that.
@@ -82,6 +85,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
             scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False, check_actions=False
         )
         check_dead(dead, self.base_env.worlds)
+        self._counts_vary = counts_vary(self.base_env.worlds)
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []
@@ -114,7 +118,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         """
         self._check_open()
         self.base_env.reset(seed=seed)
-        self.agents = self._present()
+        self.agents = self._beginning()
         self._show()
         return self._observe(self.agents), self._infos(self.agents)
 
@@ -164,7 +168,7 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     def set_state(self, state: State) -> Observations:
         """Go on from `state`; returns the observations. Raises StateError if it is of another scenario."""
         self.base_env.set_state(state)
-        self.agents = self._remaining(self._present())
+        self.agents = self._remaining(self._beginning())
         return self._observe(self.agents)
 
     def render(self) -> Array | str | None:
@@ -206,10 +210,10 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
                 joint[0, i] = checked_actions(action, sizes.shape, sizes, what=what, axes=axes, who=agent)
         return joint
 
-    def _present(self) -> list[str]:
-        """Those that the episode has: all, unless the scenario varies how many there are."""
+    def _beginning(self) -> list[str]:
+        """Those that the episode has; all that are kept."""
         there = present(self.base_env.worlds, 0)
-        return [agent for agent, i in self._index.items() if there[i]]
+        return [agent for agent, i in self._index.items() if self.dead == "keep" or there[i]]
 
     def _remaining(self, agents: Iterable[str]) -> list[str]:
         """Those of `agents` whose episode goes on: none if the world has ended."""
@@ -223,8 +227,10 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         return {agent: {key: rows[self._index[agent]] for key, rows in fresh.items()} for agent in agents}
 
     def _infos(self, agents: Iterable[str]) -> Infos:
-        living = alive(self.base_env.worlds, 0).astype(int).tolist()
-        return {agent: {"alive": living[self._index[agent]]} for agent in agents}
+        found = {"alive": alive(self.base_env.worlds, 0)}
+        if self._counts_vary:
+            found["present"] = present(self.base_env.worlds, 0)
+        return {agent: {key: int(each[self._index[agent]]) for key, each in found.items()} for agent in agents}
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -263,7 +269,7 @@ def parallel_env(
         scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
         render_mode: None, "rgb_array", "ansi" or "human".
         seed: Of the first episode. None: a seed that cannot be foreseen.
-        dead: "end": who dies leaves. "keep": the dead stay until the world ends. See SurvivalParallelEnv.
+        dead: "end": who dies leaves. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
         max_episode_steps: Ticks until the world is truncated: the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
         numbers: Other numbers of the scenario, as in Scenario.replace.

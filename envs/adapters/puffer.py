@@ -83,7 +83,9 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
     the next episode's. PufferLib's own trainer stops returns at terminals only.
 
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
-    of agents and sides one for each. gymnasium.spaces.unflatten(agent_observation_space, row) takes a row apart.
+    of agents and sides one for each that the episode had.
+
+    gymnasium.spaces.unflatten(agent_observation_space, row) takes a row of observations apart.
 
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP.
@@ -122,7 +124,13 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
         infos = []
         if "statistics" in info:
             done = info["_statistics"]
-            infos.append({key: values[done].ravel().tolist() for key, values in info["statistics"].items()})
+            there = info.get("statistics_present", {})
+            infos.append(
+                {
+                    key: values[done][there[key][done] if key in there else ...].ravel().tolist()
+                    for key, values in info["statistics"].items()
+                }
+            )
         self._observe()
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 

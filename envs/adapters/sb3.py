@@ -77,6 +77,10 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
     "alive" (1 or 0) and "TimeLimit.truncated"; where the world ended, also "terminal_observation" and "statistics":
     numbers of the episode, of agents and sides the agent's own entry. There, "alive" is of the terminal observation.
 
+    Where the number of agents varies, infos also have "present": 1, or 0 of agents that the episode does not have.
+    Those are not alive, observe and are paid 0, are done with their world, and have no "statistics". VecMonitor does
+    not know of them, and counts their episodes with a return of 0.
+
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
     """
@@ -124,7 +128,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         self._actions = None
         observations, info = self._agents.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self.reset_infos = [{"alive": each} for each in info["alive"].astype(int).tolist()]
+        self.reset_infos = _by_agent(_shown(info))
         return observations
 
     def step_async(self, actions: Array) -> None:
@@ -142,18 +146,16 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None
         observations, rewards, terminated, truncated, info = self._agents.step(actions)
-        begun = alive = info["alive"].astype(int)
-        if (done := terminated | truncated).any():
-            alive = begun.copy()
-            alive[done] = info["final_info"]["alive"][done]
-        infos: list[dict[str, Any]] = [{"alive": each, "TimeLimit.truncated": False} for each in alive.tolist()]
+        done, shown = terminated | truncated, _shown(info)
+        infos = _by_agent(shown | {"TimeLimit.truncated": done & truncated})
         if done.any():
-            own = {key: values.tolist() for key, values in info["statistics"].items()}
+            begun, last = _by_agent(shown), _by_agent(_shown(info["final_info"]))
+            own = _by_agent(info["statistics"])
             for i in np.flatnonzero(done).tolist():
-                infos[i]["TimeLimit.truncated"] = bool(truncated[i])
-                infos[i]["terminal_observation"] = info["final_obs"][i]
-                infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
-                self.reset_infos[i] = {"alive": int(begun[i])}
+                infos[i] |= {**last[i], "terminal_observation": info["final_obs"][i]}
+                if info["_statistics"][i]:
+                    infos[i]["statistics"] = own[i]
+                self.reset_infos[i] = begun[i]
         return observations, rewards, done, infos
 
     def close(self) -> None:
@@ -209,3 +211,14 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
             raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
         drawn: dict[int, Array] = {}
         return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]
+
+
+def _shown(info: dict[str, Any]) -> Arrays:
+    """What infos have in every step: 1 or 0 for each sub-environment."""
+    return {key: info[key].astype(int) for key in ("alive", "present") if key in info}
+
+
+def _by_agent(arrays: Arrays) -> list[dict[str, Any]]:
+    """Arrays (num_envs,) by key as a dict of Python's numbers for each sub-environment."""
+    columns = [values.tolist() for values in arrays.values()]
+    return [dict(zip(arrays, row, strict=True)) for row in zip(*columns, strict=True)]

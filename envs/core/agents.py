@@ -36,6 +36,31 @@ def fewest_agents(worlds: Worlds) -> int:
     return int(min([worlds.dims["agents"], *counts]))
 
 
+def fewest_sides(worlds: Worlds) -> int:
+    """How many sides have an agent in every world, whatever is drawn: the last of unequal teams may have none."""
+    agents = fewest_agents(worlds)
+    sizes = next((found for module in worlds.modules if (found := module.groups(agents))), ())
+    if not sizes:
+        return min(worlds.dims["sides"], agents)
+    starts = np.cumsum((0, *sizes[:-1]))
+    return int(((np.array(sizes) > 0) & (starts < agents)).sum())
+
+
+def counted(worlds: Worlds) -> dict[str, Array]:
+    """Which entries of statistics are of an agent, or of a side with agents, that the episode has.
+
+    Returns:
+        By key, of statistics with an entry an agent or side: bool (worlds, n). {} where all episodes have all agents.
+    """
+    if not counts_vary(worlds):
+        return {}
+    sides = side(worlds)
+    inhabited = (sides[:, :, None] == np.arange(worlds.dims["sides"])).any(1)
+    by_dims = {("agents",): present(worlds), ("sides",): inhabited}
+    dims = {key: column.dims for key, _, _, column in published(worlds, Statistic)}
+    return {key: by_dims[each] for key, each in dims.items() if each in by_dims}
+
+
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """The side that each agent is on, -1 of who is absent: int32 (worlds, agents), a new array. where: see `alive`."""
     sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()

@@ -10,8 +10,9 @@ from gymnasium.vector.utils import batch_space
 from outlast.ecs import AgentRoles, Fields, Worlds
 
 from ..scenarios.scenario import Scenario
-from .agents import alive, present
+from .agents import alive, counted, present
 from .buffers import flat_size
+from .spaces import statistics
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -66,6 +67,13 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
         if AgentRoles in self.worlds:
             info["roles"] = self.worlds[AgentRoles].role.copy()
+        return info
+
+    def _ended(self, done: Actions) -> dict[str, Any]:
+        """What info has of the episodes that just ended, in the worlds `done`."""
+        info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
+        if there := counted(self.worlds):
+            info["statistics_present"] = there
         return info
 
     def __repr__(self) -> str:

@@ -15,7 +15,6 @@ from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from .agents import alive
 from .buffers import final_observations, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
@@ -23,7 +22,7 @@ from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
-from .spaces import action_space, check_published, observation_space, published, statistics
+from .spaces import action_space, check_published, observation_space, published
 from .step_events import StepEvents
 from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
@@ -67,7 +66,8 @@ class SurvivalVectorEnv(Described):
 
     Every info has "alive", bool (worlds, agents). When worlds end it also has "statistics", the episode's numbers by
     name, (worlds,) or (worlds, n), with "_statistics", the mask of worlds that they are of; under SAME_STEP "final_obs"
-    and "final_info" (what info was before the reset), with their masks, too.
+    and "final_info" (what info was before the reset), with their masks, too. Where the number of agents varies,
+    "statistics_present" says which entries of agents and sides the episode had, bool (worlds, n) by name; others are 0.
 
     ## Arguments
     See `make_vec`, which also takes the name of a variant.
@@ -358,11 +358,10 @@ class SurvivalVectorEnv(Described):
 
     def _finish(self, done: Actions) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
-        info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
+        info = self._ended(done)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            info |= {"final_info": info | self._info(), "_final_info": done.copy()}
             info |= {"final_obs": final_observations(self._observations, done), "_final_obs": done.copy()}
-            final = {"statistics": info["statistics"], "alive": alive(self.worlds)}
-            info |= {"final_info": final, "_final_info": done.copy()}
             self._step_events.keep(done)
             self._run(done)
         return info

@@ -50,7 +50,7 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
 
     Each file holds the columns of Samples, "observations/KEY", and "final/KEY" with a row for each sample that is last.
     """
-    about, shards, count = manifest(replay), list[dict[str, object]](), 0
+    about, shards, count, agent_steps = manifest(replay), list[dict[str, object]](), 0, 0
     with atomic_write(target) as folder:
         folder.mkdir()
         for number, batch in enumerate(read_shards(replay, selection)):
@@ -60,9 +60,10 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
             _save(folder / file, batch.columns | named)
             shards.append({"file": file, "samples": len(batch), "last": int(batch.columns["last"].sum())})
             count += len(batch)
+            agent_steps += int(batch.present.sum())
         text = json.dumps(about | {"samples": count, "shards": shards}, indent=1)
         (folder / "manifest.json").write_text(text + "\n", encoding="utf-8")
-    return count * int(replay.recording.num_agents)
+    return agent_steps
 
 
 def _save(path: Path, arrays: dict[str, np.ndarray[Any, Any]]) -> None:

@@ -1,4 +1,4 @@
-"""Samples as a Minari dataset: an episode for each agent of each episode of a world."""
+"""Samples as a Minari dataset: an episode for each agent that an episode of a world has."""
 
 import contextlib
 import os
@@ -99,8 +99,8 @@ def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterato
             running.setdefault(world, []).append(batch.row(k, final if last else None))
             if last:
                 episode = concatenate(running.pop(world))
-                count[0] += len(episode) * replay.recording.num_agents
-                for i in range(replay.recording.num_agents):
+                for i in np.flatnonzero(episode.present[0]).tolist():
+                    count[0] += len(episode)
                     yield _episode(episode, i)
 
 

@@ -22,7 +22,7 @@ Array = np.ndarray[Any, Any]
 
 
 def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
-    """Write one file; returns the number of its rows.
+    """Write one file; returns the number of its rows. Agents that an episode does not have, have no rows.
 
     Columns: those of Samples and `agent`, a column for each action, and for each key of the observations a list of
     fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its episode. The
@@ -58,7 +58,8 @@ def _table(batch: Samples, names: list[str]) -> Any:
     for key, array in batch.final.items():
         if int(np.prod(array.shape[1:])):
             arrays[f"final_{key}"] = _sparse(array, found["last"])
-    return pa.table(arrays)
+    table = pa.table(arrays)
+    return table if batch.present.all() else table.filter(pa.array(batch.present.ravel()))
 
 
 def _lists(array: Array) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 from outlast.components import End, Reward
 from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
-from ..core.agents import alive
+from ..core.agents import alive, counts_vary, present
 from ..core.spaces import published
 from ..recording import Recording, Replay
 from ..scenarios.fingerprint import fingerprint
@@ -26,6 +26,7 @@ COLUMNS = {
     "world": "number of the world in the recorded environment",
     "episode": "number of the world's episode, from 1",
     "tick": "steps of this episode before this one",
+    "present": "whether the episode has the agent; only where the number of agents varies",
     "alive": "whether the agent lives, with the observation",
     "actions": "what the agent does, as env.step takes it",
     "rewards": "of this step",
@@ -53,8 +54,8 @@ class Selection:
 class Samples:
     """The samples of one tick, n of them in order of worlds, or of several ticks.
 
-    columns: by name, see COLUMNS: alive is bool (n, agents), actions (n, agents, actions), rewards float32 (n, agents),
-    the others (n,).
+    columns: by name, see COLUMNS: alive and present are bool (n, agents), actions (n, agents, actions), rewards float32
+    (n, agents), the others (n,).
     observations: by key, float32 (n, agents, ...). final: the same after the step, a row for each that is `last`.
     """
 
@@ -72,6 +73,11 @@ class Samples:
             {key: array[k : k + 1] for key, array in part.items()} for part in (self.columns, self.observations)
         )
         return Samples(columns, observations, {key: array[own] for key, array in self.final.items()})
+
+    @property
+    def present(self) -> Array:
+        """Whether the episode has the agent, bool (n, agents)."""
+        return self.columns.get("present", np.ones_like(self.columns["alive"]))
 
     @property
     def nbytes(self) -> int:
@@ -116,7 +122,7 @@ def read_samples(replay: Replay, selection: Selection) -> Iterator[Samples]:
 def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[str, Array]:
     worlds, end = replay.worlds, replay.worlds[End]
     clock = worlds[Clock]
-    return {
+    return ({"present": present(worlds, rows)} if counts_vary(worlds) else {}) | {
         "world": rows + replay.recording.first_world,
         "episode": clock.episode[rows, 0].astype(np.int64),
         "tick": clock.tick[rows, 0].astype(np.int64) - 1,
@@ -181,5 +187,5 @@ def manifest(replay: Replay) -> dict[str, Any]:
         "agents": replay.recording.num_agents,
         "actions": [{"name": name, "size": size} for name, _, size in header["actions"]],
         "observations": shapes,
-        "columns": COLUMNS,
+        "columns": {key: about for key, about in COLUMNS.items() if key != "present" or counts_vary(worlds)},
     }

@@ -33,7 +33,7 @@ from outlast.components import (
     Zone,
 )
 from outlast.components.sight import OMNISCIENT
-from outlast.ecs import Action, Clock, Component, Layout, Worlds
+from outlast.ecs import Action, AgentRoles, Clock, Component, Layout, Worlds
 
 from ..core.spaces import published
 from ..rendering.layers.cameras import cone_corners, seen_rows
@@ -93,8 +93,8 @@ def describe(worlds: Worlds, w: int) -> Json:
     points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone:
     [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
     everything. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards: whether
-    there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side, radius, hides, health, reach,
-    cone}], the last three as above, but of this agent; side -1: absent. objects: [{kind, role, radius, width, height,
+    there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side, role, radius, hides, health, reach,
+    cone}], the last three as above, but of this agent; side -1: absent; role: the name, "" without roles. objects: [{kind, role, radius, width, height,
     hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether
     cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
     health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
@@ -132,13 +132,14 @@ def describe(worlds: Worlds, w: int) -> Json:
         "agents": [
             {
                 "side": sides[e],
+                "role": _role(scene, i),
                 "radius": _number(scene.shape.radius[e]),
                 "hides": _hides(scene, e),
                 "health": points[e],
                 "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
                 "cone": _cone(scene, e),
             }
-            for e in bodies.agents
+            for i, e in enumerate(bodies.agents)
         ],
         "objects": [_object(scene, e, kind) for e, kind in zip(bodies.objects, bodies.kinds, strict=True)],
     }
@@ -171,6 +172,12 @@ def snapshot(worlds: Worlds, w: int) -> Json:
         ],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
     }
+
+
+def _role(scene: Scene, i: int) -> str:
+    """The name of the role of agent `i`; "" without roles, and of who is absent."""
+    number = scene[AgentRoles].role[i] if AgentRoles in scene else -1
+    return scene.worlds.layout.roles.names[number] if number >= 0 else ""
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:

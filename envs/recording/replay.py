@@ -10,6 +10,7 @@ from outlast.components import End
 from outlast.ecs import STEP, Clock, EngineError
 from outlast.ecs.varied import GIVEN_DIM, Given, wrongly_given
 
+from ..core.agents import counted
 from ..core.lifecycle import check_playable
 from ..core.notice import announce_compilation
 from ..core.spaces import statistics
@@ -138,7 +139,7 @@ class Replay:
         end = self.worlds[End]
         done = (end.terminated | end.truncated)[:, 0] & (self.worlds.mode == STEP)
         if done.any():
-            self.summary.add(statistics(self.worlds, done), done)
+            self.summary.add(statistics(self.worlds, done), done, counted(self.worlds))
 
     def _check(self, what: str, there: object, here: object) -> None:
         if here != there:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
-from outlast.ecs import Component, Worlds
+from outlast.ecs import Component, Entity, Worlds
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image
 from .layers import LAYERS, Layer, Scene
@@ -137,9 +137,11 @@ def _sign(i: int) -> str:
 
 
 def _agents(scene: Scene) -> Iterator[str]:
-    """A line for each agent: sign, side, hit points, what it carries."""
+    """A line for each agent that the episode has: sign, side, hit points, what it carries."""
     alive = set(scene.living(Side))
     for i, e in enumerate(scene.rows(Side)):
+        if scene[Entity].identity[e] < 0:
+            continue
         words = [f"{_sign(i)} side {scene[Side].side[e]}"]
         if e not in alive:
             words.append("dead")

@@ -24,6 +24,8 @@ class Against:
 
     Sides: see sides.own_side. Who wins: see sides.own_wins.
 
+    Episodes with one side, where numbers of agents vary, are not counted.
+
     Attributes:
         policy: The one on one side.
         counts: How many episodes the policy won, drew and lost against each of the mixture, int (policies, 3).
@@ -42,7 +44,8 @@ class Against:
         sides = env.worlds.dims["sides"]
         if sides < 2:
             raise UsageError(f"{env.scenario.name} has one side: there is nobody to play against; leave out --others")
-        self._own, self._life = np.zeros(env.num_worlds, int), np.zeros((env.num_worlds, sides), int)
+        self._own, self._sides = np.zeros((2, env.num_worlds), int)
+        self._life = np.zeros((env.num_worlds, sides), int)
         self.counts = np.zeros((len(others.names), len(RESULTS)), int)
 
     def reset(self, where: Array) -> None:
@@ -50,7 +53,8 @@ class Against:
         tell(self.policy, where)
         tell(self._others, where)
         _, worlds, episodes = key_of(self._env.worlds, where)
-        self._own[where] = own_side(worlds, episodes, side(self._env.worlds, where).max(1) + 1)
+        self._sides[where] = side(self._env.worlds, where).max(1) + 1
+        self._own[where] = own_side(worlds, episodes, self._sides[where])
         self._life[where] = 0
 
     def __call__(self, observations: Arrays) -> Actions:
@@ -66,7 +70,7 @@ class Against:
         """Count after each step the episodes that ended in it, of the worlds `where`, bool (worlds,)."""
         self._life += living_sides(self._env.worlds)
         end = self._env.worlds[End]
-        rows = np.flatnonzero((end.terminated | end.truncated)[:, 0] & where)
+        rows = np.flatnonzero((end.terminated | end.truncated)[:, 0] & where & (self._sides > 1))
         won = own_wins(self._life[rows], self._own[rows])
         np.add.at(self.counts, (self._others.drawn[rows], (2 - 2 * won).astype(int)), 1)
 

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -15,32 +15,40 @@ from .summary import column_names
 from .table_file import table_file
 
 Array = np.ndarray[Any, Any]
+Result = TypeVar("Result")
+Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds in which an episode counts
 
 
-Ended = Callable[[Mapping[str, Any], Array], None]  # of rollout.local.rollout
+def numbered(env: SurvivalVectorEnv) -> Ended[dict[str, Array]]:
+    """What takes the episodes that count out of info.
 
-
-def numbered(env: SurvivalVectorEnv) -> Callable[[Mapping[str, Any], Array], dict[str, Array]]:
-    """What takes the episodes that count out of info["statistics"], given with their worlds, bool (worlds,).
-
-    It returns `world`, `episode` (of the world, from 1) and all statistics by name, (episodes,) or (episodes, n).
+    It returns `world`, `episode` (of the world, from 1) and all statistics by name, (episodes,) or (episodes, n). Of
+    agents and sides that not all episodes have, they are masked arrays.
     """
     clock, ahead = env.worlds[Clock], env.autoreset_mode is AutoresetMode.SAME_STEP  # where the next one has begun
 
-    def rows(found: Mapping[str, Any], where: Array) -> dict[str, Array]:
-        worlds = np.flatnonzero(where)
+    def rows(info: Mapping[str, Any], where: Array) -> dict[str, Array]:
+        worlds, there = np.flatnonzero(where), info.get("statistics_present", {})
+        found = {key: values[worlds] for key, values in info["statistics"].items()}
+        masked = {key: np.ma.array(found[key], mask=~present[worlds]) for key, present in there.items()}
         numbers = {"world": worlds + env.first_world, "episode": clock.episode[worlds, 0].astype(np.int64) - ahead}
-        return {**numbers, **{key: values[worlds] for key, values in found.items()}}
+        return numbers | found | masked
 
     return rows
 
 
+def _cells(values: Array) -> Array:
+    """What a table has of these: nothing where they are masked."""
+    return values.astype(object).filled("") if isinstance(values, np.ma.MaskedArray) else values
+
+
 @contextlib.contextmanager
-def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended]:
+def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended[None]]:
     """A new file for the episodes of a rollout, which is whole or not there.
 
     Columns are `world`, `episode` (of the world, from 1) and the statistics in alphabetical order; what has an entry an
-    agent or side has a column for each, return_0, return_1. Rows are in the order in which episodes end.
+    agent or side has a column for each, return_0, return_1, which is empty where the episode had no such agent or side.
+    Rows are in the order in which episodes end.
 
     Args:
         path: NAME.csv.
@@ -58,10 +66,10 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended]:
     rows = numbered(env)
     with table_file(path, "episodes", ["world", "episode", *names]) as table:
 
-        def add(found: Mapping[str, Any], where: Array) -> None:
+        def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
-                own = rows(found, where)
-                columns = [column for key in keys for column in own[key].reshape(where.sum(), -1).T]
+                own = rows(info, where)
+                columns = [column for key in keys for column in _cells(own[key]).reshape(where.sum(), -1).T]
                 numbers = {name: own[name] for name in ("world", "episode")}
                 table.add({**numbers, **dict(zip(names, columns, strict=True))})
 

@@ -44,7 +44,7 @@ def rollout(
         episodes: How many of each world; without effect if `steps` are given.
         watch: Called after the reset and after every step with the worlds that count, bool (worlds,): look at the
             environment there, as at env.events().
-        ended: Called where episodes end, with info["statistics"] and the worlds in which one counts, bool (worlds,).
+        ended: Called where episodes end, with info and the worlds in which one counts, bool (worlds,).
 
     Returns:
         Means and standard errors of the statistics of the episodes.
@@ -71,9 +71,9 @@ def rollout(
                 watch(remaining > 0)
             if "statistics" in info:
                 counted = info["_statistics"] & (remaining > 0)
-                summary.add(info["statistics"], counted)
+                summary.add(info["statistics"], counted, info.get("statistics_present"))
                 if ended:
-                    ended(info["statistics"], counted)
+                    ended(info, counted)
                 remaining -= counted
                 began[info["_statistics"]] = step
             progress(summary)

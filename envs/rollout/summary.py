@@ -29,6 +29,8 @@ class Summary:
         world_steps: How many were taken, of all worlds.
         sums: Of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
         squares: The sums of squares, likewise.
+        counts: Of statistics of agents and sides that not all episodes have, how many episodes had each, int64
+            (worlds, n). Of others, all are counted.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
         kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
@@ -39,6 +41,7 @@ class Summary:
     world_steps: int = 0
     sums: dict[str, Array] = field(default_factory=dict)
     squares: dict[str, Array] = field(default_factory=dict)
+    counts: dict[str, Array] = field(default_factory=dict)
     outcomes: dict[str, Array] = field(default_factory=dict)
     kept: list[dict[str, Array]] | None = None
 
@@ -53,15 +56,24 @@ class Summary:
         lists = [part.kept for part in parts if part.kept is not None]
         kept = [each for some in lists for each in some] if len(lists) == len(parts) else None
         parts = [part for part in parts if part.episodes]
-        sums, squares = (
-            {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
-            for tables in ([part.sums for part in parts], [part.squares for part in parts])
+        sums, squares, counts = (
+            (
+                {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
+                for tables in zip(*((part.sums, part.squares, part.counts) for part in parts), strict=True)
+            )
+            if parts
+            else ({}, {}, {})
         )
-        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, outcomes, kept)
+        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, counts, outcomes, kept)
 
-    def add(self, statistics: dict[str, Any], where: Array) -> None:
-        """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,)."""
+    def add(self, statistics: Mapping[str, Any], where: Array, present: Mapping[str, Array] | None = None) -> None:
+        """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,).
+
+        present: info["statistics_present"], where there is one.
+        """
         self.episodes += int(where.sum())
+        for key, there in (present or {}).items():
+            self.counts[key] = self.counts.get(key, 0) + (there & where[:, None])
         for key, given in statistics.items():
             values = np.asarray(given, np.float64) * where.reshape(-1, *[1] * (np.ndim(given) - 1))
             if key not in self.sums:
@@ -74,14 +86,15 @@ class Summary:
 
         Returns:
             By name, (episodes,) or (episodes, n), n agents, sides ...; and `world` and `episode`, int64 (episodes,), as
-            in the files of episodes. Empty if no episode ended.
+            in the files of episodes. Of agents and sides that not all episodes have, they are masked arrays. Empty if
+            no episode ended.
 
         Raises:
             UsageError: They were not kept.
         """
         if self.kept is None:
             raise UsageError("the statistics of single episodes were not kept: say outlast.rollout(..., keep=True)")
-        found = {key: np.concatenate([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
+        found = {key: _joined([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
         order = np.argsort(found["world"], kind="stable") if found else ()
         return {key: values[order] for key, values in found.items()}
 
@@ -92,37 +105,57 @@ class Summary:
         """
         names = [name for key, values in self.sums.items() for name in column_names(key, values)]
         found = dict(zip(names, self._numbers(list(self.sums)), strict=True))
+        counts = self.episodes_of()
         outcomes = {name: dict(zip(RESULTS, counts.tolist(), strict=True)) for name, counts in self.outcomes.items()}
         return {
             "episodes": self.episodes,
             "episodes_per_world": self.episodes_per_world,
             "unbiased": self.episodes_per_world > 0,
             "world_steps": self.world_steps,
-            "statistics": {name: {"mean": mean, "std_error": error} for name, (mean, error) in sorted(found.items())},
+            "statistics": {
+                name: {"mean": _finite(mean), "std_error": _finite(error)}
+                | ({"episodes": counts[name]} if name in counts else {})
+                for name, (mean, error) in sorted(found.items())
+            },
             "against": outcomes,
         }
 
+    def episodes_of(self, between: str = "_") -> dict[str, int]:
+        """How many episodes had each agent and side, by name of statistic; of statistics of `counts` only."""
+        return {
+            name: int(count)
+            for key, counts in self.counts.items()
+            for name, count in zip(column_names(key, counts, between), counts.sum(0), strict=True)
+        }
+
     def rows(self) -> list[tuple[str, float, float]]:
-        """(name, mean, standard error); statistics with an entry an agent or side get a row for each."""
+        """(name, mean, standard error); statistics with an entry an agent or side get a row for each.
+
+        Both are NaN of agents and sides that no episode had.
+        """
         keys = sorted(self.sums)
         names = [name for key in keys for name in column_names(key, self.sums[key], " ")]
         return [(name, *pair) for name, pair in zip(names, self._numbers(keys), strict=True)]
 
     def _numbers(self, keys: Sequence[str]) -> list[tuple[float, float]]:
         """Mean and standard error of every entry of these statistics."""
-        tables = [[table[key].reshape(len(table[key]), -1).T for key in keys] for table in (self.sums, self.squares)]
-        return [self._row(*pair) for both in zip(*tables, strict=True) for pair in zip(*both, strict=True)]
-
-    def _row(self, sums: Array, squares: Array) -> tuple[float, float]:
-        mean = math.fsum(sums) / self.episodes
-        spread = max(math.fsum(squares) / self.episodes - mean**2, 0)
-        return mean, math.sqrt(spread / max(self.episodes - 1, 1))
+        found = []
+        for key in keys:
+            sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
+            counts = self.counts[key].sum(0).tolist() if key in self.counts else [self.episodes] * len(sums)
+            found += [_mean_and_error(*row) for row in zip(sums, squares, counts, strict=True)]
+        return found
 
     def __str__(self) -> str:
         lines = ["no episode ended; take more steps"]
         if self.episodes:
+            counts = self.episodes_of(" ")
             lines = [self._heading(), "", f"{'per episode':<20} {'mean':>12} {'std. error':>12}"]
-            lines += [f"{name:<20} {mean:>12.4f} {error:>12.4f}" for name, mean, error in self.rows()]
+            lines[-1] += f" {'episodes':>12}" if counts else ""
+            for name, mean, error in self.rows():
+                cells = [f"{each:.4f}" if math.isfinite(each) else "-" for each in (mean, error)]
+                cells += [f"{counts.get(name, self.episodes):,}"] if counts else []
+                lines.append(f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells))
         return "\n".join([*lines, *(["", against_table(self.outcomes)] if self.outcomes else [])])
 
     def _heading(self) -> str:
@@ -133,6 +166,26 @@ class Summary:
             )
         count = f"{self.episodes_per_world:,} " if self.episodes_per_world > 1 else ""
         return f"{self.episodes:,} whole episodes, the first {count}of every world"
+
+
+def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, float]:
+    """Mean and standard error, of sums over the episodes of each world; NaN of none."""
+    if not count:
+        return math.nan, math.nan
+    mean = math.fsum(sums) / count
+    spread = max(math.fsum(squares) / count - mean**2, 0)
+    return mean, math.sqrt(spread / max(count - 1, 1))
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """One array behind the other; masks stay."""
+    joined: Array = (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
+    return joined
+
+
+def _finite(value: float) -> float | None:
+    """The number, None for NaN, which JSON does not have."""
+    return value if math.isfinite(value) else None
 
 
 def column_names(key: str, values: Any, between: str = "_") -> list[str]:

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from outlast.ecs import Module
+from outlast.ecs import Distribution, Module, Roles
+from outlast.ecs.distributions import CHOICE, INTEGERS, LOG_UNIFORM
 
 LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
@@ -37,6 +38,47 @@ def numbers(modules: Iterable[Module]) -> dict[str, Any]:
     """Every number of these mechanics by its full name, sorted by mechanics."""
     ordered = sorted(modules, key=lambda module: module.name)
     return {f"{m.name}_{item.name}": getattr(m, item.name) for m in ordered for item in dataclasses.fields(m)}
+
+
+def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> list[str]:
+    """The changes of a derived scenario with what differs from world to world and from agent to agent.
+
+    Args:
+        origin: The scenario that it was derived from.
+        made: The derived one.
+        changed: See `changes`.
+        short: For a name, "n_agents=2..6"; otherwise as it is typed, "n_agents=integers(2, 6)".
+    """
+    found = [*changed]
+    for name, drawn in made.varied:
+        if (name, drawn) not in origin.varied:
+            found.append(f"{_short(name)}={_drawn_from(drawn) if short else drawn}")
+    if made.observed != origin.observed:
+        found.append(f"observed {' '.join(map(_short, made.observed)) or 'no numbers'}")
+    if made.by_role and made.by_role != origin.by_role:
+        shown = "" if "with observe_roles" in found else " unobserved"
+        roles = _roles(made.by_role) if short else made.by_role
+        found = [each for each in found if each != "with observe_roles"] + [f"roles {roles}{shown}"]
+    return found
+
+
+def _drawn_from(drawn: Distribution) -> str:
+    """A distribution in a name, another text for each: "2..6", "0.5..2.0", "log_0.1..10.0", "1_or_3"."""
+    if drawn.kind == CHOICE:
+        return "_or_".join(map(shown, drawn.values))
+    low, high = (str(value) if drawn.kind == INTEGERS else repr(float(value)) for value in drawn.values)
+    return f"{'log_' * (drawn.kind == LOG_UNIFORM)}{low}..{high}"
+
+
+def _roles(roles: Roles) -> str:
+    """Roles in a name, with the numbers that they change."""
+    numbers = [
+        f"{role.name} {_short(name)}={_drawn_from(value) if isinstance(value, Distribution) else shown(value)}"
+        for role in roles.roles
+        for name, value in role.numbers
+    ]
+    ids = [f"{role.name} {role.agents}" for role in roles.roles if role.agents]
+    return " ".join([str(roles), *ids, *numbers])
 
 
 def _short(name: str) -> str:

@@ -20,7 +20,7 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import as_file_name, changes, derived_about, derived_name, following, numbers
+from .changes import as_file_name, changes, derived_about, derived_name, differing, following, numbers
 from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
@@ -247,12 +247,8 @@ class Scenario:
         by_role = made.by_role and made.by_role.only(known)
         made = dataclasses.replace(made, varied=varied, observed=observed, by_role=by_role)
         changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
-        changed += [f"{name}={drawn}" for name, drawn in varied if (name, drawn) not in origin.varied]
-        changed += ["numbers observed"] * (origin.observed != observed)
-        if by_role and by_role != origin.by_role:
-            shown = "" if "with observe_roles" in changed else " unobserved"
-            changed = [each for each in changed if each != "with observe_roles"] + [f"roles {by_role}{shown}"]
-        name, about = derived_name(origin.name, changed), derived_about(origin.about, changed)
+        name = derived_name(origin.name, differing(origin, made, changed, short=True))
+        about = derived_about(origin.about, differing(origin, made, changed, short=False))
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
         return made

@@ -21,7 +21,7 @@ from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import short
+from tests.helpers.execution_modes import LEVELS, short
 
 WORLDS = 64
 SAMPLES = 20
@@ -125,14 +125,15 @@ def reported(name: str, env: Any, info: Any) -> list[bool]:
     if name == "make_sb3":
         return [bool(each["alive"]) for each in info]
     if hasattr(env, "possible_agents"):
-        return [bool(info[agent]["alive"]) for agent in env.possible_agents]
+        return [agent in info and bool(info[agent]["alive"]) for agent in env.possible_agents]
     return [bool(alive) for alive in np.ravel(info["alive"])]
 
 
+@pytest.mark.parametrize("game", ["ffa_3", *LEVELS])
 @pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
-def test_info_has_the_living_after_every_call(name: str) -> None:
+def test_info_has_the_living_after_every_call(name: str, game: str) -> None:
     """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""
-    scenario = short("ffa_3").replace(n_agents=4)
+    scenario = short(game) if game in LEVELS else short(game).replace(n_agents=4)
     options: dict[str, Any] = {} if name in ("make_vec", "make_agents", "make_sb3", "make_puffer") else {"dead": "keep"}
     env, dead = make(name, scenario, **options), 0
     if name == "make_sb3":

@@ -10,16 +10,17 @@ from gymnasium.vector.utils import batch_space
 
 import outlast
 from outlast import make_vec
+from outlast.ecs import columns_of
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
+from outlast.envs.core.agents import counts_vary, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, equal, short
+from tests.helpers.execution_modes import HUNT, LEVELS, equal, short
 
-KINDS = ("ffa_3", "teams_3", HUNT)
+KINDS = ("ffa_3", "teams_3", HUNT, *LEVELS)
 MODES = [mode.value for mode in AutoresetMode]
 WORLDS, SEED = scaled(20, least=2), 5
 STEPS = 65  # enough for every world of short() to end
-SIDES = {"ffa_3": [0, 1], "teams_3": [0, 0, 1, 1], HUNT: [0, 1, 1, 1]}
 
 
 def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> SurvivalAgentVectorEnv:
@@ -37,9 +38,10 @@ def rows(values: Any) -> Any:
     return np.concatenate(list(values))
 
 
-def lives(observations: Any) -> Any:
-    """Who is alive, from observations: the place of the dead is 0."""
-    return (observations["own"][:, -6:-4] != 0).any(-1)
+def lives(env: Any, observations: Any) -> Any:
+    """Who is alive, from observations: the place of the dead, and of who is absent, is 0."""
+    place = columns_of(env.base_env.fields["own"], "x", "y")
+    return (observations["own"][:, place] != 0).any(-1)
 
 
 def same(one: Any, other: Any) -> bool:
@@ -63,37 +65,45 @@ def test_rows_are_those_of_the_batched_environment(name: str, mode: str) -> None
     seen, info = env.reset(seed=SEED)
     expected, _ = batch.reset(seed=SEED)
     assert equal(seen, {key: rows(values) for key, values in expected.items()})
-    assert same(info, {"alive": np.ones(env.num_envs, bool), "_alive": np.ones(env.num_envs, bool)})
+    everybody = np.ones(env.num_envs, bool)
+    there = {"present": rows(present(batch.worlds)), "_present": everybody} if counts_vary(batch.worlds) else {}
+    assert same(info, {"alive": there.get("present", everybody), "_alive": everybody} | there)
     ends = deaths = 0
     for tick in range(STEPS):
-        actions = drawn(env, tick)
+        actions, sides = drawn(env, tick), side(batch.worlds)
         seen, reward, terminated, truncated, info = env.step(actions)
         expected, *outcome, batch_info = batch.step(actions.reshape(WORLDS, agents, 6))
         assert equal(seen, {key: rows(values) for key, values in expected.items()})
         assert same(reward, rows(outcome[0]))
         assert same(terminated, np.repeat(outcome[1], agents))
         assert same(truncated, np.repeat(outcome[2], agents))
-        assert same(info["alive"], lives(seen))
+        assert same(info["alive"], lives(env, seen))
         assert info["_alive"].all()
+        assert ("present" in info) == bool(there)
+        if there:
+            assert same(info["present"], rows(present(batch.worlds)))
         assert ("statistics" in info) == ("statistics" in batch_info)
         if "statistics" in batch_info:
-            compare_ends(info, batch_info, SIDES[name])
+            compare_ends(env, info, batch_info, sides)
         ends += int(terminated.sum())
-        deaths += int((~info["alive"]).sum())
+        deaths += int((rows(present(batch.worlds)) & ~info["alive"]).sum())
     assert ends >= env.num_envs
     assert deaths > 0 or (name, mode) == ("ffa_3", "SameStep")  # of two, none is dead in a world that goes on
 
 
-def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[int]) -> None:
-    """Infos of ended worlds: final observations, and of the statistics each sub-environment's own."""
-    agents = len(sides)
-    assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents))
+def compare_ends(env: Any, info: dict[str, Any], batch_info: dict[str, Any], sides: Any) -> None:
+    """Infos of ended worlds: final observations, and of the statistics each sub-environment's own.
+
+    sides: of each agent, (worlds, agents), -1 of who is absent, whose statistics are 0.
+    """
+    agents, absent = sides.shape[1], rows(sides < 0)
+    assert same(info["_statistics"], np.repeat(batch_info["_statistics"], agents) & ~absent)
     for key, values in batch_info["statistics"].items():
         mine = info["statistics"][key]
-        if key == "return":
-            assert same(mine, rows(values))
-        else:
-            assert same(mine, rows(values[:, sides]) if key == "kills" else np.repeat(values, agents))
+        expected = rows(values) if key == "return" else np.repeat(values, agents)
+        if key == "kills":
+            expected = rows(np.take_along_axis(values, np.maximum(sides, 0), 1))
+        assert same(mine, np.where(absent, 0, expected).astype(expected.dtype))
     assert ("final_obs" in info) == ("final_obs" in batch_info)
     if "final_obs" in batch_info:
         assert same(info["_final_obs"], np.repeat(batch_info["_final_obs"], agents))
@@ -105,7 +115,7 @@ def compare_ends(info: dict[str, Any], batch_info: dict[str, Any], sides: list[i
                 assert final is None
                 continue
             assert same(final, {key: v[k % agents] for key, v in batch_info["final_obs"][k // agents].items()})
-            assert info["final_info"]["alive"][k] == lives({"own": final["own"][None]})[0]
+            assert info["final_info"]["alive"][k] == lives(env, {"own": final["own"][None]})[0]
 
 
 @pytest.mark.parametrize("name", KINDS)

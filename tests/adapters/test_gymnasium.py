@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import outlast
 from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
+from outlast.envs.core.agents import alive, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, equal, short
+from tests.helpers.execution_modes import ALL, HUNT, LEVELS, equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]
@@ -27,6 +29,11 @@ IDLE = [1, 1, 1, 0, 0, 0]
 
 def make(name: str = "teams_3", **options: Any) -> SurvivalEnv:
     return SurvivalEnv(short(name), **options)
+
+
+def given(name: str) -> dict[str, Any]:
+    """Arguments of gymnasium.make for one of LEVELS; an id has its own scenario."""
+    return {"scenario": short(name)} if name in LEVELS else {}
 
 
 def drawn(tick: int) -> Any:
@@ -40,21 +47,25 @@ def arrays(result: Any) -> list[np.ndarray[Any, Any]]:
 # ---- the contract
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize("name", [*IDS, *LEVELS])
 @pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity")
 def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
     """Neither an error nor a warning, pictures included: in tests, every warning is an error.
 
     But for one, that infinite bounds are probably too wide: velocities, angles and health have no others.
     """
-    env = gymnasium.make(name).unwrapped
+    scenario = short(name) if name in LEVELS else outlast.variant(IDS[name])
+    env = gymnasium.make("outlast/FreeForAll-v1" if name in LEVELS else name, **given(name)).unwrapped
     check_env(env, skip_render_check=find_spec("pygame") is None)  # it also opens a window
-    assert (env.metadata["name"], env.metadata["render_fps"]) == (IDS[name], 30)
+    assert (env.metadata["name"], env.metadata["render_fps"]) == (scenario.name, 30)
     env.close()
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize(("name", "learner"), [("teams_3", 0), ("teams_3", 2), ("teams_3", 3), (HUNT, 0), (HUNT, 2)])
+@pytest.mark.parametrize(
+    ("name", "learner"),
+    [("teams_3", 0), ("teams_3", 2), ("teams_3", 3), (HUNT, 0), (HUNT, 2), *((name, 1) for name in LEVELS)],
+)
 def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead: str) -> None:
     """The others' actions are noted by the function that gives them, and the world is played again."""
     others: list[Any] = []
@@ -70,7 +81,7 @@ def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead
     seen, info = env.reset(seed=SEED)
     expected, _ = batch.reset(seed=[SEED])
     assert info["alive"] is True
-    total, done, length = 0.0, False, 0
+    total, done, length, sides, there = 0.0, False, 0, side(batch.worlds, 0), present(batch.worlds, 0)
     while not done:
         assert equal(seen, {key: values[0, learner] for key, values in expected.items()})
         seen, reward, terminated, truncated, info = env.step(drawn(length))
@@ -78,16 +89,17 @@ def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead
         expected, payment, ended, cut, batch_info = batch.step(joint)
         length += 1
         total += reward
-        lives = bool(expected["own"][0, learner, 3:5].any())  # the place of the dead is 0
+        lives = bool(alive(batch.worlds)[0, learner])
         assert reward == payment[0, learner]
         assert (terminated, truncated) == (ended[0] or (dead == "end" and not lives), cut[0])
         assert (info["alive"], info["length"], info["return"]) == (lives, length, total)
         done = terminated or truncated
-    assert all(ids.tolist() == [[i for i in range(4) if i != learner]] for ids, _ in others)
+    ids = [i for i in range(4) if i != learner]
+    assert all(seen.tolist() == [[i if there[i] else 0 for i in ids]] for seen, _ in others)  # rows of the absent are 0
     assert length > 5
     if dead == "keep":
         assert {key: info[key] for key in ("kills", "deaths_zone", "first_death")} == {
-            "kills": batch_info["statistics"]["kills"][0, learner // 2],
+            "kills": batch_info["statistics"]["kills"][0, sides[learner]],
             "deaths_zone": batch_info["statistics"]["deaths_zone"][0],
             "first_death": batch_info["statistics"]["first_death"][0],
         }
@@ -97,11 +109,12 @@ def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead
     env.step(IDLE)
 
 
-def test_death_ends_the_episode_or_does_not() -> None:
+@pytest.mark.parametrize("name", ["teams_3", ALL])
+def test_death_ends_the_episode_or_does_not(name: str) -> None:
     """Somewhere among a few episodes the learner dies before its world ends; then, dead= makes the difference."""
     lengths: dict[str, list[int]] = {}
     for dead in ("end", "keep"):
-        env, lengths[dead] = make(dead=dead), []
+        env, lengths[dead] = make(name, dead=dead), []
         for seed in range(scaled(20, least=6)):
             _, info = env.reset(seed=seed)
             done = False
@@ -116,8 +129,9 @@ def test_death_ends_the_episode_or_does_not() -> None:
     assert lengths["end"] != lengths["keep"]
 
 
-def test_types_are_pythons_own_and_infos_keep_their_keys() -> None:
-    env = make()
+@pytest.mark.parametrize("name", ["teams_3", ALL])
+def test_types_are_pythons_own_and_infos_keep_their_keys(name: str) -> None:
+    env = make(name)
     _, first = env.reset(seed=SEED)
     done = False
     while not done:

@@ -17,7 +17,7 @@ from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
 from outlast.envs.rollout.policies import noop_policy, scripted_policy
 from tests.conftest import COMPILED, digest, scaled
-from tests.helpers.execution_modes import HUNT, equal, short
+from tests.helpers.execution_modes import ALL, COUNTS, HUNT, MAZE, ROLES, equal, short
 from tests.helpers.remembering import Remembering
 
 WORLDS, SEED, STEPS = scaled(8, least=2), 11, 65
@@ -40,6 +40,10 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "a function": ("teams_3", {"learner": 2, "others": by_id}),
     "a mixture": ("teams_3", {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),
     "a mixture with a function": ("ffa_3", {"others": {by_id: 2, "random": 1}, "max_episode_steps": 20}),
+    "other counts": (COUNTS, {"learner": 1}),
+    "roles that are drawn": (ROLES, {"learner": 2, "others": "scripted", "dead": "keep"}),
+    "a maze": (MAZE, {"learner": 3, "others": "scripted"}),
+    "other counts, roles and a maze": (ALL, {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),
     "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
 
@@ -141,9 +145,10 @@ def test_both_modes_of_make_vec() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_processes_of_gymnasium() -> None:
-    env = SurvivalLearnerVectorEnv(2, short("ffa_3"))
-    oracle = AsyncVectorEnv([single("ffa_3")] * 2)
+@pytest.mark.parametrize("name", ["ffa_3", ALL])
+def test_processes_of_gymnasium(name: str) -> None:
+    env = SurvivalLearnerVectorEnv(2, short(name))
+    oracle = AsyncVectorEnv([single(name)] * 2)
     assert equal(env.reset(seed=SEED)[0], oracle.reset(seed=SEED)[0])
     for tick in range(5):
         results = [each.step(drawn(env, tick)) for each in (env, oracle)]

@@ -6,6 +6,8 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,8 +18,9 @@ import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
+from outlast.envs.core.agents import counts_vary, present
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import HUNT, SHORT
+from tests.helpers.execution_modes import ALL, COUNTS, HUNT, LEVELS, SHORT
 from tests.helpers.execution_modes import short as scenario
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
@@ -36,12 +39,16 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
 CYCLES = scaled(1000, least=20)
 NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
 both = pytest.mark.parametrize("dead", ["end", "keep"])
-everywhere = pytest.mark.parametrize("name", [*NAMES, pytest.param(scenario(HUNT), id=HUNT)])
+everywhere = pytest.mark.parametrize(
+    "name", [*NAMES, *(pytest.param(scenario(name), id=name) for name in (HUNT, *LEVELS))]
+)
 Env = parallel.SurvivalParallelEnv
 
 
 def short(name: str = "teams_3", **options: Any) -> Env:
-    """Four agents, in teams or not, and an early end."""
+    """Four agents, in teams or not, or up to four, and an early end."""
+    if name in LEVELS:
+        return outlast.parallel_env(scenario(name), **options)
     return outlast.parallel_env(name, **{"n_agents": 4, **SHORT, **options})
 
 
@@ -74,10 +81,12 @@ def same(one: Any, other: Any) -> bool:
 @both
 @everywhere
 def test_parallel_api(name: str, dead: str) -> None:
-    """Also its checks of dead agents, which are mere warnings."""
+    """Also its checks of dead agents, which are mere warnings; but for one, that some possible agents never played."""
     env = outlast.parallel_env(name, dead=dead, **SHORT)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        if counts_vary(env.base_env.worlds):
+            warnings.filterwarnings("ignore", "No agents present but not all possible_agents are terminated")
         parallel_api_test(env, CYCLES)
     assert env.statistics or not COMPILED  # it saw the end of an episode
 
@@ -113,6 +122,16 @@ def test_max_cycles() -> None:
     max_cycles_test(parallel)
 
 
+@pytest.mark.parametrize("name", LEVELS)
+def test_max_cycles_of_levels(name: str) -> None:
+    """Nobody dies before; of the agents' numbers of steps it takes the median, so most have to be there."""
+    level = scenario(name).replace(agents_health=1000)
+    if name in (COUNTS, ALL):
+        level = level.vary(n_agents=outlast.integers(3, 4))
+    makers = {kind: partial(getattr(parallel, kind), level) for kind in ("env", "parallel_env")}
+    max_cycles_test(SimpleNamespace(__name__=name, **makers))
+
+
 @everywhere
 @pytest.mark.filterwarnings("ignore:Environment's (minimum|maximum) state space value is -?infinity")
 def test_state(name: str) -> None:
@@ -120,19 +139,20 @@ def test_state(name: str) -> None:
     state_test(outlast.aec_env(name, **SHORT), outlast.parallel_env(name, **SHORT), CYCLES)
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
 def test_render(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pygame", reason="render_mode='human' needs pygame, which is not installed")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    render_test(lambda **options: outlast.aec_env(name, **options))
+    render_test(lambda **options: outlast.aec_env(scenario(name), **options))
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
 def test_render_without_a_window(name: str) -> None:
     """What their suite asks of pictures and text; drawing changes nothing."""
-    for picture in collect_render_results(outlast.aec_env(name, render_mode="rgb_array")):
+    for picture in collect_render_results(outlast.aec_env(scenario(name), render_mode="rgb_array")):
         assert (picture.dtype, picture.ndim, picture.shape[2]) == (np.uint8, 3, 3)
-    assert all(isinstance(page, str) for page in collect_render_results(outlast.aec_env(name, render_mode="ansi")))
+    pages = collect_render_results(outlast.aec_env(scenario(name), render_mode="ansi"))
+    assert all(isinstance(page, str) for page in pages)
     drawn, blind = short(name, render_mode="rgb_array", seed=1), short(name, seed=1)
     assert same(drawn.reset(), blind.reset())
     assert np.array_equal(drawn.render(), drawn.render())
@@ -171,15 +191,22 @@ def test_without_pettingzoo_only_this_adapter_is_missing() -> None:
 
 
 @both
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
 def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
-    """Observations, rewards, ends and statistics of an episode with deaths; the batch also gets actions of the dead."""
+    """Observations, rewards, ends and statistics of an episode with deaths; the batch also gets actions of the dead.
+
+    Whom the episode does not have is in nothing that comes out.
+    """
     env, seed = short(name, dead=dead), 5
     batch = make_vec(env.base_env.scenario, 3, seed=0)
     observations, _ = env.reset(seed=seed)
     expected, _ = batch.reset(seed=[seed + 1, seed, seed + 2])
     alive = batch.worlds[Entity].alive[1, batch.worlds.span("agent")]
-    assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4)})
+    there = present(batch.worlds, 1)
+    assert same(
+        observations,
+        {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in range(4) if there[i] or dead == "keep"},
+    )
     died = done = False
     for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
         rows = [int(agent[6:]) for agent in before]
@@ -187,14 +214,15 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
         expected, reward, ended, cut, info = batch.step(actions)
         gone = alive == 0 if dead == "end" else np.zeros(4, bool)
         done = bool(ended[1] | cut[1])
-        died |= not alive.all() and not done
+        died |= not alive[there].all() and not done
         assert same(observations, {f"agent_{i}": {key: expected[key][1, i] for key in expected} for i in rows})
         assert same(rewards, {f"agent_{i}": float(reward[1, i]) for i in rows})
         assert same(terminated, {f"agent_{i}": bool(ended[1] | gone[i]) for i in rows})
         assert same(truncated, {f"agent_{i}": bool(cut[1]) for i in rows})
-        assert same(infos, {f"agent_{i}": {"alive": int(alive[i])} for i in rows})
+        varying = {i: {"present": int(there[i])} if counts_vary(batch.worlds) else {} for i in rows}
+        assert same(infos, {f"agent_{i}": {"alive": int(alive[i]), **varying[i]} for i in rows})
         assert env.agents == [agent for agent in before if not done and not gone[int(agent[6:])]]
-    assert died
+    assert died or there.sum() < 3  # with one on each side, a death is the end
     assert done
     assert same(env.statistics, {key: values[1] for key, values in info["statistics"].items()})
 
@@ -212,11 +240,13 @@ def test_whole_episodes_repeat(dead: str) -> None:
 
 
 @both
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *LEVELS])
 def test_everything_lies_in_its_space(name: str, dead: str) -> None:
     env = short(name, dead=dead, seed=1)
     observations, _ = env.reset()
-    assert observations.keys() == set(env.possible_agents)
+    assert observations.keys() == {*env.possible_agents} or name in LEVELS
+    count = present(env.base_env.worlds, 0).sum() if dead == "end" else None
+    assert list(observations) == env.agents == env.possible_agents[:count]
     for _, (observations, rewards, terminated, truncated, _) in play(env):
         for agent, seen in observations.items():
             assert env.observation_space(agent).contains(seen)
@@ -231,6 +261,24 @@ def test_everything_lies_in_its_space(name: str, dead: str) -> None:
         assert env.action_space(agent).nvec.tolist() == [3, 3, 3, 2, 2, 2]
         assert all(box.dtype == np.float32 for box in space.values())
     assert env.action_space("agent_0") is not env.action_space("agent_1")  # they are seeded one by one
+
+
+def test_every_count_of_agents_is_played() -> None:
+    """Over the episodes of one environment; a state of another count goes on with its agents. Or all are kept."""
+    env, found, states = short(COUNTS, seed=0), set(), {}
+    for _ in range(20):
+        observations, _ = env.reset()
+        found.add(len(observations))
+        states[len(observations)] = env.get_state()
+        list(play(env))
+    assert found == {2, 3, 4}
+    for count, state in states.items():
+        assert list(env.set_state(state)) == env.agents == env.possible_agents[:count]
+        kept = short(COUNTS, dead="keep")
+        assert list(kept.set_state(state)) == kept.agents == kept.possible_agents
+        _, rewards, _, _, infos = kept.step(act(kept, 0))
+        assert [info["present"] for info in infos.values()] == [1] * count + [0] * (4 - count)
+        assert not any(list(rewards.values())[count:])
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

@@ -16,7 +16,7 @@ import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, equal, short
+from tests.helpers.execution_modes import HUNT, LEVELS, equal, short
 
 with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere), warnings.catch_warnings():
     warnings.simplefilter("ignore")  # and elsewhere, as PufferLib leaves a link in the folder where it is imported
@@ -53,7 +53,7 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 
 
 @needs_puffer
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT])
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *LEVELS])
 def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
     """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
     env = make(name, 1)
@@ -78,7 +78,7 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 
 
 @needs_puffer
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT, *LEVELS])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""
     env, batch = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset_mode="SameStep")
@@ -101,10 +101,19 @@ def test_it_is_the_batched_environment(name: str) -> None:
         assert len(infos) == int("statistics" in info)
         if infos:
             done = info["_statistics"]
-            assert infos[0] == {key: values[done].ravel().tolist() for key, values in info["statistics"].items()}
+            there = info.get("statistics_present", {})
+            assert infos[0] == {
+                key: [x for rows in zip(values[done], there.get(key, values == values)[done]) for x in own(*rows)]
+                for key, values in info["statistics"].items()
+            }
             episodes += len(infos[0]["length"])
     assert episodes >= WORLDS
     assert (dead > 0) == (name != "ffa_3")  # of two, the last one's world ends with the other's death
+
+
+def own(values: Any, there: Any) -> list[Any]:
+    """The entries that an episode has."""
+    return [value for value, had in zip(np.atleast_1d(values).tolist(), np.atleast_1d(there), strict=True) if had]
 
 
 def flat(batch: Any) -> np.ndarray[Any, Any]:

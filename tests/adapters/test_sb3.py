@@ -10,9 +10,10 @@ from gymnasium import spaces
 
 import outlast
 from outlast import make_vec, variant
+from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, short
+from tests.helpers.execution_modes import HUNT, LEVELS, short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
@@ -95,7 +96,7 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
     assert {True, False} == set(ends)
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT])
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *LEVELS])
 def test_spaces_are_those_of_one_agent(name: str) -> None:
     env, batch = make_sb3(short(name), 3, seed=0), make_vec(short(name), 3)
     assert env.num_envs == 3 * batch.num_agents
@@ -110,15 +111,15 @@ def test_spaces_are_those_of_one_agent(name: str) -> None:
         assert env.observation_space.contains(agent(observations, i))
 
 
-@pytest.mark.parametrize("name", ["teams_3", HUNT])
+@pytest.mark.parametrize("name", ["teams_3", HUNT, *LEVELS])
 def test_it_is_the_batched_environment(name: str) -> None:
-    """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i."""
+    """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i. Who is absent is dead."""
     scenario = short(name).replace(ending_limit=22)
     env, batch = make_sb3(scenario, WORLDS, seed=3), make_vec(scenario, WORLDS, autoreset_mode="SameStep")
     assert same(env.reset(), {key: np.concatenate(rows) for key, rows in batch.reset(seed=3)[0].items()})
     rng, ended, cut = np.random.default_rng(0), 0, 0
     for _ in range(STEPS):
-        actions = draw(env, rng)
+        actions, sides = draw(env, rng), side(batch.worlds)
         observations, rewards, dones, infos = env.step(actions)
         expected, reward, terminated, truncated, info = batch.step(actions.reshape(WORLDS, AGENTS, 6))
         assert same(observations, {key: np.concatenate(rows) for key, rows in expected.items()})
@@ -129,13 +130,16 @@ def test_it_is_the_batched_environment(name: str) -> None:
             assert same(infos[i]["terminal_observation"], agent(info["final_obs"][w], k))
             assert infos[i]["TimeLimit.truncated"] is bool(truncated[w])
             own = {key: values[w] for key, values in info["statistics"].items()}
-            own |= {"return": own["return"][k], "kills": own["kills"][k // 2]}
-            assert infos[i]["statistics"] == own
-            assert all(type(value) in (int, float) for value in infos[i]["statistics"].values())
+            own |= {"return": own["return"][k], "kills": own["kills"][sides[w, k]]}
+            there = sides[w] >= 0
+            assert infos[i].get("statistics") == (own if there[k] else None)
+            assert all(type(value) in (int, float) for value in infos[i].get("statistics", {}).values())
             dead = own["deaths_melee"] + own["deaths_zone"]
-            assert dead == AGENTS - sum(infos[o]["alive"] for o in range(w * AGENTS, (w + 1) * AGENTS))
+            assert dead == there.sum() - sum(infos[o]["alive"] for o in range(w * AGENTS, (w + 1) * AGENTS))
+        living, existing = alive(batch.worlds).ravel(), present(batch.worlds).ravel()
         for i in np.flatnonzero(~dones):
-            assert infos[i] == {"alive": int(observations["own"][i, 2:].any()), "TimeLimit.truncated": False}
+            expected_info = {"present": int(existing[i])} if counts_vary(batch.worlds) else {}
+            assert infos[i] == {"alive": int(living[i]), "TimeLimit.truncated": False} | expected_info
         ended, cut = ended + terminated.sum(), cut + truncated.sum()
     assert min(ended, cut) > 0
 

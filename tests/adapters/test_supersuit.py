@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import outlast
-from tests.helpers.execution_modes import HUNT, short
+from tests.helpers.execution_modes import HUNT, LEVELS, short
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
@@ -29,7 +29,9 @@ def stacked(dicts: list[dict[str, Any]], key: str | None = None) -> list[Any]:
     return [value if key is None else value[key].tolist() for each in dicts for value in each.values()]
 
 
-@pytest.mark.parametrize(("name", "cpus"), [("ffa_3", 0), ("teams_3", 0), ("teams_3", COPIES), (HUNT, 0)])
+@pytest.mark.parametrize(
+    ("name", "cpus"), [("ffa_3", 0), ("teams_3", 0), ("teams_3", COPIES), (HUNT, 0), *((name, 0) for name in LEVELS)]
+)
 def test_a_vector_of_worlds(name: str, cpus: int) -> None:
     """Rows are the agents of every copy in order, seeded one apart; an episode's end starts the next one at once."""
     agents = supersuit.pettingzoo_env_to_vec_env_v1(world(name))

@@ -11,6 +11,7 @@ import pytest
 
 import outlast
 from tests.conftest import COMPILED, scaled
+from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
 pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
@@ -30,11 +31,17 @@ SHORT: dict[str, Any] = {
     "safe_zone_stand": 1000,
 }  # agents outside soon die
 LIMIT = scaled(60, least=15)
-both = pytest.mark.parametrize("dead", ["end", "keep"])
+FIXED = ("ffa_3", "teams_3", ROLES, MAZE)  # all episodes have all agents
+GAMES = pytest.mark.parametrize(
+    ("name", "dead"),  # TorchRL needs the same agents in every reset
+    [*((name, dead) for name in FIXED for dead in ("end", "keep")), (COUNTS, "keep"), (ALL, "keep")],
+)
 
 
 def world(name: str, dead: str) -> Any:
-    return outlast.parallel_env(name, n_agents=4, dead=dead, max_cycles=LIMIT, **SHORT)
+    """With four agents; one of LEVELS with up to four."""
+    counts = {} if name in LEVELS else {"n_agents": 4}
+    return outlast.parallel_env(short(name), dead=dead, max_cycles=LIMIT, **SHORT, **counts)
 
 
 def wrapped(name: str, dead: str) -> Any:
@@ -44,8 +51,7 @@ def wrapped(name: str, dead: str) -> Any:
     return env
 
 
-@both
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+@GAMES
 def test_specs(name: str, dead: str) -> None:
     """TorchRL's own check; agents are one group, by the prefix of their names."""
     env = wrapped(name, dead)
@@ -62,8 +68,7 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
     several.close()
 
 
-@both
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+@GAMES
 def test_a_rollout_through_deaths(name: str, dead: str) -> None:
     """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
     rollout = wrapped(name, dead).rollout(10 * LIMIT)

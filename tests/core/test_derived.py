@@ -8,7 +8,7 @@ import pickle
 import pytest
 
 import outlast
-from outlast import Scenario, variant
+from outlast import Scenario, choice, integers, log_uniform, role, uniform, variant
 from outlast.ecs import NumberError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.serialize import classes, rebuilt
@@ -37,6 +37,14 @@ DUEL = variant("ffa_3")
         (DUEL.replace(room_size=20.0), "ffa_3-room_size=20"),
         (variant("ffa_3+steering").replace(steering_speed=2.5), "ffa_3+steering-steering_speed=2.5"),
         (dataclasses.replace(DUEL.replace(n_agents=3), name="mine").replace(heals_amount=1), "mine-heals_amount=1"),
+        (DUEL.vary(n_agents=integers(2, 6), melee_damage=integers(5, 20)), "ffa_3-n_agents=2..6-melee_damage=5..20"),
+        (
+            DUEL.vary(motors_ahead=uniform(0.1, 1)).observe_numbers(),
+            "ffa_3-motors_ahead=0.1..1.0-observed_motors_ahead",
+        ),
+        (DUEL.vary(motors_ahead=log_uniform(0.1, 1)), "ffa_3-motors_ahead=log_0.1..1.0"),
+        (DUEL.vary(melee_blocked=choice(True, False)), "ffa_3-melee_blocked=True_or_False"),
+        (DUEL.roles(a=role(1, melee_damage=integers(1, 2)), b=role(1)), "ffa_3-roles_1_a_and_1_b_a_melee_damage=1..2"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -60,6 +68,18 @@ def test_many_changes_have_a_short_name_that_no_others_have() -> None:
     names = {DUEL.replace(**many, melee_damage=damage).name for damage in range(50)}
     assert len(names) == 50
     assert max(map(len, names)) <= len("ffa_3") + 60
+
+
+def test_what_is_drawn_from_otherwise_has_another_name() -> None:
+    """Also numbers of roles, who has them, and what is observed."""
+    ends = [(1, 2), (1, 3), (2, 3)]
+    drawn = [kind(*pair) for kind in (uniform, log_uniform, integers, choice) for pair in ends] + [choice(1, 1, 2)]
+    names = [DUEL.vary(melee_reach=each).name for each in drawn]
+    names += [DUEL.roles(a=role(1, melee_reach=each), b=role(1)).name for each in (*drawn, 1, 2)]
+    names += [DUEL.roles(a=role(agents=(i,), melee_reach=1), b=role()).name for i in range(2)]
+    both = DUEL.vary(melee_reach=uniform(1, 2), n_heals=integers(1, 2))
+    names += [both.name, *(both.observe_numbers(each).name for each in ("melee_reach", "n_heals"))]
+    assert len({*names}) == len(names)
 
 
 def test_names_of_files_have_no_other_characters() -> None:

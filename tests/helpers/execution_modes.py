@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from outlast import Scenario, make_vec, role, variant
+from outlast import Scenario, integers, make_vec, role, variant
 from outlast.components import Body
 from outlast.ecs import Entity
 from outlast.envs.errors import FaultError
+from outlast.systems import Maze
 from tests.conftest import digest, scaled
 from tests.digests import SEED, numbered_actions
 
@@ -20,16 +21,26 @@ SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 8
     "ending_limit": 60,
 }  # fmt: skip
 HUNT = "one against three"  # unequal teams, with roles
+COUNTS, ROLES, MAZE, ALL = "other counts", "roles that are drawn", "a maze", "other counts, roles and a maze"
+LEVELS = (COUNTS, ROLES, MAZE, ALL)  # what differs from world to world and from episode to episode
 PROBABILITY = 0.03  # per tick, of an intervention
 Actions = np.ndarray[Any, Any]
 
 
 def short(name: str) -> Scenario:
-    """A variant, or HUNT, whose episodes are short."""
-    if name != HUNT:
-        return variant(name).replace(**SHORT)
-    hunter, prey = role(1, melee_damage=8, cameras_depth=14, agents_radius=0.7, agents_health=20), role(3)
-    return variant("teams_3").replace(teams_sizes=(1, 3), **SHORT).roles(hunter=hunter, prey=prey, observed=False)
+    """A variant, HUNT or one of LEVELS, whose episodes are short; but for variants with four agents, or up to four."""
+    if name == HUNT:
+        hunter, prey = role(1, melee_damage=8, cameras_depth=14, agents_radius=0.7, agents_health=20), role(3)
+        return variant("teams_3").replace(teams_sizes=(1, 3), **SHORT).roles(hunter=hunter, prey=prey, observed=False)
+    scenario = variant("teams_3" if name in LEVELS else name).replace(**SHORT)
+    if name in (COUNTS, ALL):
+        scenario = scenario.vary(n_agents=integers(2, 4), n_heals=integers(1, 15), n_boxes=integers(1, 8))
+    if name in (ROLES, ALL):
+        strong = role(1, melee_damage=integers(5, 8), agents_radius=0.7, agents_health=20)
+        scenario = scenario.roles(strong=strong, other=role(), drawn="anyone")
+    if name in (MAZE, ALL):
+        scenario = scenario.with_(Maze(columns=4, rows=3))
+    return scenario
 
 
 def equal(one: dict[str, Any], other: dict[str, Any]) -> bool:

@@ -239,3 +239,18 @@ def test_summaries_merge_with_their_arrays() -> None:
         np.testing.assert_array_equal(merged[key], values)
     with pytest.raises(UsageError, match="were not kept"):
         Summary.merge([parts[0], Summary()]).arrays()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_arrays_mask_who_is_absent(mode: str) -> None:
+    scenario = outlast.variant("ffa_2").replace(**SHORT).vary(n_agents=outlast.integers(2, 4))
+    env = outlast.make_vec(scenario, 8, seed=0, autoreset_mode=mode)
+    summary = outlast.rollout(env, "random", episodes=2, keep=True)
+    found, merged = summary.arrays(), Summary.merge([summary]).arrays()
+    env.close()
+    absent = np.arange(4) >= found["agents_count"][:, None]
+    assert 0 < absent.sum() < absent.size
+    for key in ("return", "kills"):
+        assert np.ma.getmaskarray(found[key]).tolist() == np.ma.getmaskarray(merged[key]).tolist() == absent.tolist()
+        assert found[key].mean() == pytest.approx(found[key].data[~absent].mean())
+    assert not np.ma.isMaskedArray(found["length"])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Statistic
-from outlast.envs.core.agents import fewest_agents
+from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.make import make_vec
 from outlast.envs.core.spaces import published
 from outlast.envs.rollout.saved import common_scenario
@@ -128,7 +128,7 @@ class Evaluation:
         known = {key for key, *_ in published(self.env.worlds, Statistic)}
         if missing := [name for name in ("length", "return", "kills") if name not in known]:
             raise TrainingError(f"{self.scenario.name} has no statistic '{missing[0]}': add the mechanic Record")
-        if min(self.env.worlds.dims["sides"], fewest_agents(self.env.worlds)) < ROLES:
+        if fewest_sides(self.env.worlds) < ROLES:
             raise TrainingError(f"{self.scenario.name} has worlds of one side: there is no opponent to play against")
         for contender in self.chosen:
             contender.check(self.env)

@@ -44,9 +44,9 @@ class EndLayer(Layer):
 
 def winner(scene: Scene) -> int | None:
     """The side that lived longer than all others, after the last tick of an episode; None if there is none."""
-    alive = scene[Score].alive if Score in scene else []
-    if len(alive) < 2:
+    if not _rivals(scene):
         return None
+    alive = scene[Score].alive
     lived = [2**63 if count else -1 for count in alive]
     for e in scene.rows(Health, Side) if Health in scene else ():
         if (side := scene[Side].side[e]) < 0:  # absent
@@ -61,7 +61,13 @@ def _verdict(scene: Scene) -> tuple[str, Color | None]:
     side = winner(scene)
     if side is not None:
         return f"{printable(scene.side_name(side))} wins", of_side(side)
-    return "a draw" if Score in scene and len(scene[Score].alive) > 1 else "the episode is over", None
+    return "a draw" if _rivals(scene) else "the episode is over", None
+
+
+def _rivals(scene: Scene) -> bool:
+    """Whether there is more than one side that could win; of those that nobody is on, none can."""
+    sides = {scene[Side].side[e] for e in scene.rows(Side)} - {-1} if Side in scene else set()
+    return Score in scene and len(sides) > 1
 
 
 def _reason(scene: Scene) -> str:

@@ -13,7 +13,7 @@ from outlast.ecs import Action, Clock
 
 from ... import recording
 from ...adapters.opponents import Opponents, Others
-from ...core.agents import alive, side
+from ...core.agents import alive, fewest_agents, side
 from ...core.make import make_vec
 from ...core.spaces import published
 from ...errors import PlayError
@@ -75,7 +75,8 @@ class Game:
         self._recent: deque[Json] = deque(maxlen=RECENT)
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
-        self._last = dict.fromkeys(side(self.worlds, 0).tolist(), 0)  # the last tick after which each side was alive
+        sides = {*side(self.worlds, 0).tolist()} - {-1}  # of who is absent
+        self._last = dict.fromkeys(sides, 0)  # the last tick after which each side was alive
         game = self.env.scenario
         world = {"name": game.name, "about": game.about, "agent": self.agent, "actions": self.ranges}
         self.world = describe(self.worlds, 0) | world
@@ -149,9 +150,10 @@ class Game:
         self.env.close()
 
     def _choose(self, agent: int) -> None:
-        if not 0 <= agent < self.env.num_agents:
-            last = self.env.num_agents - 1
-            raise PlayError(f"agent {agent}: {self.env.scenario.name} has the agents 0 to {last}")
+        last, name = fewest_agents(self.env.worlds) - 1, self.env.scenario.name
+        if not 0 <= agent <= last:
+            where = " in every episode" if last < self.env.num_agents - 1 else ""
+            raise PlayError(f"agent {agent}: {name} has the agents 0 to {last}{where}; take one of them")
         self.agent = agent
 
     def _note_events(self) -> None:

@@ -85,7 +85,7 @@
   // What the game is about, and who plays with whom.
   function about() {
     const { agents, agent, about: text } = world, mine = agents[agent].side;
-    const [friends, enemies] = [true, false].map((same) => agents.map((_, i) => i).filter((i) => i !== agent && (agents[i].side === mine) === same));
+    const [friends, enemies] = [true, false].map((same) => agents.map((_, i) => i).filter((i) => i !== agent && agents[i].side >= 0 && (agents[i].side === mine) === same));
     const lines = text ? [`${world.name}: ${text}.`] : [];
     if (friends.length) lines.push(`With you: ${named(friends)}.`);
     if (enemies.length) lines.push(`Against you: ${named(enemies)}.`);

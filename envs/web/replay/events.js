@@ -5,7 +5,7 @@ const Events = (() => {
 
   // What an event says, in pieces: strings, and numbers for agents.
   function words({ kind, agent, by, side, cause, object }, description) {
-    const who = agent < 0 ? "somebody" : agent, team = description.teams ? `team ${side}` : side;
+    const who = agent < 0 ? "somebody" : agent, team = description.teams ? description.sides[side]?.name : side;
     const name = object < 0 ? "" : Panel.named(description.objects[object]);
     switch (kind) {
       case "start": return ["the episode starts"];
@@ -20,9 +20,9 @@ const Events = (() => {
     return [cause === "truncated" ? "cut off at the limit of time" : ending(side, description)];
   }
 
-  function ending(side, { teams }) {
+  function ending(side, { sides }) {
     if (side < 0) return "the episode ends, nobody is left";
-    return `the episode ends, ${teams ? `team ${side}` : `agent ${side}`} is left`;
+    return `the episode ends, ${sides[side].name} is left`;
   }
 
   function text(event, description) {
