@@ -35,7 +35,7 @@ from .geometry.blocks import first_row
 from .geometry.rays import NO_HIT, raycast_entity
 
 MOST_CELLS = 32  # each way: a kilobyte an agent
-HALF = np.float32(0.5)
+HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ def average(means: Array, i: int, value: Any, count: int) -> None:
 @kernel
 def visit(track: Array, i: int, x: Any, y: Any, cells: int) -> None:
     """Agent `i` is at (x, y), in shares of the room from its lower left corner; outside of it there is no cell."""
-    column, row = int(np.floor(x * cells)), int(np.floor(y * cells))
-    if 0 <= column < cells and 0 <= row < cells and not track.visited[i, row * cells + column]:
-        track.visited[i, row * cells + column] = 1
-        track.cells[i] += 1
+    if ZERO <= x < ONE and ZERO <= y < ONE:
+        cell = int(y * cells) * cells + int(x * cells)
+        track.cells[i] += not track.visited[i, cell]
+        track.visited[i, cell] = 1
 
 
 @kernel
