@@ -3,9 +3,9 @@
 import numpy as np
 from gymnasium import spaces
 
-from outlast.components import Body, Health, Item, SelfView, Shape, Side, ZoneView
+from outlast.components import Body, Health, Item, SelfView, Shape, Side, Wall, ZoneView
 from outlast.components.box import VERTICES
-from outlast.ecs import Entity, Worlds
+from outlast.ecs import Distribution, Entity, Worlds
 
 from ..core.spaces import bounds
 from ..core.validation import Array
@@ -23,9 +23,11 @@ class GlobalState:
     zone    the row `zone` of their observation, likewise; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and what else has hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
+    walls   stands (0, 1), x, y, angle, half width, half height: blocks inside of the room
+    numbers those that vary (Scenario.vary), in order of names; no words and no lists of numbers
     ======= ===================================================================================
 
-    Objects and items are in the order of their rows (`Worlds.span` says which kinds are where).
+    Objects, items and walls are in the order of their rows (`Worlds.span` says which kinds are where).
 
     Attributes:
         space: Of the vector.
@@ -36,6 +38,8 @@ class GlobalState:
         rows = worlds.layout.rows
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
+        self.walls = rows(Wall)
+        self.numbers = {name: n for name, n in worlds.layout.varied.items() if n.kind in (bool, int, float)}
         self.objects = np.setdiff1d(rows(Body, Shape, Health), np.concatenate([self.agents, self.items]))
         blocks = [np.tile(block, count) for count, block in self._blocks()]
         low, high, self.scale = np.concatenate(blocks, 1, dtype=np.float32)
@@ -43,7 +47,7 @@ class GlobalState:
 
     def __call__(self, w: int | slice = 0) -> Array:
         """The vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
-        parts = [self._agents(w), self._objects(w), self._items(w)]
+        parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w), self._numbers(w)]
         if ZoneView in self.worlds:
             parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # the same for all agents
         flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
@@ -61,6 +65,8 @@ class GlobalState:
             *([] if zone is None else [(1, zone)]),
             (len(self.objects), np.hstack([flag, *place, half, half, health])),
             (len(self.items), np.hstack([flag, *place[:2], carrier])),
+            (len(self.walls), np.hstack([flag, *place, half, half])),
+            *((1, _column(*_extent(number.distribution))) for number in self.numbers.values()),
         ]
 
     def _scales(self, key: str, *names: str) -> list[float]:
@@ -79,9 +85,7 @@ class GlobalState:
         return np.concatenate([alive[..., None], self.worlds[SelfView].own[w]], -1)
 
     def _objects(self, w: int | slice) -> Array:
-        body, shape = self.worlds[Body], self.worlds[Shape]
-        columns = [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
-        return self._standing(w, self.objects, [*columns, self.worlds[Health].points])
+        return self._standing(w, self.objects, [*self._rectangles(), self.worlds[Health].points])
 
     def _items(self, w: int | slice) -> Array:
         body = self.worlds[Body]
@@ -91,10 +95,31 @@ class GlobalState:
         holder = self.worlds[Item].holder[w][..., self.items]
         return np.concatenate([rows, np.where(holder >= 0, holder - self.first + 1, 0)[..., None]], -1)
 
+    def _walls(self, w: int | slice) -> Array:
+        return self._standing(w, self.walls, self._rectangles())
+
+    def _rectangles(self) -> list[Array]:
+        """Pose and half sides of all bodies, (worlds, rows) each."""
+        body, shape = self.worlds[Body], self.worlds[Shape]
+        return [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
+
+    def _numbers(self, w: int | slice) -> Array:
+        """The varied numbers as a row: (..., 1, numbers)."""
+        if not self.numbers:
+            return np.zeros(0)
+        known = self.worlds.numbers()
+        return np.stack([known[name][w] for name in self.numbers], -1)[..., None, :]
+
     def _standing(self, w: int | slice, rows: Array, columns: list[Array]) -> Array:
         """Whether each row is in the world, and its columns, 0 if it is not."""
         alive = self.worlds[Entity].alive[w][..., rows]
         return np.stack([alive, *(np.where(alive, column[w][..., rows], 0) for column in columns)], -1)
+
+
+def _extent(distribution: Distribution) -> tuple[float, float, float]:
+    """The lowest and the highest value, and what to divide by."""
+    low, *_, high = map(float, distribution.extremes())
+    return low, high, max(abs(low), abs(high), 1e-3)
 
 
 def _column(low: float = -np.inf, high: float = np.inf, scale: float = 1.0) -> Array:

@@ -1,7 +1,7 @@
 """An agent's observation as text: what it contains, and nothing else."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,13 @@ FEW = 4  # numbers of an observation of other mechanics that still make a line
 
 
 class Viewpoint:
-    """An agent, where it is and faces. row: of `own` or `others`, with these fields."""
+    """An agent, where it is and faces. row: of `own` or `others`, with these fields; roles: see observation_text."""
 
-    def __init__(self, row: Array, fields: Mapping[str, Field]) -> None:
+    def __init__(self, row: Array, fields: Mapping[str, Field], roles: Sequence[str]) -> None:
         self.id, self.health, self.x, self.y, self.angle = _values(row, fields, "id", "health", "x", "y", "angle")
         self.team = row[fields["team"].start] if "team" in fields else None
+        shown = row[fields["role"].columns] if "role" in fields and roles else np.zeros(1)
+        self.role = roles[int(shown.argmax())] if shown.any() else ""
 
     def distance(self, x: float, y: float) -> float:
         """Metres to a point."""
@@ -43,7 +45,7 @@ class Viewpoint:
         return "behind" if abs(degrees) >= 178 else f"{abs(degrees)}° {'left' if degrees > 0 else 'right'}"
 
 
-def observation_text(observation: Mapping[str, Array], fields: Fields) -> Lines:
+def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Sequence[str] = ()) -> Lines:
     """Lines of text by heading.
 
     Keys of other mechanics, and the fields that they add to the agent's own row, get a line if they are short.
@@ -52,23 +54,26 @@ def observation_text(observation: Mapping[str, Array], fields: Fields) -> Lines:
     Args:
         observation: Of one agent, float32 arrays by key.
         fields: Those of the environment (SurvivalVectorEnv.fields).
+        roles: What roles are called, by number (SurvivalVectorEnv.roles).
     """
     own = observation["own"]
     if not own[columns_of(fields["own"], "health", *MOTION)].any():
         return {"Health": ["dead"]}
-    viewpoint = Viewpoint(own, fields["own"])
+    viewpoint = Viewpoint(own, fields["own"], roles)
     lines = {"Health": [f"{viewpoint.health:.0f}"]}
+    if viewpoint.role:
+        lines["Role"] = [viewpoint.role]
     if "heal_slot" in observation or "box_slot" in observation:
         lines["Next item"] = list(_slots(observation, fields)) or ["none"]
     if "zone" in observation:
         lines["Zone"] = list(_zone(viewpoint, *_values(observation["zone"], fields["zone"], *ZONE)))
     others = observation["others"][observation["others_mask"] > 0]
-    lines |= _agents(viewpoint, [Viewpoint(row, fields["others"]) for row in others])
+    lines |= _agents(viewpoint, [Viewpoint(row, fields["others"], roles) for row in others])
     for key, heading in GROUPS.items():
         if key in observation:
             rows = observation[key][observation[f"{key}_mask"] > 0]
             lines[heading] = _nearest(viewpoint, rows[:, columns_of(fields[key], "x", "y")])
-    return lines | dict(_rest(observation, fields["own"]))
+    return lines | {heading: words for heading, words in _rest(observation, fields["own"]) if heading not in lines}
 
 
 def _slots(observation: Mapping[str, Array], fields: Fields) -> Iterator[str]:
@@ -101,6 +106,7 @@ def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"
         lines[heading].append(
             f"agent {other.id:.0f}: {viewpoint.direction(other.x, other.y)}, health {other.health:.0f}"
+            f"{f', {other.role}' if other.role else ''}"
         )
     return {heading: found or ["none in sight"] for heading, found in lines.items()}
 

@@ -94,10 +94,11 @@ def describe(worlds: Worlds, w: int) -> Json:
     [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
     everything. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards: whether
     there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side, role, radius, hides, health, reach,
-    cone}], the last three as above, but of this agent; side -1: absent; role: the name, "" without roles. objects: [{kind, role, radius, width, height,
-    hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether
-    cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
-    health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
+    cone}], the last three as above, but of this agent; side -1: absent; role: its name, "" without roles. objects:
+    [{kind, role, radius, width, height, hides, of, amount, health}]: role is box, box_item, heal, item, wall or other;
+    radius 0: a rectangle; hides: whether cameras do not see through it; of: the box that a box item was, -1: none;
+    amount: hit points that a heal gives; health: hit points at the start, 0: cannot be damaged. color: of items and
+    others, as CSS; else empty.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
@@ -176,8 +177,9 @@ def snapshot(worlds: Worlds, w: int) -> Json:
 
 def _role(scene: Scene, i: int) -> str:
     """The name of the role of agent `i`; "" without roles, and of who is absent."""
-    number = scene[AgentRoles].role[i] if AgentRoles in scene else -1
-    return scene.worlds.layout.roles.names[number] if number >= 0 else ""
+    roles = scene.worlds.layout.roles
+    number = scene[AgentRoles].role[i] if roles is not None else -1
+    return roles.names[number] if roles is not None and number >= 0 else ""
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:

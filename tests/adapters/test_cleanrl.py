@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import COMPILED, scaled
+from tests.helpers.execution_modes import LEVELS, short
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install torch")
 
@@ -24,11 +25,11 @@ def ppo() -> SimpleNamespace:
     return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
 
 
-@pytest.mark.parametrize("variant", ["duel", "teams_3"])
+@pytest.mark.parametrize("variant", ["duel", "teams_3", *LEVELS])
 def test_updates(ppo: SimpleNamespace, variant: str) -> None:
     """Losses are finite, actor and critic change, and the same seed does the same."""
     agents = 2 if variant == "duel" else 4
-    args = ppo.Args(variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
+    args = ppo.Args(short(variant) if variant in LEVELS else variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
     agent, rows = ppo.train(args)
     assert rows.shape == (3, 4)
     assert np.isfinite(rows[:, 1:]).all()

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Bag, Box, Health
-from outlast.ecs import Worlds
+from outlast.components import Bag, Body, Box, Health, SelfView, Shape, Wall
+from outlast.ecs import Entity, Worlds
 from outlast.envs.adapters.global_state import GlobalState
+from outlast.envs.core.agents import present
 from outlast.systems import GiveLast, Heals, Inventory, Pickup, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled
+from tests.helpers.execution_modes import ALL, MAZE, ROLES
 
 BUSY: dict[str, Any] = {  # items change hands all the time, and all agents observe everything
     "n_agents": 4, "agents_health": 100000, "cameras_mode": "omniscient", "pickup_reach": 5.0, "melee_reach": 6.0,
@@ -78,16 +80,44 @@ def test_the_state_of_a_bare_scenario() -> None:
     assert overview.space.contains(overview())
 
 
+def test_the_state_has_walls_and_numbers() -> None:
+    """Of the episode; walls that do not stand, and agents that are absent, are rows of 0."""
+    env = short(ALL, dead="keep", seed=0)
+    for _ in range(4):
+        env.reset()
+        worlds, state = env.base_env.worlds, env.state()
+        numbers = ("agents_count", "boxes_count", "heals_count")
+        assert state[-3:].tolist() == [env.base_env.numbers()[name][0] for name in numbers]
+        rows = worlds.layout.rows(Wall)
+        walls = state[-3 - 6 * len(rows) : -3].reshape(-1, 6)
+        stand = worlds[Entity].alive[0, rows] != 0
+        columns = [
+            worlds[Body].x,
+            worlds[Body].y,
+            worlds[Body].angle,
+            worlds[Shape].half_width,
+            worlds[Shape].half_height,
+        ]
+        assert np.array_equal(walls[stand, 1:], np.stack([column[0, rows] for column in columns], 1)[stand])
+        assert walls[:, 0].tolist() == stand.tolist()
+        assert stand.sum() > 0
+        assert not walls[~stand].any()
+        agents = state[: 4 * (1 + worlds[SelfView].own.shape[-1])].reshape(4, -1)
+        assert not agents[~present(worlds, 0)].any()
+        assert env.state_space.contains(state)
+
+
 # ---- saving
 
 
 @both
-def test_going_on_from_a_saved_state(dead: str) -> None:
+@pytest.mark.parametrize("name", ["ffa_3", MAZE, ROLES])
+def test_going_on_from_a_saved_state(name: str, dead: str) -> None:
     """In another environment, after a death; the state of one world of a batch will do as well."""
-    env, other = short("ffa_3", dead=dead, seed=2), short("ffa_3", dead=dead, seed=77)
-    env.reset()
-    while all(info["alive"] for info in env.step(act(env, 0))[-1].values()):
-        pass
+    env, other = short(name, dead=dead, seed=2), short(name, dead=dead, seed=77)
+    _, infos = env.reset()
+    while not env.agents or all(info["alive"] for info in infos.values()):
+        *_, infos = env.step(act(env, 0)) if env.agents else env.reset()
     state, agents = env.get_state(), list(env.agents)
     assert len(agents) == 4 if dead == "keep" else 0 < len(agents) < 4
     expected = list(play(env))
@@ -101,4 +131,5 @@ def test_going_on_from_a_saved_state(dead: str) -> None:
     batch = outlast.make_vec(env.base_env.scenario, 3, seed=4)
     batch.reset()
     other.set_state(batch.get_state(2))
-    assert np.array_equal(other.state()[1:9], batch.observe()["own"][2, 0])
+    own = batch.observe()["own"][2, 0]
+    assert np.array_equal(other.state()[1 : 1 + len(own)], own)

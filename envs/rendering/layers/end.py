@@ -75,7 +75,7 @@ def _reason(scene: Scene) -> str:
         reason = "time is up"
     else:
         left = sum(count > 0 for count in scene[Score].alive) if Score in scene else 2
-        reason = ("all are dead", "the others are dead", "the end")[min(left, 2)]
+        reason = ("all are dead", "the others are dead" if _rivals(scene) else "the end", "the end")[min(left, 2)]
     return f"{reason}, tick {scene[Clock].tick[0]}"
 
 

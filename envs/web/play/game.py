@@ -139,7 +139,7 @@ class Game:
             "phase": self.phase,
             "slow": self.pace < 1,
             "snapshot": snapshot(self.worlds, 0),
-            "text": observation_text(observation, self.env.fields),
+            "text": observation_text(observation, self.env.fields, self.env.roles),
             "death": self.death,
             "events": list(self._recent),
             "result": self._result() if self.phase is GamePhase.OVER else None,

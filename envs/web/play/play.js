@@ -71,7 +71,7 @@
   // What stands over the picture: title, lines, whether it offers the next episode; null: nothing.
   function card() {
     const touched = matchMedia("(pointer: coarse)").matches;
-    if (state.phase === "ready") return [`You are agent ${world.agent}`, [...about(), touched ? "Touch the stick to begin." : "Press a key to begin."]];
+    if (state.phase === "ready") return [`You are agent ${world.agent}${called()}`, [...about(), touched ? "Touch the stick to begin." : "Press a key to begin."]];
     if (state.phase === "paused") return ["Paused", [touched ? "Go on with the button below." : "P goes on, R begins the next episode."]];
     if (state.phase !== "over") return null;
     const { verdict, kills, length, truncated, return: sum } = state.result;
@@ -81,6 +81,9 @@
     if (state.death) lines.push(death());
     return [VERDICTS[verdict], lines];
   }
+
+  // Which role the person has, unless there are none.
+  const called = () => world.agents[world.agent].role && `, ${world.agents[world.agent].role}`;
 
   // What the game is about, and who plays with whom.
   function about() {

@@ -68,7 +68,8 @@ const Panel = (() => {
     const whole = description.agents[i].health, share = alive && whole ? health / whole : 0;
     card.button.classList.toggle("dead", !alive);
     card.button.setAttribute("aria-pressed", followed);
-    write(card.status, alive ? (followed ? "following" : "alive") : tally?.status || "dead");
+    const state = alive ? (followed ? "following" : "alive") : tally?.status || "dead";
+    write(card.status, [role(description, i), state].filter(Boolean).join(", "));
     write(card.points, alive ? health : 0);
     card.fill.style.width = `${100 * Math.min(Math.max(share, 0), 1)}%`;
     card.fill.className = Bodies.healthColor(share);
@@ -79,6 +80,11 @@ const Panel = (() => {
     card.held = held;
     const carries = bag.map((j) => named(description.objects[j])).join(", ") || "nothing";
     card.button.setAttribute("aria-label", `Agent ${i}: ${alive ? `${health} hit points, carries ${carries}` : "dead"}`);
+  }
+
+  // An agent's role, unless its team is called so.
+  function role({ agents, sides }, i) {
+    return agents[i].role === sides[agents[i].side].name ? "" : agents[i].role;
   }
 
   function fill(card, description, snapshot, bag) {

@@ -116,7 +116,7 @@
   function write(key, { group, name, text, points }) {
     if (!cells.has(key)) {
       const cell = Dom.make("div", "", charts);
-      Dom.make("dt", "", cell, group === "wins" ? `wins v ${name}` : name);
+      Dom.make("dt", "", cell, group === "wins" && name !== "own Elo" ? `wins v ${name}` : name);
       Dom.make("dd", "", cell);
       cells.set(key, cell);
     }
