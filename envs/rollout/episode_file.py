@@ -39,7 +39,7 @@ def numbered(env: SurvivalVectorEnv) -> Ended[dict[str, Array]]:
 
 def _cells(values: Array) -> Array:
     """What a table has of these: nothing where they are masked."""
-    return values.astype(object).filled("") if isinstance(values, np.ma.MaskedArray) else values
+    return np.ma.filled(values.astype(object), "") if np.ma.isMaskedArray(values) else values
 
 
 @contextlib.contextmanager
