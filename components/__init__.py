@@ -1,6 +1,7 @@
 """The components of the game: its state. What changes it is in systems/."""
 
 from .agent import OthersView, SelfView, Side, Sides
+from .behaviour import Aggression, Care, Condition, Cover, Encounters, Exposure, Track, Travelled
 from .body import Body, Fault, Floor, Push, Shape, Solid, Spawned
 from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, BoxView
 from .heal import Heal, HealsUsed, HealView
@@ -17,6 +18,7 @@ from .wall import Before, Unplaced, Wall
 from .zone import Zone, ZoneView
 
 __all__ = [
+    "Aggression",
     "Attack",
     "Bag",
     "Before",
@@ -28,12 +30,17 @@ __all__ = [
     "BoxPlaced",
     "BoxView",
     "BoxesPlaced",
+    "Care",
+    "Condition",
+    "Cover",
     "Death",
     "Died",
     "Drive",
     "Drop",
+    "Encounters",
     "End",
     "Episode",
+    "Exposure",
     "Fault",
     "Floor",
     "Gift",
@@ -69,6 +76,8 @@ __all__ = [
     "Spawned",
     "Steer",
     "Strike",
+    "Track",
+    "Travelled",
     "Unplaced",
     "Use",
     "Wall",

@@ -97,6 +97,7 @@ def _describe_declaration(system: System) -> str:
     parameters = [(p.name, p.kind, [full_name(c) for c in p.components], p.type.__name__) for p in system.parameters]
     return (
         f"{system.label} {system.phase.name} {names(system.after)} {names(system.before)} {system.stream} {parameters}"
+        + (f" {names(system.needs)}" if system.needs else "")
     )
 
 

@@ -141,6 +141,7 @@ class Module:
         *,
         after: Neighbour | tuple[Neighbour, ...] = (),
         before: Neighbour | tuple[Neighbour, ...] = (),
+        needs: type[Component] | tuple[type[Component], ...] = (),
         compiled: bool = True,
     ) -> Callable[[Function], Function]:
         """Register a function as a system of this module in `phase`; see ecs.access for its parameters.
@@ -154,14 +155,15 @@ class Module:
                 stand for the other systems that write or add to them. Labels and names win over components.
             before: What it runs before, likewise; a component stands for the other systems that read, write or add to
                 it.
+            needs: Components of mechanics that a scenario may lack: where one is missing, the system is not scheduled.
             compiled: False for a system that stays Python, which splits the tick there.
 
         Returns:
             A decorator that returns the function as a kernel.
 
         Raises:
-            DeclarationError: `phase` is not a phase, `after` or `before` is something else than said above, or a
-                parameter has an annotation that is not in ecs.access.
+            DeclarationError: `phase` is not a phase, `after`, `before` or `needs` is something else than said above, or
+                a parameter has an annotation that is not in ecs.access.
         """
         if not isinstance(phase, Phase):
             raise DeclarationError(
@@ -172,6 +174,7 @@ class Module:
         def register(function: Function) -> Function:
             label = f"{cls.name}.{function.__name__}"
             earlier, later = _neighbours(label, "after", after), _neighbours(label, "before", before)
+            needed = _components(label, needs)
             declared = parameters(function)
             check_random(function, label)
             inner = kernel(function) if compiled else function
@@ -184,6 +187,7 @@ class Module:
                 parameters=declared,
                 after=earlier,
                 before=later,
+                needs=needed,
                 compiled=compiled,
                 stream=f"{cls._stream()}.{function.__name__}",
                 slot=cls,
@@ -304,6 +308,18 @@ class Module:
                 value = getattr(self, name)
                 return choices.index(value) if choices else value
         raise DeclarationError(f"{self.name} has no number '{name}', which one of its systems asks for")
+
+
+def _components(label: str, given: Any) -> tuple[type[Component], ...]:
+    """What was given as `needs`, as a tuple. DeclarationError if it is no component."""
+    needed = given if isinstance(given, tuple) else (given,)
+    for each in needed:
+        if not isinstance(each, type) or not issubclass(each, Component):
+            raise DeclarationError(
+                f"{label} has needs={each!r:.60}: the class of a component is needed, or a tuple of them, as in "
+                "needs=Health"
+            )
+    return needed
 
 
 def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:

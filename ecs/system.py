@@ -29,6 +29,7 @@ class System:
     compiled: bool
     stream: str  # its random stream: the stream of its mechanic and its own name
     slot: type  # of its mechanic: see Module.slot
+    needs: tuple[type[Component], ...] = ()  # without these it is not scheduled
     aliases: tuple[str, ...] = ()  # labels under the names of the modules it is inherited from
 
     @property

@@ -354,8 +354,9 @@ class Worlds:
         )
 
     def _applies(self, system: Any) -> bool:
-        """Whether none of its lists of rows is empty; else the system is inactive, that is, not scheduled."""
-        return all(len(self.layout.rows(*p.components)) > 0 for p in system.parameters if p.kind in SELECTIONS.values())
+        """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
+        rows = (self.layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
+        return {*system.needs} <= {*self.layout.components} and all(map(len, rows))
 
     def _allocate(self, component: type[Component]) -> Any:
         if component.packed:

@@ -15,7 +15,7 @@ from .errors import UsageError
 from .recording import record as record_env
 from .rollout import local
 from .rollout.against import Against
-from .rollout.episode_file import episode_file
+from .rollout.episode_file import Ended, episode_file, numbered
 from .rollout.event_file import event_file
 from .rollout.loading import load_policies, loaded, maker
 from .rollout.mixture import Entries, Mixture, checked_entries
@@ -47,6 +47,7 @@ def rollout(
     record_policy: bool = False,
     events: File | None = None,
     csv: File | None = None,
+    keep: bool = False,
     interpret: Collection[str] = (),
     watch: Watch | None = None,
     **numbers: Number,
@@ -81,6 +82,7 @@ def rollout(
         record_policy: Also record what a saved policy thinks, for outlast.replay_page.
         events: Write what happened into this new file, NAME.csv or NAME.parquet.
         csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
+        keep: Keep the statistics of each episode, for `arrays` of the summary.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         watch: Called after the reset and after every step with the worlds that count, bool (worlds,).
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
@@ -111,7 +113,13 @@ def rollout(
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
-        files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
+        files: dict[str, Any] = {
+            "record": record,
+            "record_policy": record_policy,
+            "events": events,
+            "csv": csv,
+            "keep": keep,
+        }
         play = stack.enter_context(prepared(*made, watch=watch, **files))
         try:
             return play(steps, episodes or 1, progress)
@@ -175,6 +183,7 @@ def prepared(
     record_policy: bool,
     events: File | None,
     csv: File | None,
+    keep: bool = False,
     watch: Watch | None = None,
 ) -> Iterator[Play]:
     """What plays so many steps, or else episodes, of these worlds; its files are open meanwhile.
@@ -193,15 +202,19 @@ def prepared(
         if events is not None:
             table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
             watchers.append(lambda where: table.add(env.events(), where))
-        ended = None if csv is None else stack.enter_context(episode_file(os.fspath(csv), env))
+        ended: list[Ended[None]] = [] if csv is None else [stack.enter_context(episode_file(os.fspath(csv), env))]
+        kept: list[dict[str, Array]] | None = [] if keep else None
+        if kept is not None:
+            rows, add = numbered(env), kept.append
+            ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
 
         def play(steps: int, episodes: int, progress: Progress) -> Summary:
             def progressed(summary: Summary) -> None:
-                summary.outcomes = against.outcomes if against else {}
+                summary.outcomes, summary.kept = against.outcomes if against else {}, kept
                 progress(summary)
 
-            look = _all_of(watchers) if watchers else None
-            return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=ended)
+            look, note = (_all_of(each) if each else None for each in (watchers, ended))
+            return local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note)
 
         yield play
 
@@ -215,12 +228,12 @@ def _titles(policies: Sequence[str | Policy]) -> list[str]:
     return titles
 
 
-def _all_of(watchers: Sequence[Watch]) -> Watch:
-    def watch(where: Array) -> None:
-        for each in watchers:
-            each(where)
+def _all_of(functions: Sequence[Callable[..., None]]) -> Callable[..., None]:
+    def call(*arguments: Any) -> None:
+        for each in functions:
+            each(*arguments)
 
-    return watch
+    return call
 
 
 def _check_counts(**counts: tuple[Any, int]) -> None:

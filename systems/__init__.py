@@ -4,6 +4,7 @@ import warnings
 from typing import Any
 
 from .agents import Agents
+from .behaviour import Behaviour
 from .boxes import Boxes
 from .cameras import Cameras
 from .death_drop import DeathDrop
@@ -36,6 +37,7 @@ from .walls import Walls
 
 __all__ = [
     "Agents",
+    "Behaviour",
     "Boxes",
     "Cameras",
     "DeathDrop",

@@ -1,8 +1,8 @@
-"""A file of episodes: a row for each, with all of its statistics."""
+"""The statistics of single episodes: as arrays, and as a file with a row for each."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -15,10 +15,35 @@ from .summary import column_names
 from .table_file import table_file
 
 Array = np.ndarray[Any, Any]
+Result = TypeVar("Result")
+Ended = Callable[[Mapping[str, Any], Array], Result]  # of info and the worlds in which an episode counts
+
+
+def numbered(env: SurvivalVectorEnv) -> Ended[dict[str, Array]]:
+    """What takes the episodes that count out of info.
+
+    It returns `world`, `episode` (of the world, from 1) and all statistics by name, (episodes,) or (episodes, n). Of
+    agents and sides that not all episodes have, they are masked arrays.
+    """
+    clock, ahead = env.worlds[Clock], env.autoreset_mode is AutoresetMode.SAME_STEP  # where the next one has begun
+
+    def rows(info: Mapping[str, Any], where: Array) -> dict[str, Array]:
+        worlds, there = np.flatnonzero(where), info.get("statistics_present", {})
+        found = {key: values[worlds] for key, values in info["statistics"].items()}
+        masked = {key: np.ma.array(found[key], mask=~present[worlds]) for key, present in there.items()}
+        numbers = {"world": worlds + env.first_world, "episode": clock.episode[worlds, 0].astype(np.int64) - ahead}
+        return numbers | found | masked
+
+    return rows
+
+
+def _cells(values: Array) -> Array:
+    """What a table has of these: nothing where they are masked."""
+    return np.ma.filled(values.astype(object), "") if np.ma.isMaskedArray(values) else values
 
 
 @contextlib.contextmanager
-def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Callable[[Mapping[str, Any], Array], None]]:
+def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Ended[None]]:
     """A new file for the episodes of a rollout, which is whole or not there.
 
     Columns are `world`, `episode` (of the world, from 1) and the statistics in alphabetical order; what has an entry an
@@ -30,7 +55,7 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Callable[[Mappin
         env: The environment.
 
     Yields:
-        What adds a row for each episode that counts: `ended` of rollout.local.rollout.
+        What adds a row for each episode that counts.
 
     Raises:
         UsageError: See table_file.
@@ -38,19 +63,14 @@ def episode_file(path: str, env: SurvivalVectorEnv) -> Iterator[Callable[[Mappin
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
     keys = sorted(none)
     names = [name for key in keys for name in column_names(key, none[key])]
-    clock, ahead = env.worlds[Clock], env.autoreset_mode is AutoresetMode.SAME_STEP  # where the next one has begun
+    rows = numbered(env)
     with table_file(path, "episodes", ["world", "episode", *names]) as table:
 
         def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
-                there = info.get("statistics_present", {})
-                found = {
-                    key: np.where(there[key], values.astype(object), "") if key in there else values
-                    for key, values in info["statistics"].items()
-                }
-                columns = [column for key in keys for column in np.reshape(found[key][where], (where.sum(), -1)).T]
-                rows = np.flatnonzero(where)
-                numbers = {"world": rows + env.first_world, "episode": clock.episode[rows, 0] - ahead}
+                own = rows(info, where)
+                columns = [column for key in keys for column in _cells(own[key]).reshape(where.sum(), -1).T]
+                numbers = {name: own[name] for name in ("world", "episode")}
                 table.add({**numbers, **dict(zip(names, columns, strict=True))})
 
         yield add

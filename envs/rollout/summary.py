@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import UsageError
+
 Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
@@ -16,8 +18,8 @@ RESULTS = ("won", "drawn", "lost")
 class Summary:
     """Means and standard errors of all statistics of episodes; `str(summary)` is a table.
 
-    Kept are sums for each world, nothing of single episodes. They are exact before they are rounded once, so worlds may
-    be summed up in any order and in any parts.
+    Kept are sums for each world, and of single episodes what `arrays` returns, if it was asked for. Sums are exact
+    before they are rounded once, so worlds may be summed up in any order and in any parts.
 
     Attributes:
         episodes: How many were counted.
@@ -31,6 +33,7 @@ class Summary:
             (worlds, n). Of others, all are counted.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
+        kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
     """
 
     episodes: int = 0
@@ -40,6 +43,7 @@ class Summary:
     squares: dict[str, Array] = field(default_factory=dict)
     counts: dict[str, Array] = field(default_factory=dict)
     outcomes: dict[str, Array] = field(default_factory=dict)
+    kept: list[dict[str, Array]] | None = None
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
@@ -49,6 +53,8 @@ class Summary:
         world_steps = sum(part.world_steps for part in parts)
         names = dict.fromkeys(name for part in parts for name in part.outcomes)
         outcomes = {name: np.sum([p.outcomes[name] for p in parts if name in p.outcomes], 0) for name in names}
+        lists = [part.kept for part in parts if part.kept is not None]
+        kept = [each for some in lists for each in some] if len(lists) == len(parts) else None
         parts = [part for part in parts if part.episodes]
         sums, squares, counts = (
             (
@@ -58,7 +64,7 @@ class Summary:
             if parts
             else ({}, {}, {})
         )
-        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, counts, outcomes)
+        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, counts, outcomes, kept)
 
     def add(self, statistics: Mapping[str, Any], where: Array, present: Mapping[str, Array] | None = None) -> None:
         """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,).
@@ -74,6 +80,23 @@ class Summary:
                 self.sums[key], self.squares[key] = np.zeros_like(values), np.zeros_like(values)
             self.sums[key] += values
             self.squares[key] += values**2
+
+    def arrays(self) -> dict[str, Array]:
+        """The statistics of every episode, in order of worlds, and of each world in order of time.
+
+        Returns:
+            By name, (episodes,) or (episodes, n), n agents, sides ...; and `world` and `episode`, int64 (episodes,), as
+            in the files of episodes. Of agents and sides that not all episodes have, they are masked arrays. Empty if
+            no episode ended.
+
+        Raises:
+            UsageError: They were not kept.
+        """
+        if self.kept is None:
+            raise UsageError("the statistics of single episodes were not kept: say outlast.rollout(..., keep=True)")
+        found = {key: _joined([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
+        order = np.argsort(found["world"], kind="stable") if found else ()
+        return {key: values[order] for key, values in found.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers for JSON; `unbiased` says whether the means lean towards short episodes, see episodes_per_world.
@@ -152,6 +175,12 @@ def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, flo
     mean = math.fsum(sums) / count
     spread = max(math.fsum(squares) / count - mean**2, 0)
     return mean, math.sqrt(spread / max(count - 1, 1))
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """One array behind the other; masks stay."""
+    joined: Array = (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
+    return joined
 
 
 def _finite(value: float) -> float | None:

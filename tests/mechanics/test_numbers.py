@@ -18,6 +18,7 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
         "count": (2, MANY), "radius": (0.5, RADIUS), "density": (1.0, DENSITY), "health": (100, SOME_POINTS),
     },
     "Pickup": {"reach": (0.5, FAR), "touch": (True, SWITCH)},
+    "Behaviour": {"cells": (8, "[1,32]"), "need": (0.5, "[0,1]")},
     "Boxes": {
         "count": (8, MANY), "width": (1.0, FAR), "width_deviation": (1.0, STRONG),
         "height": (1.5, FAR), "height_deviation": (1.5, STRONG), "least": (0.1, "[0.003,1e5]"),

@@ -203,3 +203,54 @@ def test_whole_episodes_of_the_scripted_duel_are_as_long_as_in_the_long_run() ->
     assert abs(mean - 455) < 3 * np.hypot(error, 2)
     cut, claimed = length(outlast.rollout("ffa_2", "scripted", 500, worlds=1024))
     assert 455 - cut > 10 * claimed
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_the_statistics_of_each_episode_are_kept_as_arrays(mode: str, tmp_path: Path) -> None:
+    env = outlast.make_vec("ffa_2", 5, seed=0, first_world=7, autoreset_mode=mode, **SHORT)
+    summary = outlast.rollout(env, "random", episodes=3, keep=True, csv=tmp_path / "a.csv")
+    found, rows = summary.arrays(), read(tmp_path / "a.csv")
+    assert found["return"].shape == (15, env.num_agents)
+    assert found["world"].tolist() == np.repeat(np.arange(7, 12), 3).tolist()
+    assert found["episode"].tolist() == [1, 2, 3] * 5
+    rows.sort(key=lambda row: (int(row["world"]), int(row["episode"])))
+    assert found["length"].tolist() == [int(row["length"]) for row in rows]
+    assert found["return"][:, 1].tolist() == [float(row["return_1"]) for row in rows]
+    assert found["length"].mean() == pytest.approx(length(summary)[0])
+    env.close()
+
+
+def test_arrays_that_were_not_kept_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"were not kept: say outlast\.rollout\(\.\.\., keep=True\)"):
+        outlast.rollout("ffa_2", worlds=2, steps=2).arrays()
+    assert outlast.rollout("ffa_2", worlds=2, steps=2, keep=True).arrays() == {}
+
+
+def test_summaries_merge_with_their_arrays() -> None:
+    parts = []
+    for first in (0, 3):
+        env = outlast.make_vec("ffa_2", 3, seed=0, first_world=first, **SHORT)
+        parts.append(outlast.rollout(env, "noop", keep=True))
+        env.close()
+    whole = outlast.rollout("ffa_2", "noop", worlds=6, seed=0, keep=True, **SHORT)
+    merged, expected = Summary.merge(parts).arrays(), whole.arrays()
+    assert merged.keys() == expected.keys()
+    for key, values in expected.items():
+        np.testing.assert_array_equal(merged[key], values)
+    with pytest.raises(UsageError, match="were not kept"):
+        Summary.merge([parts[0], Summary()]).arrays()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_arrays_mask_who_is_absent(mode: str) -> None:
+    scenario = outlast.variant("ffa_2").replace(**SHORT).vary(n_agents=outlast.integers(2, 4))
+    env = outlast.make_vec(scenario, 8, seed=0, autoreset_mode=mode)
+    summary = outlast.rollout(env, "random", episodes=2, keep=True)
+    found, merged = summary.arrays(), Summary.merge([summary]).arrays()
+    env.close()
+    absent = np.arange(4) >= found["agents_count"][:, None]
+    assert 0 < absent.sum() < absent.size
+    for key in ("return", "kills"):
+        assert np.ma.getmaskarray(found[key]).tolist() == np.ma.getmaskarray(merged[key]).tolist() == absent.tolist()
+        assert found[key].mean() == pytest.approx(found[key].data[~absent].mean())
+    assert not np.ma.isMaskedArray(found["length"])

@@ -1,0 +1,64 @@
+"""What each agent did in an episode, as numbers for searches and curricula."""
+
+from outlast.ecs import Array, Singleton, Statistic, column
+
+
+class Track(Singleton):
+    """What the descriptors of an agent are computed from, from tick to tick. Written by behaviour."""
+
+    x: Array = column("f4", "agents")  # metres, at the end of the last tick
+    y: Array = column("f4", "agents")
+    here: Array = column("u1", "agents")  # 1: it was alive then
+    visited: Array = column("u1", "agents", "behaviour cells")  # 1: it was in this cell of the room's grid
+    cells: Array = column("i4", "agents")  # how many of them
+    enemies: Array = column("i4", "agents")  # ticks with an enemy alive
+    mates: Array = column("i4", "agents")  # ticks with another of its side alive
+
+
+class Condition(Singleton):
+    """The hit points of agents, by which a heal is needed. Written by behaviour."""
+
+    start: Array = column("i4", "agents")  # hit points at the start of the episode
+    last: Array = column("i4", "agents")  # at the end of the last tick that it was alive in
+
+
+class Travelled(Statistic):
+    """How long each agent lived, how far it went, and where it was."""
+
+    ticks_alive: Array = column("i4", "agents")  # ticks at whose end it was alive
+    distance_travelled: Array = column("f8", "agents")  # metres
+    cells_visited: Array = column("f8", "agents", low=0, high=1)  # share of the room's grid
+
+
+class Encounters(Statistic):
+    """How near each agent was to others, over the ticks at whose end it was alive."""
+
+    enemy_distance: Array = column("f8", "agents")  # metres to the nearest living enemy, mean; 0: never any
+    mate_distance: Array = column("f8", "agents")  # metres to the nearest living agent of its side, likewise
+    enemy_in_view: Array = column("f8", "agents", low=0, high=1)  # share of ticks with an enemy in view
+
+
+class Exposure(Statistic):
+    """How long each agent was outside of the safe zone."""
+
+    outside_zone: Array = column("f8", "agents", low=0, high=1)  # share of ticks
+
+
+class Aggression(Statistic):
+    """The strikes of each agent."""
+
+    strikes: Array = column("i4", "agents")
+    strikes_landed: Array = column("f8", "agents", low=0, high=1)  # share of them that hit an enemy
+
+
+class Care(Statistic):
+    """What each agent did with heals."""
+
+    heals_in_need: Array = column("i4", "agents")  # used with few hit points left
+    heals_given: Array = column("i4", "agents")  # to others
+
+
+class Cover(Statistic):
+    """How each agent set up boxes."""
+
+    boxes_between: Array = column("i4", "agents")  # so that they stood between it and the nearest enemy

@@ -1,0 +1,372 @@
+"""Behaviour: its statistics are those of a naive form in plain Python, by positions, observations and events."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import Scenario, integers, make_vec, uniform, variant
+from outlast.components import Bag, Body, Box, BoxItem, Health, Item, Phase, Shape, Side, Track, Zone
+from outlast.components.inventory import push
+from outlast.ecs import DeclarationError, Entity, Module, NumberError, Read, Rows
+from outlast.envs.core.agents import alive, side
+from outlast.envs.core.spaces import statistics
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.systems import Behaviour, Preparation, Respawn, Rooms
+from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
+from tests.helpers.naive_geometry import NO_HIT, ray_box
+
+WORLDS, LIMIT = scaled(60, least=3), scaled(140, least=25)
+CELLS, NEED = 5, 0.7
+KEYS = (
+    "ticks_alive", "distance_travelled", "cells_visited", "enemy_distance", "mate_distance", "enemy_in_view",
+    "outside_zone", "strikes", "strikes_landed", "heals_in_need", "heals_given", "boxes_between",
+)  # fmt: skip
+DENSE: dict[str, Any] = {  # much happens, and nobody dies of the zone at once
+    "room_size": 11.0, "safe_zone_radii": (5.0, 3.0), "safe_zone_stand": 20, "safe_zone_shrink": 20, "n_agents": 4,
+    "n_heals": 15, "n_boxes": 8, "boxes_toughness": 1, "boxes_width": 0.6, "boxes_height": 0.6,
+    "boxes_width_deviation": 0.3, "boxes_height_deviation": 0.3, "spawn_grid_cells": 8, "agents_health": 40,
+    "heals_amount": 10, "ending_limit": LIMIT, "pickup_reach": 1.5, "give_last_reach": 6.0, "melee_reach": 3.0,
+}  # fmt: skip
+ROLES = {"hunter": outlast.role(1, agents_health=80, cameras_fov=2.5), "prey": outlast.role(motors_ahead=0.5)}
+FFA, TEAMS = (variant(name).replace(**DENSE) for name in ("ffa_4", "teams_4"))
+SCENARIOS: dict[str, Scenario] = {
+    "ffa": FFA,
+    "teams": TEAMS,
+    "counts, roles and walls": TEAMS.replace(room_size=13.0, room_height=12.0, pickup_reach=1.0)
+    .with_(Rooms(columns=2, rows=2, thickness=0.2))
+    .roles(**ROLES)
+    .vary(n_agents=integers(2, 4), melee_damage=integers(1, 9), cameras_depth=uniform(3, 9)),
+    "respawn": TEAMS.replace(ending_rule="never", melee_damage=9).with_(Respawn(ticks=7)),
+    "all is seen": FFA.replace(cameras_mode="omniscient"),
+    "blind at first": TEAMS.with_(Preparation(ticks=20, blind=True)),
+    "no cameras, no zone": FFA.without("safe_zone", "cameras"),
+    "no items": FFA.without("heals", "boxes", "inventory", "pickup", "give_last", "death_drop"),
+    "no boxes": TEAMS.without("boxes"),
+    "no melee": FFA.without("melee"),
+}
+MATES, BOXES = {"mate_distance"}, {"boxes_between"}
+STRIKES = {"strikes", "strikes_landed"}
+ZERO = {  # what does not occur there
+    "ffa": MATES,
+    "all is seen": MATES,
+    "no cameras, no zone": MATES | {"outside_zone"},
+    "no items": MATES | BOXES | {"heals_in_need", "heals_given"},
+    "no boxes": BOXES,
+    "no melee": MATES | STRIKES | BOXES,  # boxes break by blows
+}
+
+
+def make(scenario: Scenario, worlds: int = WORLDS, **options: Any) -> SurvivalVectorEnv:
+    return make_vec(scenario.with_(Behaviour(cells=CELLS, need=NEED)), worlds, seed=4, **options)
+
+
+@dataclass
+class NaiveAgent:
+    """An agent's trace, with what counts of it."""
+
+    number: int
+    row: int
+    place: tuple[float, float] | None = None  # at the end of the last tick; None: dead
+    points: int = 0  # likewise
+    start: int = 0
+    visited: set[tuple[int, int]] = field(default_factory=set)
+    ways: list[float] = field(default_factory=list)
+    enemies: list[float] = field(default_factory=list)
+    mates: list[float] = field(default_factory=list)
+    seen: list[bool] = field(default_factory=list)
+    outside: list[bool] = field(default_factory=list)
+    landed: list[bool] = field(default_factory=list)
+    ticks: int = 0
+    in_need: int = 0
+    given: int = 0
+    between: int = 0
+
+    def statistics(self) -> dict[str, float]:
+        def mean(values: list[Any]) -> float:
+            return math.fsum(values) / len(values) if values else 0.0
+
+        shares = [*map(mean, (self.enemies, self.mates, self.seen, self.outside))]
+        cells = len(self.visited) / CELLS**2 if self.ticks else 0.0
+        counts = [self.in_need, self.given, self.between]
+        found = [self.ticks, math.fsum(self.ways), cells, *shares, len(self.landed), mean(self.landed), *counts]
+        return dict(zip(KEYS, found, strict=True))
+
+
+class NaiveBehaviour:
+    """The descriptors of one world, from what anybody can read after each step."""
+
+    def __init__(self, env: SurvivalVectorEnv, w: int) -> None:
+        self.env, self.w = env, w
+        span = env.worlds.span("agent")
+        self.agents = {row: NaiveAgent(number, row) for number, row in enumerate(range(span.start, span.stop))}
+        for agent in self.living():
+            agent.start = agent.points = int(env.worlds[Health].points[w, agent.row])
+            agent.place = self.place(agent.row)
+            self.visit(agent)
+
+    def place(self, row: int) -> tuple[float, float]:
+        body = self.env.worlds[Body]
+        return float(body.x[self.w, row]), float(body.y[self.w, row])
+
+    def living(self) -> list[NaiveAgent]:
+        there = alive(self.env.worlds, self.w)
+        return [agent for agent in self.agents.values() if there[agent.number]]
+
+    def visit(self, agent: NaiveAgent) -> None:
+        numbers = self.env.numbers()
+        sides = [numbers["room_width"] or numbers["room_size"], numbers["room_height"] or numbers["room_size"]]
+        at = self.place(agent.row)
+        agent.visited.add(tuple(math.floor((x / s + 0.5) * CELLS) for x, s in zip(at, sides, strict=True)))  # type: ignore[arg-type]
+
+    def others(self, row: int, mates: bool) -> list[tuple[float, int]]:
+        """(metres, row) of living agents of one's own side, or of other sides."""
+        sides = side(self.env.worlds, self.w)
+        mine = sides[self.agents[row].number]
+        found = [each for each in self.living() if each.row != row and (sides[each.number] == mine) == mates]
+        return sorted((math.dist(self.place(row), self.place(each.row)), each.row) for each in found)
+
+    def tick(self, observations: dict[str, Any], events: dict[str, Any]) -> None:
+        mine = {name: rows[rows["world"] == self.w] for name, rows in events.items()}
+        for strike in mine.get("strike", ()):
+            agent, target = self.agents[strike["agent"]], self.agents.get(strike["target"])
+            sides = side(self.env.worlds, self.w)
+            agent.landed.append(target is not None and sides[target.number] != sides[agent.number])
+        heals = self.env.worlds.span("heal") if "heal" in self.env.worlds.layout.spans else range(0)
+        for use in mine.get("item_used", ()):
+            agent = self.agents[use["agent"]]
+            agent.in_need += use["item"] in range(heals.start, heals.stop) and agent.points < NEED * agent.start
+        for gift in mine.get("item_given", ()):
+            self.agents[gift["giver"]].given += gift["item"] in range(heals.start, heals.stop)
+        for placed in mine.get("box_placed", ()):
+            self.agents[placed["agent"]].between += self.covers(placed["agent"], placed["box"])
+        for agent in self.agents.values():
+            self.follow(agent, observations)
+
+    def covers(self, row: int, box: int) -> bool:
+        worlds, nearest = self.env.worlds, self.others(row, mates=False)
+        if not nearest or not worlds[Entity].alive[self.w, box]:
+            return False
+        eye, mine = self.place(nearest[0][1]), self.place(row)
+        shape = worlds[Shape]
+        sizes = float(shape.half_width[self.w, box]), float(shape.half_height[self.w, box])
+        ray = mine[0] - eye[0], mine[1] - eye[1]
+        return ray_box(eye, ray, self.place(box), float(worlds[Body].angle[self.w, box]), *sizes) < NO_HIT
+
+    def follow(self, agent: NaiveAgent, observations: dict[str, Any]) -> None:
+        before, agent.place = agent.place, None
+        if not alive(self.env.worlds, self.w)[agent.number]:
+            return
+        agent.place = self.place(agent.row)
+        agent.ticks += 1
+        agent.ways += [math.dist(before, agent.place)] if before else []
+        self.visit(agent)
+        for found, mates in ((agent.enemies, False), (agent.mates, True)):
+            found += [metres for metres, _ in self.others(agent.row, mates)[:1]]
+        sides, worlds = side(self.env.worlds, self.w), self.env.worlds
+        peers = np.delete(sides, agent.number)
+        agent.seen.append(bool((observations["others_mask"][self.w, agent.number, peers != sides[agent.number]]).any()))
+        if Zone in worlds:
+            x, y, radius = (float(getattr(worlds[Zone], name)[self.w, 0]) for name in ("x", "y", "radius"))
+            agent.outside.append(math.dist(agent.place, (x, y)) > radius or radius == 0)
+        agent.points = int(worlds[Health].points[self.w, agent.row])
+
+
+def compare(env: SurvivalVectorEnv, steps: int = LIMIT) -> dict[str, Any]:
+    """Play an episode of every world at random, and compare. Returns the statistics, (worlds, agents) by key."""
+    env.reset()
+    naive, rng = [NaiveBehaviour(env, w) for w in range(env.num_worlds)], np.random.default_rng(5)
+    found: dict[str, Any] = {key: np.zeros((env.num_worlds, env.num_agents)) for key in KEYS}
+    ended = np.zeros(env.num_worlds, bool)
+    for _ in range(steps):
+        actions, columns = draw_actions(env, rng), [name for name, _ in env.action_columns]
+        if "use" in columns:  # seldom, so that bags are not empty
+            actions[..., columns.index("use")] *= rng.random(actions.shape[:2]) < 0.1
+        observations, _, terminated, truncated, info = env.step(actions)
+        events = env.events()
+        for w in np.flatnonzero(~ended):
+            naive[w].tick(observations, events)
+        for w in np.flatnonzero((terminated | truncated) & ~ended):
+            for agent in naive[w].agents.values():
+                for key, expected in agent.statistics().items():
+                    value = found[key][w, agent.number] = info["statistics"][key][w, agent.number]
+                    assert value == pytest.approx(expected, rel=2e-5, abs=1e-6), (key, w, agent)
+        ended |= terminated | truncated
+    assert ended.all()
+    env.close()
+    return found
+
+
+@pytest.mark.parametrize("name", few_by_day(SCENARIOS, ("teams", "counts, roles and walls", "respawn", "no melee")))
+def test_statistics_are_those_of_the_naive_form(name: str) -> None:
+    found = compare(make(SCENARIOS[name]))
+    zero = {key for key, values in found.items() if not values.any()}
+    assert zero == ZERO.get(name, set()) if COMPILED else zero >= ZERO.get(name, set())  # short ones have little
+
+
+IDLE, AHEAD, STRIKE, USE, GIVE = (
+    [1, 1, 1, 0, 0, 0],
+    [2, 1, 1, 0, 0, 0],
+    *([1, 1, 1, *row] for row in np.eye(3, dtype=int)),
+)
+FAR = variant("teams_4").replace(n_agents=4, room_size=40.0, safe_zone_centres="middle", cameras_fov=1.0)
+
+
+def placed(*places: tuple[float, float], scenario: Scenario = FAR, **numbers: Any) -> SurvivalVectorEnv:
+    """One world in which these are the places of the agents, who look along +x; boxes and heals are far away."""
+    env = make(scenario.replace(**numbers), 1)
+    env.reset()
+    body, entities = env.worlds[Body], env.worlds[Entity]
+    entities.alive[0, env.worlds.span("box")] = entities.alive[0, env.worlds.span("heal")] = 0
+    body.x[0, :4], body.y[0, :4] = np.transpose(places)
+    body.angle[0, :4], body.cosine[0, :4], body.sine[0, :4] = 0, 1, 0
+    env.worlds[Track].x[0], env.worlds[Track].y[0] = np.transpose(places)
+    return env
+
+
+def step(env: SurvivalVectorEnv, first: list[int], *others: list[int]) -> dict[str, Any]:
+    """A tick in which the first agents do this, and the others nothing. Returns the statistics of each agent."""
+    actions = [first, *others, *[IDLE] * (env.num_agents - 1 - len(others))]
+    env.step(np.array([actions]))
+    found = statistics(env.worlds, np.ones(1, bool))
+    return {key: found[key][0].tolist() for key in KEYS}
+
+
+def carry(env: SurvivalVectorEnv, agent: int, row: int) -> None:
+    """Put an item into an agent's bag."""
+    tables = ({name: column[0] for name, column in env.worlds[kind]._asdict().items()} for kind in (Bag, Item))
+    bag, item = (kind.Table(**columns) for kind, columns in zip((Bag, Item), tables, strict=True))
+    env.worlds[Entity].alive[0, row] = 0
+    assert push(bag, item, agent, row)
+
+
+def test_the_way_is_that_of_the_body_whoever_moves_it() -> None:
+    env = placed((-4, 0), (-4, 15), (4, 15), (4, -15))
+    xs = [-4.0]
+    for tick in range(1, 41):
+        found = step(env, AHEAD)
+        xs.append(float(env.worlds[Body].x[0, 0]))
+        assert found["ticks_alive"] == [tick] * 4
+    assert xs[-1] > 2
+    assert found["distance_travelled"] == pytest.approx([xs[-1] + 4, 0, 0, 0])
+    env.worlds[Body].x[0, 0] = 16  # teleported by hand
+    assert step(env, IDLE)["distance_travelled"][0] == pytest.approx(20, abs=0.5)
+    env.close()
+
+
+def test_who_dies_is_counted_until_then() -> None:
+    env = placed((0, 0), (0, 5), (5, 0), (5, 5))
+    step(env, IDLE)
+    env.worlds[Health].points[0, 1] = 0
+    for tick in (2, 3):
+        found = step(env, IDLE)
+        assert found["ticks_alive"] == [tick, 1, tick, tick]
+    assert found["mate_distance"] == [5, 5, 5, 5]
+    assert found["enemy_distance"] == [5, 5, 5, pytest.approx((5 + 2 * math.sqrt(50)) / 3)]
+    env.close()
+
+
+def test_strikes_land_on_enemies_only() -> None:
+    env = placed((0, 0), (1.5, 0), (10, 0), (11.5, 0), scenario=FAR.replace(melee_damage=1))
+    env.worlds[Side].side[0, :4] = 0, 0, 1, 0
+    for _ in range(3):
+        found = step(env, STRIKE, IDLE, STRIKE, IDLE)
+    assert found["strikes"] == [3, 0, 3, 0]
+    assert found["strikes_landed"] == [0, 0, 1, 0]
+    env.close()
+
+
+@pytest.mark.parametrize(("points", "needed"), [(69, 1), (70, 0), (100, 0)])
+def test_a_heal_is_needed_by_who_has_few_hit_points(points: int, needed: int) -> None:
+    env = placed((0, 0), (0, 5), (5, 0), (5, 5), agents_health=100)
+    env.worlds[Health].points[0, 0] = points
+    step(env, IDLE)
+    carry(env, 0, env.worlds.span("heal").start)
+    assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
+    assert env.worlds[Health].points[0, 0] > points
+    assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
+    env.close()
+
+
+def test_heals_are_given_and_boxes_are_no_heals() -> None:
+    env = placed((0, 0), (0, 1.5), (9, 0), (9, 9))
+    carry(env, 0, env.worlds.span("heal").start)
+    carry(env, 2, env.worlds.span("box_item").start)
+    assert step(env, GIVE, IDLE, GIVE)["heals_given"] == [1, 0, 0, 0]
+    env.close()
+
+
+@pytest.mark.parametrize(("x", "y", "between"), [(5.0, 0.0, 1), (-5.0, 0.0, 0), (5.0, 5.0, 0), (5.0, 0.3, 1)])
+def test_a_box_is_cover_from_the_nearest_enemy(x: float, y: float, between: int) -> None:
+    """It is set up two metres ahead, 0.8 m wide; another enemy, farther away, does not count."""
+    env = placed((0, 0), (0, 15), (x, y), (12, 0), boxes_offset=2.0)
+    rows = env.worlds.layout.rows(Box), env.worlds.layout.rows(BoxItem)
+    env.worlds[Shape].half_width[0, rows[0]] = env.worlds[Shape].half_height[0, rows[0]] = 0.4
+    carry(env, 0, int(rows[1][0]))
+    assert step(env, USE)["boxes_between"] == [between, 0, 0, 0]
+    assert env.worlds[Entity].alive[0, rows[0][0]]
+    env.close()
+
+
+@pytest.mark.parametrize("name", few_by_day(outlast.VARIANTS, ("ffa_3", "teams_4")))
+def test_the_game_stays_as_it_is(name: str) -> None:
+    plain, described = make_vec(name, 8, seed=1), make_vec(variant(name).with_(Behaviour()), 8, seed=1)
+    rng, steps = np.random.default_rng(2), scaled(300, least=3)
+    plain.reset(), described.reset()
+    for _ in range(steps):
+        actions = draw_actions(plain, rng)
+        one, other = plain.step(actions), described.step(actions)
+        for mine, its in zip([*one[0].values(), *one[1:4]], [*other[0].values(), *other[1:4]], strict=True):
+            np.testing.assert_array_equal(mine, its)
+    plain.close(), described.close()
+
+
+def test_states_keep_it_and_every_episode_begins_anew(tmp_path: Path) -> None:
+    env = make(FFA, 4)
+    env.reset()
+    rng, other = np.random.default_rng(3), make(FFA, 4)
+    for _ in range(10):
+        env.step(draw_actions(env, rng))
+    env.get_state().save(tmp_path / "state.npz")
+    other.reset()
+    other.set_state(outlast.State.load(tmp_path / "state.npz"))
+    actions = draw_actions(env, rng)
+    env.step(actions), other.step(actions)
+    every = np.ones(4, bool)
+    mine, its = statistics(env.worlds, every), statistics(other.worlds, every)
+    for key in KEYS:
+        np.testing.assert_array_equal(mine[key], its[key])
+    env.reset()
+    after = statistics(env.worlds, every)
+    assert not any(after[key].any() for key in KEYS)
+    assert (env.worlds[Track].cells[:, :4] == 1).all()
+    env.close(), other.close()
+
+
+def test_numbers_that_cannot_be_are_refused() -> None:
+    for numbers, reason in (({"cells": 0}, "behaviour.cells = 0"), ({"need": 1.5}, "behaviour.need = 1.5")):
+        with pytest.raises(NumberError, match=reason):
+            Behaviour(**numbers)  # type: ignore[arg-type]
+    with pytest.raises(NumberError, match="behaviour_cells cannot vary: it decides how large tables are"):
+        FFA.with_(Behaviour()).vary(behaviour_cells=integers(4, 8)).worlds(1)
+
+
+def test_a_system_that_needs_what_is_missing_is_not_scheduled() -> None:
+    class Witness(Module):
+        """Looks at the zone, if there is one."""
+
+    @Witness.system(Phase.RECORD, needs=Zone)
+    def look(zone: Read[Zone], agents: Rows[Side]) -> None:
+        """Nothing."""
+
+    for scenario, there in ((FFA, True), (FFA.without("safe_zone"), False)):
+        labels = [system.label for system in scenario.with_(Witness()).worlds(1).schedule.systems]
+        assert ("witness.look" in labels) == there
+    with pytest.raises(
+        DeclarationError, match=r"witness\.<lambda> has needs='Zone': the class of a component is needed"
+    ):
+        Witness.system(Phase.RECORD, needs="Zone")(lambda: None)  # type: ignore[arg-type]
