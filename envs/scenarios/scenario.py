@@ -279,7 +279,7 @@ class Scenario:
             texts = [name, about, *names, *(label for chain in order for label in chain)]
             if not all(isinstance(each, str) and each.isprintable() for each in texts):
                 raise ScenarioError("its names cannot be")
-            modules = rebuilt_mechanics(names, form["numbers"])
+            modules = rebuilt_mechanics(names, dict(form["numbers"].items()))
             return cls(name, modules, about, tuple(map(tuple, order)), **restored(modules, form))
         except (KeyError, TypeError, AttributeError, RecursionError, json.JSONDecodeError) as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None

@@ -2,9 +2,9 @@
 
     python -m tests.fuzz LOADER [--files N] [--seed N] [--memory-mib N] [--out FOLDER]
 
-LOADER: states, recordings, checkpoints, policies, results or plans; "traps" are files that must be findings. A hostile
-file is a valid one with something changed: bits, pieces, headers, archive entries, or numbers behind a correct
-checksum. File k of a seed is always the same.
+LOADER: states, level-states, recordings, checkpoints, policies, results, plans, levels, games (scenarios as JSON) or
+roles; "traps" are files that must be findings. A hostile file is a valid one with something changed: bits, pieces,
+headers, archive entries, or numbers behind a correct checksum. File k of a seed is always the same.
 
 Files are loaded in a child process whose memory is limited to what it has at first plus --memory-mib. A loader has to
 refuse a file with its own exception, or to return something that works. Anything else is a finding: another exception,
@@ -32,11 +32,15 @@ from tqdm import tqdm
 
 TARGETS = {
     "states": "worlds.States",
+    "level-states": "worlds.LevelStates",
     "recordings": "worlds.Recordings",
     "checkpoints": "training.Checkpoints",
     "policies": "training.Policies",
     "results": "training.Results",
     "plans": "plans.Plans",
+    "levels": "levels.Levels",
+    "games": "levels.Games",
+    "roles": "levels.RoleFiles",
     "traps": "traps.Traps",
 }
 TIMEOUT = 60.0  # seconds for a file

@@ -77,7 +77,38 @@ def make_scenario(rng: Random, name: str, folder: Path) -> Scenario:
     if rng.random() < 0.6:
         scenario = scenario.with_(*_generated(rng, name, folder, scenario))
     numbers = {key: value for key, value in _numbers(rng, scenario) if rng.random() < 0.08}
-    return _ordered(rng, scenario.replace(**numbers))
+    scenario = _ordered(rng, scenario.replace(**numbers))
+    return _differing(rng, scenario) if rng.random() < 0.4 else scenario
+
+
+def _differing(rng: Random, scenario: Scenario) -> Scenario:
+    """With numbers that differ from world to world, and perhaps roles; some cannot."""
+    numbers = [each for each in scenario.numbers().items() if not isinstance(each[1], (tuple, str))]
+    varied = {name: _drawn(rng, value) for name, value in rng.sample(numbers, min(len(numbers), rng.randrange(4)))}
+    if "agents" in scenario and rng.random() < 0.5:
+        varied["agents_count"] = outlast.integers(2, rng.randrange(3, 6))
+    scenario = scenario.vary(**varied)
+    if rng.random() < 0.5:
+        able = [
+            f"{module.name}_{item.name}"
+            for module in scenario.modules
+            for item in dataclasses.fields(module)
+            if item.metadata.get("per_agent")
+        ]
+        own = {name: _drawn(rng, scenario.numbers()[name]) for name in rng.sample(able, min(len(able), rng.randrange(4)))}
+        roles = {"one": outlast.role(1, **own), "others": outlast.role()}
+        scenario = scenario.roles(**roles, drawn=rng.choice(("never", "anyone", "side")))
+    return scenario
+
+
+def _drawn(rng: Random, value: Any) -> Any:
+    """What a number could be drawn from."""
+    if isinstance(value, bool):
+        return outlast.choice(True, False)
+    if isinstance(value, int):
+        return rng.choice((outlast.integers(value, value + rng.randrange(1, 4)), outlast.choice(value, value + 2)))
+    low, high = value * rng.uniform(0.5, 1), value * rng.uniform(1, 1.5) + 0.1
+    return rng.choice((outlast.uniform(low, high), outlast.choice(low, high)))
 
 
 def worlds_of(k: int) -> int:

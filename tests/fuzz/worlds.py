@@ -53,9 +53,10 @@ class States:
     """Saved states of two worlds in a batch of three."""
 
     refusals: ClassVar = (StateError,)
+    scenario: ClassVar = SMALL
 
     def __init__(self) -> None:
-        self.env, self.rng = outlast.make_vec(SMALL, 3, seed=0, render_mode="ansi"), np.random.default_rng(0)
+        self.env, self.rng = outlast.make_vec(self.scenario, 3, seed=0, render_mode="ansi"), np.random.default_rng(0)
         self.states = [self.env.get_state(slice(2))]  # of worlds before their first reset
         self.env.reset()
         for tick in range(max(TICKS) + 1):
@@ -130,6 +131,22 @@ class States:
             column = column.view(np.uint8) if column.dtype == bool else column
             number, size = rng.choice((*INTEGERS, *(rng.randrange(-3, 60) for _ in INTEGERS))), column.itemsize
             column[spot] = np.frombuffer((number % 256**size).to_bytes(size, "little"), column.dtype)[0]
+
+
+class LevelStates(States):
+    """The same of worlds that have other numbers, counts, roles and walls."""
+
+    scenario: ClassVar = (
+        SMALL.with_(outlast.systems.Pillars(count=4))
+        .vary(
+            n_agents=outlast.integers(2, 4),
+            n_heals=outlast.integers(1, 4),
+            pillars_count=outlast.integers(1, 4),
+            motors_ahead=outlast.uniform(0.1, 0.4),
+            cameras_cone=outlast.choice("sector", "kite"),
+        )
+        .roles(hunter=outlast.role(1, cameras_depth=outlast.uniform(8, 14)), prey=outlast.role(), drawn="anyone")
+    )
 
 
 def _file(scenario: dict[str, Any], arrays: dict[str, Any]) -> bytes:

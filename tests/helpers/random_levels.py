@@ -135,7 +135,7 @@ class LevelChecker:
         floors: Of how many more worlds it is to be found out whether all of the floor can be reached.
         resets: Episodes whose start was checked.
         returns: Agents that came back.
-        deep: Ticks of agents that were deeper in a block than SLOP.
+        deep: Ticks of agents that were deeper than SLOP in a block, or in a wall of the room.
         ticks: Ticks of agents that were checked.
     """
 
@@ -176,12 +176,13 @@ class LevelChecker:
         alive = worlds[Entity].alive[:, self.agents].astype(bool)
         radius = worlds[Shape].radius[:, self.agents].astype(float)
         assert np.isfinite(worlds[Body].x[:, self.agents][alive]).all()
-        sides = gap(worlds, everywhere, self.agents, self.fixed).min(2, initial=np.inf)  # inf: dead
-        assert (sides + radius > 0).all(), "the centre of an agent is in a wall"
+        gaps = gap(worlds, everywhere, self.agents, self.fixed)  # inf: of the dead
+        blocks = gaps[..., np.isin(self.fixed, self.blocks)].min(2, initial=np.inf)
+        assert (blocks + radius > 0).all(), "the centre of an agent is in a block"
         for place, side in zip((worlds[Body].x, worlds[Body].y), sides_of(worlds), strict=True):
             assert (abs(place[:, self.agents][alive]) < side / 2).all()
-        deep = sides < -SLOP
-        assert not deep[worlds[BoxesPlaced].boxes_placed[:, 0] == 0].any(), sides.min()
+        deep = gaps.min(2) < -SLOP
+        assert not deep[worlds[BoxesPlaced].boxes_placed[:, 0] == 0].any(), gaps.min()
         self.deep += int(deep.sum())
         self.ticks += int(alive.sum())
 

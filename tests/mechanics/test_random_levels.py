@@ -19,7 +19,7 @@ def play(kind: str, seed: int, worlds: int, steps: int) -> LevelChecker:
     """Random play in a random game, with everything checked at each step. Agents keep a direction for a while."""
     rng = np.random.default_rng(seed)
     env = outlast.make_vec(scenario(kind, rng), worlds, seed=seed)
-    checker = LevelChecker(env, 0 if kind == "plans" else scaled(8))
+    checker = LevelChecker(env, 0 if kind == "plans" else scaled(3))
     env.reset()
     checker.check()
     for step in range(steps):
