@@ -24,7 +24,7 @@ from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, place
+from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, differing_modules, place
 
 ALIGN = 64  # bytes: a cache line
 
@@ -180,9 +180,9 @@ class Layout:
         return tuple(self.roles.names[own[k][0]] if only[k] else name for k, name in enumerate(plain))
 
     def systems(self) -> list[System]:
-        """The systems of the modules, those included that a module has with the numbers of a role only."""
+        """The systems of the modules, those included that a module has with some values only that differ here."""
         found = [system for module in self.modules for system in module.systems()]
-        for module in (module for form in (self.forms if self.per_agent else ()) for module in form.modules):
+        for module in differing_modules(self):
             found += [s for s in module.systems() if s.label not in {system.label for system in found}]
         return found
 
