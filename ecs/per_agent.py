@@ -23,7 +23,7 @@ from .draw import between
 from .errors import NumberError
 from .jit import intrinsic, kernel
 from .random import integer, stream_number
-from .roles import NEVER, SIDE, Roles, spread
+from .roles import ANYONE, NEVER, Roles, spread
 from .varied import encode
 
 AGENT = "agent"  # the archetype that has roles
@@ -200,8 +200,8 @@ class Plan:
 
     Attributes:
         rows: int32 (agents,), of the agents.
-        fixed: int32 (agents,), the role of each, before any is drawn.
-        groups: int32 (groups + 1,), where groups of agents begin within which roles are drawn; of none, (0,).
+        fixed: int8 (counts, agents), the role of each, before any is drawn, in worlds of the fewest agents and so on.
+        groups: int32 (counts, groups + 1), where groups of agents begin within which roles are drawn; of none, 1 entry.
         real: int8 (numbers,), 1 where words are float32.
         starts: int32 (numbers,), the first word.
         streams: uint64 (numbers,), of random numbers.
@@ -240,11 +240,11 @@ def plan(layout: Any) -> Plan:
                     choices += encode(layout.modules[number.module], number.field, each).tolist()
             else:
                 ends[n, r] = given.values
-    agents = layout.spans[AGENT]
+    agents, counts = layout.spans[AGENT], layout.agent_counts()
     return Plan(
         rows=np.array(agents, np.int32),
-        fixed=np.array(layout.roles.of_agents(len(agents)), np.int32),
-        groups=np.array(_groups(layout), np.int32),
+        fixed=np.array(layout.roles.of_counts(counts[0], counts[-1]), np.int8),
+        groups=np.array([_groups(layout, count) for count in counts], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
         starts=np.array([number.start for number in numbers], np.int32),
         streams=np.array([stream_number(f"role {number.name}") for number in numbers], np.uint64),
@@ -256,17 +256,20 @@ def plan(layout: Any) -> Plan:
     )
 
 
-def _groups(layout: Any) -> list[int]:
-    """Where groups of agents begin within which roles are drawn. NumberError if there are no sides to be drawn in."""
-    agents = len(layout.spans[AGENT])
+def _groups(layout: Any, count: int) -> list[int]:
+    """Where groups of agents begin within which roles are drawn, in worlds of so many agents.
+
+    Raises:
+        NumberError: There are no sides to be drawn in, or who is on which side differs from world to world.
+    """
     if layout.roles.drawn == NEVER:
         return [0]
-    sizes = (agents,)
-    if layout.roles.drawn == SIDE:
-        sizes = layout.groups()
-        if not sizes:
-            raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
-    starts: list[int] = np.cumsum([0, *sizes]).tolist()
+    sizes = {(count,)} if layout.roles.drawn == ANYONE else layout.groupings(count)
+    if sizes == {()}:
+        raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
+    if len(sizes) > 1:
+        raise NumberError('roles: drawn = "side", but the sizes of teams vary; let one of them be, or take "anyone"')
+    starts: list[int] = np.minimum(np.cumsum([0, *sizes.pop()]), count).tolist()
     return starts
 
 
@@ -302,6 +305,7 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
 @kernel
 def assign(
     clock: Any,
+    entities: Any,
     roles: Any,
     values: Any,
     reals: Any,
@@ -320,16 +324,20 @@ def assign(
 ) -> None:
     """Set the roles of the agents of a world whose episode begins, their numbers, and the prefab values that they are.
 
-    roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
+    entities: the last agents may be absent. roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
     world's state, as int32. rows and all that follow: see Plan. Draws for a number have the agent's id in the place of
     the tick.
     """
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
+    present = 0
+    for e in rows:
+        present += entities.identity[e] >= 0
+    c = present - (rows.size - fixed.shape[0] + 1)
     for i in range(rows.size):
-        roles.role[i] = fixed[i]
-    for g in range(groups.size - 1):
-        for i in range(groups[g + 1] - 1, groups[g], -1):  # Fisher and Yates
-            o = groups[g] + integer(key, i, i - groups[g] + 1)
+        roles.role[i] = fixed[c, i]
+    for g in range(groups.shape[1] - 1):
+        for i in range(groups[c, g + 1] - 1, groups[c, g], -1):  # Fisher and Yates
+            o = groups[c, g] + integer(key, i, i - groups[c, g] + 1)
             roles.role[i], roles.role[o] = roles.role[o], roles.role[i]
     for n in range(starts.size):
         for i in range(rows.size):

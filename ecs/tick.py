@@ -161,6 +161,7 @@ class Generator:
         words = AgentNumbers if self.layout.per_agent else AgentRoles  # without numbers, nothing is written there
         arguments = [
             self._table(Clock, "r"),
+            self._table(Entity, "r"),
             self._table(AgentRoles, "w"),
             self._view_of("values", lambda worlds: worlds[words][0], np.dtype("i4"), writable=True),
             self._view_of("reals", lambda worlds: worlds[words][0].view(np.float32), np.dtype("f4"), writable=True),
