@@ -22,6 +22,7 @@ from .distributions import CHOICE, INTEGERS, Distribution
 from .draw import between
 from .errors import NumberError
 from .jit import intrinsic, kernel
+from .made_once import is_read, reasons
 from .random import integer, stream_number
 from .roles import ANYONE, NEVER, Roles, spread
 from .varied import encode
@@ -279,14 +280,15 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
     Found by comparing what worlds would begin with if all agents had another value.
 
     Raises:
-        NumberError: More than that depends on the number.
+        NumberError: More than that depends on the number, or nothing does.
     """
     base = getattr(layout.modules[number.module], number.field)
     values = [value for each in number.values for value in _probes(number.name, each, type(base))]
     probes = sorted({base, *values})
     forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # others belong to a value
-    if any(form.places != forms[0].places for form in forms):
-        raise NumberError(f"{number.name} cannot differ by role: it decides how large tables are")
+    for form in forms:
+        if reason := next(reasons(forms[0], form, number.module, systems=False), ""):
+            raise NumberError(f"{number.name} cannot differ by role: {reason}")
     here = {(each.component, each.name): each.offset for each in layout.places}
     images, found = np.stack([form.initial_image for form in forms]), []
     for where in [each for each in forms[0].places if each.offset >= 0]:
@@ -299,6 +301,8 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
                 what = f"{where.component.__name__}.{where.name}"
                 raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
             found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
+    if not (found or is_read(layout, number.module, number.field)):
+        raise NumberError(f"{number.name} cannot differ by role: no system of its mechanic gets it")
     return found
 
 

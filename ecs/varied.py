@@ -347,6 +347,8 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
     """Those of one number."""
     probes, k = number.distribution.probes(), number.module
     by_agent = next(f.metadata["per_agent"] for f in fields(layout.modules[k]) if f.name == number.number)
+    if shared := [name for name in number.archetypes if layout.archetypes[name].count > max(probes)]:
+        raise NumberError(f"{number.name} cannot vary: it is not the only count of the entities {shared[0]!r}")
     images, found = [layout.initial_image], list[tuple[int, int, int]]()
     for value in probes:
         there = with_values(layout, {number: value})

@@ -50,7 +50,8 @@ def change_numbers(
     before = worlds[Given].words.copy() if varied else None
     worlds.give_numbers(varied, where)
     try:
-        worlds.set_numbers(**others)
+        if others:
+            worlds.set_numbers(**others)
     except BaseException:
         if before is not None:
             worlds[Given].words[:] = before
