@@ -328,9 +328,9 @@ def assign(
 ) -> None:
     """Set the roles of the agents of a world whose episode begins, their numbers, and the prefab values that they are.
 
-    entities: the last agents may be absent. roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
-    world's state, as int32. rows and all that follow: see Plan. Draws for a number have the agent's id in the place of
-    the tick.
+    entities: the last agents may be absent. roles: the table of AgentRoles. values, reals: the words of AgentNumbers,
+    as int32 and as float32. state: all of the world's state, as int32. rows and all that follow: see Plan. Draws for a
+    number have the agent's id in the place of the tick.
     """
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
     present = 0

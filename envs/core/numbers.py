@@ -1,14 +1,16 @@
 """The numbers of a game that runs: what they are, and how they change."""
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import Given
+from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given
 
+from ..errors import NotResetError
 from ..levels import Level, check
 from ..scenarios.scenario import Scenario
 from .validation import reset_mask
@@ -38,6 +40,8 @@ def change_numbers(
     """
     where = reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count)
     full = {"_".join(scenario.find_number(name)): value for name, value in asked.items()}
+    if len(full) < len(asked):
+        raise NumberError(f"{', '.join(asked)}: one number is given twice, by two of its names")
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
     others = {name: value for name, value in full.items() if name not in varied}
     if others:
@@ -47,20 +51,17 @@ def change_numbers(
                 "scenario in which it varies: scenario.vary(...)"
             )
         check_unrecorded()
-    before = worlds[Given].words.copy() if varied else None
-    worlds.give_numbers(varied, where)
-    try:
+    with _restored(worlds):
+        worlds.give_numbers(varied, where)
         if others:
             worlds.set_numbers(**others)
-    except BaseException:
-        if before is not None:
-            worlds[Given].words[:] = before
-        raise
 
 
 def current_levels(worlds: Worlds) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
     clock, numbers = worlds[Clock], worlds.numbers()
+    if not clock.episode.all():
+        raise NotResetError("levels() before reset(): they are those of the episodes that worlds are in")
     return [
         Level(
             {
@@ -76,17 +77,36 @@ def current_levels(worlds: Worlds) -> list[Level]:
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
+    if isinstance(levels, Level) or not all(isinstance(level, Level) for level in levels):
+        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed")
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
-    if Given not in worlds:
-        raise NumberError("no number varies here, so a level is a seed: reset(seed=[...]); or vary() some")
+    if not worlds.layout.keyed:
+        raise NumberError(NO_LEVELS)
     varied = {name: number.distribution for name, number in worlds.layout.varied.items()}
     for level in levels:
         check(level, varied)
-    for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
-        worlds.give_numbers(level.numbers, row, once=True)
-        if level.key is not None:
-            worlds.give_keys([level.key], row)
+    with _restored(worlds):
+        waiting = worlds[Given].words[rows]  # of levels that were set before, and not played
+        waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
+        waiting[:, -KEY:] = 0
+        worlds[Given].words[rows] = waiting
+        for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
+            worlds.give_numbers(level.numbers, row, once=True)
+            if level.key is not None:
+                worlds.give_keys([level.key], row)
+
+
+@contextlib.contextmanager
+def _restored(worlds: Worlds) -> Iterator[None]:
+    """What was given before is given again if an exception comes."""
+    before = worlds[Given].words.copy() if Given in worlds else None
+    try:
+        yield
+    except BaseException:
+        if before is not None:
+            worlds[Given].words[:] = before
+        raise
 
 
 def _chosen(name: str, value: Any, where: Array) -> Any:

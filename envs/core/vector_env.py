@@ -361,7 +361,7 @@ class SurvivalVectorEnv(Described):
         info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info |= {"final_obs": final_observations(self._observations, done), "_final_obs": done.copy()}
-            final = {"statistics": info["statistics"], "alive": alive(self.worlds)}
+            final = {"statistics": info["statistics"]} | self._info()
             info |= {"final_info": final, "_final_info": done.copy()}
             self._step_events.keep(done)
             self._run(done)
