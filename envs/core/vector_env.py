@@ -15,7 +15,6 @@ from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from .agents import alive
 from .buffers import final_observations, read_only, write
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths

@@ -42,7 +42,10 @@ GAMES = {
     "rooms": small("ffa_3+steering", Rooms(columns=2, rows=2, thickness=0.2), DropLast(), mortality_limit=120),
     "pillars": small(
         *("teams_3+team_share", Pillars(count=2, most=1.0), Respawn(ticks=10)),
-        **{"ending_rule": "never", "ending_limit": 150, "room_size": 12.0, "teams_sizes": (2, 2)},
+        ending_rule="never",
+        ending_limit=150,
+        room_size=12.0,
+        teams_sizes=(2, 2),
     ),
     "walls": small("ffa_4", BARS.mechanic(), room_width=8.8),
 }
