@@ -33,7 +33,7 @@ class Distribution:
         """Whether it could be drawn."""
         if self.kind == CHOICE:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
-            return any(_is_same(given, each) for each in self.values)
+            return any(_same(given, each) for each in self.values)
         if self.kind == FREE:
             return (
                 not isinstance(value, str) and np.shape(value) == np.shape(self.values[0]) and all(map(_is_real, value))
@@ -144,16 +144,16 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
     return low, high
 
 
+def _same(given: Any, value: Any) -> bool:
+    """Whether a value is given, or what float32 makes of it, as worlds have it."""
+    if isinstance(value, tuple):
+        return isinstance(given, tuple) and len(given) == len(value) and all(map(_same, given, value))
+    if isinstance(given, bool) or isinstance(value, (bool, str)):
+        return type(given) is type(value) and given == value
+    return _is_real(given) and (given == value or (isinstance(value, float) and np.float32(given) == np.float32(value)))
+
+
 def _is_real(value: Any) -> bool:
     """Whether it is a finite number, as a float32, too."""
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     return real and bool(abs(value) <= LARGEST)
-
-
-def _is_same(value: Any, option: Any) -> bool:
-    """Whether a value is an option of a choice, floats as worlds have them: rounded to float32."""
-    if isinstance(option, tuple):
-        return isinstance(value, tuple) and len(value) == len(option) and all(map(_is_same, value, option))
-    if isinstance(option, float) and _is_real(value):
-        return bool(np.float32(value) == np.float32(option))
-    return type(value) is not tuple and value == option and isinstance(value, bool) == isinstance(option, bool)

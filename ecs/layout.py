@@ -25,7 +25,7 @@ from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, place
+from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, differing_modules, place, replaced
 
 ALIGN = 64  # bytes: a cache line
 
@@ -165,31 +165,45 @@ class Layout:
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
-    def groups(self, agents: int | None = None) -> tuple[int, ...]:
-        """Sizes of the groups into which a module splits so many agents (all, if None) by id; of no groups, ()."""
-        agents = self.dims.get("agents", 0) if agents is None else agents
-        return next((found for module in self.modules if (found := module.groups(agents))), ())
+    def groups(self) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
+        return _groups(self.modules, self.dims.get("agents", 0))
+
+    def groupings(self, agents: int) -> set[tuple[int, ...]]:
+        """All that `groups` can be in worlds of so many agents."""
+        others = [replaced(self.modules, {n: value}) for n in self.varied.values() for value in n.distribution.probes()]
+        return {_groups(modules, agents) for modules in (self.modules, *others)}
+
+    def agent_counts(self) -> range:
+        """How many agents worlds can have."""
+        most = self.dims.get("agents", 0)
+        fewest = [n.distribution.extremes()[0] for n in self.varied.values() if "agents" in n.dims]
+        return range(min([most, *fewest]), most + 1)
 
     @functools.cached_property
     def side_names(self) -> tuple[str, ...]:
         """What the sides are called, by number: "agent 0" without teams; a team has the name of a role that is its own.
 
-        That is so if all its members have the role, and nobody else has it.
+        That is so if all its members have the role, and nobody else has it, in all worlds.
         """
-        if not (sizes := self.groups()):
-            return tuple(f"agent {i}" for i in range(self.dims.get("sides", 0)))
-        plain = tuple(f"team {k}" for k in range(len(sizes)))
-        if self.roles is None or self.roles.drawn != NEVER:
+        teams = len(self.groups())
+        plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or self.dims.get("sides", 0)))
+        if not teams or self.roles is None or self.roles.drawn != NEVER:
             return plain
-        of_agents, ends = self.roles.of_agents(sum(sizes)), np.cumsum([0, *sizes])
-        own = [of_agents[first:last] for first, last in pairwise(ends)]
-        only = [len({*roles}) == 1 and of_agents.count(roles[0]) == len(roles) for roles in own]
-        return tuple(self.roles.names[own[k][0]] if only[k] else name for k, name in enumerate(plain))
+        counts, owned = self.agent_counts(), [set[int]() for _ in plain]
+        for count, roles in zip(counts, self.roles.of_counts(counts[0], counts[-1]), strict=True):
+            for sizes in self.groupings(count):
+                for team, (first, last) in enumerate(pairwise(np.minimum(np.cumsum([0, *sizes]), count))):
+                    own = {*roles[first:last]}
+                    others = {*roles[:first], *roles[last:count]}
+                    owned[team] |= own if len(own) < 2 and not own & others else {-1}
+        names = self.roles.names
+        return tuple(names[min(own)] if len(own) == 1 and own != {-1} else name for own, name in zip(owned, plain))
 
     def systems(self) -> list[System]:
-        """The systems of the modules, those included that a module has with the numbers of a role only."""
+        """The systems of the modules, those included that a module has with some values only that differ here."""
         found = [system for module in self.modules for system in module.systems()]
-        for module in (module for form in (self.forms if self.per_agent else ()) for module in form.modules):
+        for module in differing_modules(self):
             found += [s for s in module.systems() if s.label not in {system.label for system in found}]
         return found
 
@@ -328,6 +342,10 @@ class Layout:
             for part in archetype.parts:
                 _fill(self.columns(block, type(part)), (0, span), part)
         return np.ascontiguousarray(block[0])
+
+
+def _groups(modules: Sequence[Any], agents: int) -> tuple[int, ...]:
+    return next((found for module in modules if (found := module.groups(agents))), ())
 
 
 def _check_keys(base: type[Component], components: Iterable[type[Component]]) -> None:

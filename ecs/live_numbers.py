@@ -13,8 +13,10 @@ import numpy as np
 
 from .errors import NumberError
 from .layout import Layout
+from .made_once import reasons
 from .module import Module
 from .system import System
+from .varied import extreme_layouts
 
 
 def changed_modules(
@@ -44,7 +46,7 @@ def changed_modules(
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    layout.with_modules(found)  # raises where they are impossible together
+    extreme_layouts(layout.with_modules(found))  # raises where they are impossible together
     return found
 
 
@@ -61,19 +63,15 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
 def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
     """Why worlds of `layout` cannot go on with `other` as their module `k`, from which it differs in one number."""
     module = layout.modules[k]
-    own = [system for system in systems if system.module == module.name]
-    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]])
-    if f"{module.name}_{number}" in layout.per_agent:
+    full, own = f"{module.name}_{number}", [system for system in systems if system.module == module.name]
+    if full in layout.per_agent:
         yield "roles differ in it"
-    if sized := [name for name, size in layout.dims.items() if there.dims.get(name) != size]:
-        yield f"it decides how large tables are ({', '.join(map(repr, sized))})"
-    if there.places != layout.places or not np.array_equal(there.initial_image, layout.initial_image):
+    if full in layout.varied:
+        yield "it varies from world to world, so give_numbers() sets it"
+    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    yield from reasons(layout, there, k)
+    if not np.array_equal(there.initial_image, layout.initial_image):
         yield "it is part of what an episode begins with"
-    if [system.label for system in other.systems()] != [system.label for system in module.systems()]:
-        yield "it decides which systems run"
-    scratch = {p.name for system in own for p in system.parameters if p.kind == "scratch"}
-    if any(_shape(module.scratch(name, layout.dims)) != _shape(other.scratch(name, layout.dims)) for name in scratch):
-        yield "it decides how much memory systems have"
     if any(
         _plain(one.bounds(layout)) != _plain(two.bounds(there))
         for one, two in zip(layout.modules, there.modules, strict=True)
@@ -81,10 +79,6 @@ def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, n
         yield "it decides the bounds of observations"
     if not any(p.kind == "number" and p.name == number for system in own for p in system.parameters):
         yield "no system gets it as a single number"
-
-
-def _shape(memory: Any) -> Any:
-    return (memory.dtype, memory.shape) if isinstance(memory, np.ndarray) else type(memory)
 
 
 def _plain(given: Any) -> Any:

@@ -22,8 +22,9 @@ from .distributions import CHOICE, INTEGERS, Distribution
 from .draw import between
 from .errors import NumberError
 from .jit import intrinsic, kernel
+from .made_once import is_read, reasons
 from .random import integer, stream_number
-from .roles import NEVER, SIDE, Roles, spread
+from .roles import ANYONE, NEVER, Roles, spread
 from .varied import encode
 
 AGENT = "agent"  # the archetype that has roles
@@ -200,9 +201,8 @@ class Plan:
 
     Attributes:
         rows: int32 (agents,), of the agents.
-        fixed: int32 (agents,), the role of each, before any is drawn.
-        groups: int32 (agents + 1, groups + 1), where groups of agents begin within which roles are drawn, by how many
-            agents there are; without groups, (agents + 1, 1).
+        fixed: int8 (counts, agents), the role of each, before any is drawn, in worlds of the fewest agents and so on.
+        groups: int32 (counts, groups + 1), where groups of agents begin within which roles are drawn; of none, 1 entry.
         real: int8 (numbers,), 1 where words are float32.
         starts: int32 (numbers,), the first word.
         streams: uint64 (numbers,), of random numbers.
@@ -241,11 +241,11 @@ def plan(layout: Any) -> Plan:
                     choices += encode(layout.modules[number.module], number.field, each).tolist()
             else:
                 ends[n, r] = given.values
-    agents = layout.spans[AGENT]
+    agents, counts = layout.spans[AGENT], layout.agent_counts()
     return Plan(
         rows=np.array(agents, np.int32),
-        fixed=np.array(layout.roles.of_agents(len(agents)), np.int32),
-        groups=np.array([_groups(layout, there) for there in range(len(agents) + 1)], np.int32),
+        fixed=np.array(layout.roles.of_counts(counts[0], counts[-1]), np.int8),
+        groups=np.array([_groups(layout, count) for count in counts], np.int32),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
         starts=np.array([number.start for number in numbers], np.int32),
         streams=np.array([stream_number(f"role {number.name}") for number in numbers], np.uint64),
@@ -257,16 +257,20 @@ def plan(layout: Any) -> Plan:
     )
 
 
-def _groups(layout: Any, agents: int) -> list[int]:
-    """Where groups begin in which roles are drawn among so many agents. NumberError if there are no such sides."""
+def _groups(layout: Any, count: int) -> list[int]:
+    """Where groups of agents begin within which roles are drawn, in worlds of so many agents.
+
+    Raises:
+        NumberError: There are no sides to be drawn in, or who is on which side differs from world to world.
+    """
     if layout.roles.drawn == NEVER:
         return [0]
-    sizes = (agents,)
-    if layout.roles.drawn == SIDE:
-        sizes = layout.groups(agents)
-        if not sizes:
-            raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
-    starts: list[int] = np.cumsum([0, *sizes]).clip(max=agents).tolist()
+    sizes = {(count,)} if layout.roles.drawn == ANYONE else layout.groupings(count)
+    if sizes == {()}:
+        raise NumberError('roles: drawn = "side", but agents are not in teams; add Teams, or take "anyone"')
+    if len(sizes) > 1:
+        raise NumberError('roles: drawn = "side", but the sizes of teams vary; let one of them be, or take "anyone"')
+    starts: list[int] = np.minimum(np.cumsum([0, *sizes.pop()]), count).tolist()
     return starts
 
 
@@ -276,14 +280,15 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
     Found by comparing what worlds would begin with if all agents had another value.
 
     Raises:
-        NumberError: More than that depends on the number.
+        NumberError: More than that depends on the number, or nothing does.
     """
     base = getattr(layout.modules[number.module], number.field)
     values = [value for each in number.values for value in _probes(number.name, each, type(base))]
     probes = sorted({base, *values})
     forms = [_form(layout, {number.name: value}, checks=False) for value in probes]  # others belong to a value
-    if any(form.places != forms[0].places for form in forms):
-        raise NumberError(f"{number.name} cannot differ by role: it decides how large tables are")
+    for form in forms:
+        if reason := next(reasons(forms[0], form, number.module, systems=False), ""):
+            raise NumberError(f"{number.name} cannot differ by role: {reason}")
     here = {(each.component, each.name): each.offset for each in layout.places}
     images, found = np.stack([form.initial_image for form in forms]), []
     for where in [each for each in forms[0].places if each.offset >= 0]:
@@ -296,6 +301,8 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
                 what = f"{where.component.__name__}.{where.name}"
                 raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
             found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
+    if not (found or is_read(layout, number.module, number.field)):
+        raise NumberError(f"{number.name} cannot differ by role: no system of its mechanic gets it")
     return found
 
 
@@ -321,20 +328,20 @@ def assign(
 ) -> None:
     """Set the roles of the agents of a world whose episode begins, their numbers, and the prefab values that they are.
 
-    roles: the table of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32. state: all of the
-    world's state, as int32. rows and all that follow: see Plan. Draws for a number have the agent's id in the place of
-    the tick. Roles are drawn among those who are there.
+    entities: the last agents may be absent. roles: the table of AgentRoles. values, reals: the words of AgentNumbers,
+    as int32 and as float32. state: all of the world's state, as int32. rows and all that follow: see Plan. Draws for a
+    number have the agent's id in the place of the tick.
     """
-    there = 0
-    while there < rows.size and entities.identity[rows[there]] >= 0:
-        there += 1
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
+    present = 0
+    for e in rows:
+        present += entities.identity[e] >= 0
+    c = present - (rows.size - fixed.shape[0] + 1)
     for i in range(rows.size):
-        roles.role[i] = fixed[i]
+        roles.role[i] = fixed[c, i]
     for g in range(groups.shape[1] - 1):
-        first = groups[there, g]
-        for i in range(groups[there, g + 1] - 1, first, -1):  # Fisher and Yates
-            o = first + integer(key, i, i - first + 1)
+        for i in range(groups[c, g + 1] - 1, groups[c, g], -1):  # Fisher and Yates
+            o = groups[c, g] + integer(key, i, i - groups[c, g] + 1)
             roles.role[i], roles.role[o] = roles.role[o], roles.role[i]
     for n in range(starts.size):
         for i in range(rows.size):

@@ -157,6 +157,20 @@ class Roles:
                 found[next(free)] = number
         return [number for number in found if number is not None]
 
+    def of_counts(self, fewest: int, most: int) -> list[list[int]]:
+        """The role of each agent by its id in worlds with `fewest`, ..., `most` agents; all have `most` entries.
+
+        A world has the roles of a game of its count. Where roles do not fit so few agents, the last ones are missing.
+        """
+        whole, found = self.of_agents(most), list[list[int]]()
+        for count in range(fewest, most + 1):
+            try:
+                there = self.of_agents(count)
+            except NumberError:
+                there = whole[:count]
+            found.append(there + whole[count:])
+        return found
+
     def _misfit(self, agents: int, rest: Role | None) -> str:
         sizes = [(each.count or len(each.agents), each.name) for each in self.roles if each is not rest]
         needed = sum(size for size, _ in sizes) + (rest is not None)

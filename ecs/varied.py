@@ -18,6 +18,7 @@ from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
 from .errors import NumberError
 from .fields import Field
+from .made_once import is_read, reasons
 
 DIM, GIVEN_DIM = "varied words", "given words"
 GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
@@ -296,6 +297,14 @@ def extreme_layouts(layout: Any) -> list[Any]:
     return [form for each in there for form in each.forms]
 
 
+def differing_modules(layout: Any) -> list[Any]:
+    """Mechanics with other values of the numbers in which worlds or agents differ."""
+    found = [module for form in (layout.forms if layout.per_agent else ()) for module in form.modules]
+    for number in layout.varied.values():
+        found += [replaced(layout.modules, {number: value})[number.module] for value in number.distribution.probes()]
+    return found
+
+
 def patches(layout: Any) -> list[tuple[int, int, int]]:
     """Which prefab values are varied numbers: rows as in Plan.patches.
 
@@ -305,51 +314,78 @@ def patches(layout: Any) -> list[tuple[int, int, int]]:
         layout: An ecs.layout.Layout.
 
     Raises:
-        NumberError: The size of a table depends on a varied number, or a prefab value that is not the number itself.
+        NumberError: More depends on a varied number than what systems get, and prefab values that are the number
+            itself; or nothing does.
     """
     numbers, found = list(layout.varied.values()), list[tuple[int, int, int]]()
     for number in numbers:
         found += _own_patches(layout, number)
     for values in corners(numbers):
-        fewer = type(layout)(replaced(layout.modules, values), checks=False)
-        fewer.roles, fewer.fewer = layout.roles, True
+        fewer = _without_room(layout, values)
         for module in fewer.modules:
             module.check(fewer)  # raises what mechanics say to fewer entities
-        image, there = layout.initial_image.copy(), with_values(layout, values)
+        image = layout.initial_image.copy()
         for number, value in values.items():
             encoded = encode(layout.modules[number.module], number.number, value)
             for word, offset, width in found:
                 if number.start <= word < number.start + number.width:
                     image[offset : offset + width] = encoded[word - number.start :].view(np.uint8)[:width]
-        if not np.array_equal(image, there.initial_image):
+        if not np.array_equal(image, _with_room(with_values(layout, values), fewer)):
             names = ", ".join(number.name for number in numbers)
             raise NumberError(f"{names} cannot vary together: what an episode begins with is computed from several")
     return found
 
 
+def _without_room(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
+    """The layout of worlds in which varied numbers have these values, and that have as many entities as they say."""
+    fewer = type(layout)(replaced(layout.modules, values), checks=False)
+    fewer.roles, fewer.fewer = layout.roles, True
+    return fewer
+
+
+def _with_room(layout: Any, fewer: Any) -> Array:
+    """What worlds with fewer entities begin with, in memory with room for all: uint8 (layout.world_bytes,)."""
+    image: Array = layout.initial_image.copy()
+    for component in fewer.components:
+        if not component.packed:
+            continue
+        tables = layout.columns(image[None], component), fewer.columns(fewer.initial_image[None], component)
+        for room, values in zip(*tables, strict=True):
+            if issubclass(component, Singleton):
+                room[tuple(map(slice, values.shape))] = values
+                continue
+            for name, rows in fewer.spans.items():
+                own = values[0, rows.start : rows.stop]
+                room[0, layout.spans[name].start :][tuple(map(slice, own.shape))] = own
+    return image
+
+
 def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]]:
     """Those of one number."""
-    probes = number.distribution.probes()
-    layouts = [with_values(layout, {number: value}) for value in probes]
-    for there in layouts:
-        if sized := [dim for dim, size in layout.dims.items() if there.dims.get(dim) != size]:
-            sizes = ", ".join(map(repr, sized))
-            raise NumberError(f"{number.name} cannot vary: it decides how large tables are ({sizes})")
-        if there.places != layout.places:
-            raise NumberError(f"{number.name} cannot vary: it decides which components there are")
-    images = np.stack([layout.initial_image, *(there.initial_image for there in layouts)])
-    found = []
+    probes, k = number.distribution.probes(), number.module
+    by_agent = next(f.metadata["per_agent"] for f in fields(layout.modules[k]) if f.name == number.number)
+    if shared := [name for name in number.archetypes if layout.archetypes[name].count > max(probes)]:
+        raise NumberError(f"{number.name} cannot vary: it is not the only count of the entities {shared[0]!r}")
+    images, found = [layout.initial_image], list[tuple[int, int, int]]()
+    for value in probes:
+        there = with_values(layout, {number: value})
+        if reason := next(reasons(layout, there, k, systems=not by_agent), ""):  # systems take what agents have
+            raise NumberError(f"{number.name} cannot vary: {reason}")
+        images.append(_with_room(there, _without_room(layout, {number: value})))
+    compared = np.stack(images)
     for where in [each for each in layout.places if each.offset >= 0]:
         dtype = where.component.columns[where.name].dtype
         size = dtype.itemsize * math.prod(where.shape)
-        values = images[:, where.offset : where.offset + size].copy().view(dtype)
-        for k in np.flatnonzero((values != values[0]).any(0)):
-            if number.kind is tuple or dtype.itemsize not in (1, 4) or not _is_number(values[1:, k], number, probes):
+        values = compared[:, where.offset : where.offset + size].copy().view(dtype)
+        for i in np.flatnonzero((values != values[0]).any(0)):
+            if number.kind is tuple or dtype.itemsize not in (1, 4) or not _is_number(values[1:, i], number, probes):
                 column = f"{where.component.__name__}.{where.name}"
                 raise NumberError(
                     f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it"
                 )
-            found.append((number.start, where.offset + int(k) * dtype.itemsize, dtype.itemsize))
+            found.append((number.start, where.offset + int(i) * dtype.itemsize, dtype.itemsize))
+    if not (found or number.archetypes or number.dims or is_read(layout, k, number.number)):
+        raise NumberError(f"{number.name} cannot vary: no system of {layout.modules[k].name} gets it")
     return found
 
 

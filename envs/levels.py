@@ -46,6 +46,7 @@ class Level:
     key: tuple[int, int, int] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "numbers", _numbers(self.numbers))
         if self.key is None:
             return
         key: Sequence[Any] = self.key
@@ -101,7 +102,7 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
     try:
         content = json.loads(Path(path).read_text())
         version, entries = content["version"], content["levels"]
-        found = [Level(_numbers(each["numbers"]), each["key"] and tuple(each["key"])) for each in entries]
+        found = [Level(each["numbers"], each["key"] and tuple(each["key"])) for each in entries]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None
     if version != VERSION:
@@ -122,5 +123,9 @@ def check(level: Level, varied: Mapping[str, Distribution]) -> None:
         varied[name].check(name, value)
 
 
-def _numbers(given: dict[str, Any]) -> dict[str, Any]:
-    return {str(name): tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+def _numbers(given: Mapping[str, Any]) -> dict[str, Any]:
+    """As Python has them: a list or an array is a tuple."""
+    found = {
+        name: value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value for name, value in given.items()
+    }
+    return {str(name): tuple(value) if isinstance(value, list) else value for name, value in found.items()}

@@ -32,8 +32,7 @@ def counts_vary(worlds: Worlds) -> bool:
 
 def fewest_agents(worlds: Worlds) -> int:
     """How many agents every world has, whatever is drawn."""
-    counts = [number.distribution.extremes()[0] for number in worlds.layout.varied.values() if "agents" in number.dims]
-    return int(min([worlds.dims["agents"], *counts]))
+    return worlds.layout.agent_counts()[0]
 
 
 def fewest_sides(worlds: Worlds) -> int:

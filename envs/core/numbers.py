@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import NO_LEVELS, Given
+from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given
 
+from ..errors import NotResetError
 from ..levels import Level, check
 from ..scenarios.scenario import Scenario
 from .validation import reset_mask
@@ -39,6 +40,8 @@ def change_numbers(
     """
     where = reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count)
     full = {"_".join(scenario.find_number(name)): value for name, value in asked.items()}
+    if len(full) < len(asked):
+        raise NumberError(f"{', '.join(asked)}: one number is given twice, by two of its names")
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
     others = {name: value for name, value in full.items() if name not in varied}
     if others:
@@ -50,12 +53,15 @@ def change_numbers(
         check_unrecorded()
     with _restored(worlds):
         worlds.give_numbers(varied, where)
-        worlds.set_numbers(**others)
+        if others:
+            worlds.set_numbers(**others)
 
 
 def current_levels(worlds: Worlds) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
     clock, numbers = worlds[Clock], worlds.numbers()
+    if not clock.episode.all():
+        raise NotResetError("levels() before reset(): they are those of the episodes that worlds are in")
     return [
         Level(
             {
@@ -71,6 +77,8 @@ def current_levels(worlds: Worlds) -> list[Level]:
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
+    if isinstance(levels, Level) or not all(isinstance(level, Level) for level in levels):
+        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed")
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     if not worlds.layout.keyed:
@@ -79,6 +87,10 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     for level in levels:
         check(level, varied)
     with _restored(worlds):
+        waiting = worlds[Given].words[rows]  # of levels that were set before, and not played
+        waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
+        waiting[:, -KEY:] = 0
+        worlds[Given].words[rows] = waiting
         for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
             worlds.give_numbers(level.numbers, row, once=True)
             if level.key is not None:

@@ -1,0 +1,41 @@
+"""What is made once, when worlds are: a number that decides on it can neither change, vary, nor differ by role later.
+
+Kernels read numbers whenever they run. Tables, the schedule and the memory of systems stay as they are.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+
+def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[str]:
+    """Why worlds of one layout cannot go on with a mechanic of another one.
+
+    Args:
+        layout: An ecs.layout.Layout.
+        there: One that differs from it in a number of the mechanic `k` only.
+        k: Its index among the modules of both.
+        systems: Whether it must have the same systems.
+    """
+    one, other = layout.modules[k], there.modules[k]
+    if sized := [dim for dim, size in layout.dims.items() if there.dims.get(dim) != size]:
+        yield f"it decides how large tables are ({', '.join(map(repr, sized))})"
+    if there.places != layout.places:
+        yield "it decides which components there are"
+    own = {system.label: system for system in (*one.systems(), *other.systems())}
+    if systems and [*one.systems()] != [*other.systems()]:
+        yield "it decides which systems run"
+    scratch = {p.name for system in own.values() for p in system.parameters if p.kind == "scratch"}
+    if any(_shape(one.scratch(name, layout.dims)) != _shape(other.scratch(name, layout.dims)) for name in scratch):
+        yield "it decides how much memory systems have"
+
+
+def is_read(layout: Any, k: int, number: str) -> bool:
+    """Whether a system of the mechanic `k` gets the number."""
+    systems = [system for system in layout.systems() if system.module == layout.modules[k].name]
+    return any(p.kind in ("number", "numbers") and p.name == number for s in systems for p in s.parameters)
+
+
+def _shape(memory: Any) -> Any:
+    return (memory.dtype, memory.shape) if isinstance(memory, np.ndarray) else type(memory)
