@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from outlast.ecs import Distribution, Module, Roles
-from outlast.ecs.distributions import CHOICE, INTEGERS, LOG_UNIFORM
+from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 
 LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
@@ -64,8 +64,8 @@ def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> li
 
 def _drawn_from(drawn: Distribution) -> str:
     """A distribution in a name, another text for each: "2..6", "0.5..2.0", "log_0.1..10.0", "1_or_3"."""
-    if drawn.kind == CHOICE:
-        return "_or_".join(map(shown, drawn.values))
+    if drawn.kind in (CHOICE, FREE):
+        return "free_" * (drawn.kind == FREE) + "_or_".join(map(shown, drawn.values))
     low, high = (str(value) if drawn.kind == INTEGERS else repr(float(value)) for value in drawn.values)
     return f"{'log_' * (drawn.kind == LOG_UNIFORM)}{low}..{high}"
 
