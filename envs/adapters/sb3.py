@@ -128,7 +128,7 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         self._actions = None
         observations, info = self._agents.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self.reset_infos = _by_agent(_shown(info))
+        self.reset_infos = _infos(info)
         return observations
 
     def step_async(self, actions: Array) -> None:
@@ -146,16 +146,18 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None
         observations, rewards, terminated, truncated, info = self._agents.step(actions)
-        done, shown = terminated | truncated, _shown(info)
-        infos = _by_agent(shown | {"TimeLimit.truncated": done & truncated})
-        if done.any():
-            begun, last = _by_agent(shown), _by_agent(_shown(info["final_info"]))
-            own = _by_agent(info["statistics"])
+        infos = begun = _infos(info)
+        if (done := terminated | truncated).any():
+            last = _infos(info["final_info"])
+            infos = [ended if over else goes_on for ended, goes_on, over in zip(last, begun, done, strict=True)]
+            own = {key: values.tolist() for key, values in info["statistics"].items()}
             for i in np.flatnonzero(done).tolist():
-                infos[i] |= {**last[i], "terminal_observation": info["final_obs"][i]}
+                infos[i]["terminal_observation"] = info["final_obs"][i]
                 if info["_statistics"][i]:
-                    infos[i]["statistics"] = own[i]
+                    infos[i]["statistics"] = {key: values[i] for key, values in own.items()}
                 self.reset_infos[i] = begun[i]
+        for each, cut in zip(infos, truncated.tolist(), strict=True):
+            each["TimeLimit.truncated"] = cut
         return observations, rewards, done, infos
 
     def close(self) -> None:
@@ -213,12 +215,9 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]
 
 
-def _shown(info: dict[str, Any]) -> Arrays:
-    """What infos have in every step: 1 or 0 for each sub-environment."""
-    return {key: info[key].astype(int) for key in ("alive", "present") if key in info}
-
-
-def _by_agent(arrays: Arrays) -> list[dict[str, Any]]:
-    """Arrays (num_envs,) by key as a dict of Python's numbers for each sub-environment."""
-    columns = [values.tolist() for values in arrays.values()]
-    return [dict(zip(arrays, row, strict=True)) for row in zip(*columns, strict=True)]
+def _infos(info: dict[str, Any]) -> list[dict[str, Any]]:
+    """What infos have in every step: 1 or 0, for each sub-environment a new dict."""
+    columns = [info[key].astype(int).tolist() for key in ("alive", "present") if key in info]
+    if len(columns) == 1:
+        return [{"alive": alive} for alive in columns[0]]
+    return [{"alive": alive, "present": present} for alive, present in zip(*columns, strict=True)]

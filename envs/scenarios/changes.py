@@ -49,7 +49,8 @@ def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> li
         changed: See `changes`.
         short: For a name, "n_agents=2..6"; otherwise as it is typed, "n_agents=integers(2, 6)".
     """
-    found = [*changed]
+    drawn_anew = {_short(name) for name, _ in made.varied}  # what they would be otherwise is of no effect
+    found = [each for each in changed if each.partition("=")[0] not in drawn_anew]
     for name, drawn in made.varied:
         if (name, drawn) not in origin.varied:
             found.append(f"{_short(name)}={_drawn_from(drawn) if short else drawn}")

@@ -42,6 +42,7 @@ DUEL = variant("ffa_3")
             DUEL.vary(motors_ahead=uniform(0.1, 1)).observe_numbers(),
             "ffa_3-motors_ahead=0.1..1.0-observed_motors_ahead",
         ),
+        (DUEL.replace(n_agents=6).vary(n_agents=integers(2, 6)), "ffa_3-n_agents=2..6"),
         (DUEL.vary(motors_ahead=log_uniform(0.1, 1)), "ffa_3-motors_ahead=log_0.1..1.0"),
         (DUEL.vary(melee_blocked=choice(True, False)), "ffa_3-melee_blocked=True_or_False"),
         (DUEL.roles(a=role(1, melee_damage=integers(1, 2)), b=role(1)), "ffa_3-roles_1_a_and_1_b_a_melee_damage=1..2"),

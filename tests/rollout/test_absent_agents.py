@@ -11,11 +11,12 @@ import pytest
 import outlast
 from outlast import integers
 from outlast.components import Score
-from outlast.envs.core.agents import counted, present
+from outlast.envs.core.agents import counted, fewest_sides, present, side
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rollout.summary import Summary
+from outlast.systems import Teams
 from outlast.training.metrics import BehaviourMetrics, EpisodeMetrics, means
 from tests.conftest import draw_actions, scaled
 from tests.helpers.execution_modes import short
@@ -248,3 +249,29 @@ def test_minari_has_an_episode_for_each_agent_that_was_there(recorded: Path, tmp
     assert dataset.total_steps == steps
     there = [each["count"] for each in first_of_each()]
     assert [sorted(counts[w, 1]) for w in range(WORLDS)] == [list(range(count)) for count in there]
+
+
+# ---- sides
+
+
+@pytest.mark.parametrize(
+    ("scenario", "expected"),
+    [
+        (short("ffa_3"), 2),
+        (ALONE, 1),
+        (PAIRS, 2),
+        (PAIRS.with_(Teams(sizes=(1, 3))), 2),
+        (PAIRS.with_(Teams(sizes=(2, 2))), 1),
+        (PAIRS.with_(Teams(sizes=(2, 2))).vary(n_agents=integers(3, 4)), 2),
+        (short("teams_3").replace(n_agents=6, teams_count=3).vary(n_agents=integers(3, 6)), 3),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_sides_that_every_episode_has(scenario: Any, expected: int) -> None:
+    """Of unequal teams, the last ones may have nobody."""
+    env = outlast.make_vec(scenario, WORLDS, seed=3)
+    env.reset()
+    assert fewest_sides(env.worlds) == expected
+    found = [len({*each.tolist()} - {-1}) for each in side(env.worlds)]
+    assert min(found) == expected
+    env.close()
