@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import NO_LEVELS, Given
+from outlast.ecs.varied import NO_LEVELS, Given, has_one_each
 
 from ..levels import Level, check
 from ..scenarios.scenario import Scenario
-from .validation import reset_mask
+from .validation import world_mask
 
 Array = np.ndarray[Any, Any]
 
@@ -37,8 +37,10 @@ def change_numbers(
         mask: The worlds, for those that vary; None: all.
         check_unrecorded: Raises RecordingError while a recording goes on.
     """
-    where = reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count)
-    full = {"_".join(scenario.find_number(name)): value for name, value in asked.items()}
+    where = world_mask("mask", mask, worlds.count)
+    full = {"_".join(scenario.find_number(str(name))): value for name, value in asked.items()}
+    if len(full) < len(asked):
+        raise NumberError(f"{', '.join(asked)}: two of these are names of one number; give it once")
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
     others = {name: value for name, value in full.items() if name not in varied}
     if others:
@@ -70,7 +72,9 @@ def current_levels(worlds: Worlds) -> list[Level]:
 
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
-    rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
+    rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
+    if isinstance(levels, str) or not isinstance(levels, Sequence) or not all(isinstance(each, Level) for each in levels):
+        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed, as in [level]")
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     if not worlds.layout.keyed:
@@ -99,7 +103,7 @@ def _restored(worlds: Worlds) -> Iterator[None]:
 
 def _chosen(name: str, value: Any, where: Array) -> Any:
     """Of a value for each world, those of some worlds; one value, or None, as it is."""
-    if value is None or isinstance(value, tuple) or np.ndim(value) == 0:
+    if not has_one_each(value):
         return value
     if len(value) != len(where):
         raise NumberError(f"{name}: {len(value)} values; give one, or one for each of the {len(where)} worlds")
