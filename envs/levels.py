@@ -51,7 +51,11 @@ class Level:
         if self.key is None:
             return
         key: Any = self.key
-        if not isinstance(key, Sequence) or len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
+        if (
+            not isinstance(key, Sequence)
+            or len(key) != 3
+            or not all(type(each) is int and 0 <= each < MOST for each in key)
+        ):
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0 to 2**64 - 1")
 
     def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":

@@ -73,7 +73,7 @@ def current_levels(worlds: Worlds) -> list[Level]:
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
-    if isinstance(levels, str) or not isinstance(levels, Sequence) or not all(isinstance(each, Level) for each in levels):
+    if not _are_levels(levels):
         raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed, as in [level]")
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
@@ -87,6 +87,11 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
             worlds.give_numbers(level.numbers, row, once=True)
             if level.key is not None:
                 worlds.give_keys([level.key], row)
+
+
+def _are_levels(given: Any) -> bool:
+    """Whether it is a list of levels."""
+    return isinstance(given, Sequence) and all(isinstance(each, Level) for each in given)
 
 
 @contextlib.contextmanager

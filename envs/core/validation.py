@@ -71,11 +71,11 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
     return world_mask("reset_mask", (options or {}).get("reset_mask"), count)
 
 
-def world_mask(name: str, mask: Any, count: int) -> Array:
+def world_mask(name: str, given: Any, count: int) -> Array:
     """A mask of worlds, bool (count,); all if it is None. ValueError, which names it, for anything else."""
-    if mask is None:
+    if given is None:
         return np.ones(count, bool)
-    mask = as_array(mask)
+    mask: Array = as_array(given)
     if mask.dtype != bool or mask.shape != (count,) or not mask.any():
         raise ValueError(
             f"{name} must be bool, of shape ({count},), with at least one True; "

@@ -66,24 +66,84 @@ def stay_equal(pair: tuple[Env, Env], reset: bool = True) -> None:
 
 GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
     "two dimensions": (lambda env: env.set_numbers(motors_ahead=np.full((3, 1), 0.2)), NumberError, "= (0.2,): it var"),
-    "another length": (lambda env: env.set_numbers(motors_ahead=[0.2] * 4), NumberError, "4 values; give one, or one f"),
-    "nothing": (lambda env: env.set_numbers(motors_ahead=[]), NumberError, "0 values; give one, or one for each of the 3"),
-    "ragged": (lambda env: env.set_numbers(motors_ahead=[0.2, [0.2], 1]), NumberError, "motors_ahead = (0.2,): it varies"),
-    "NaN": (lambda env: env.set_numbers(motors_ahead=[0.2, NAN, 0.2]), NumberError, "motors_ahead = nan: it varies as log"),
-    "a word": (lambda env: env.set_numbers(motors_ahead="much"), NumberError, "motors_ahead = 'much': it varies as log_un"),
+    "another length": (
+        lambda env: env.set_numbers(motors_ahead=[0.2] * 4),
+        NumberError,
+        "4 values; give one, or one f",
+    ),
+    "nothing": (
+        lambda env: env.set_numbers(motors_ahead=[]),
+        NumberError,
+        "0 values; give one, or one for each of the 3",
+    ),
+    "ragged": (
+        lambda env: env.set_numbers(motors_ahead=[0.2, [0.2], 1]),
+        NumberError,
+        "motors_ahead = (0.2,): it varies",
+    ),
+    "NaN": (
+        lambda env: env.set_numbers(motors_ahead=[0.2, NAN, 0.2]),
+        NumberError,
+        "motors_ahead = nan: it varies as log",
+    ),
+    "a word": (
+        lambda env: env.set_numbers(motors_ahead="much"),
+        NumberError,
+        "motors_ahead = 'much': it varies as log_un",
+    ),
     "none of them": (lambda env: env.set_numbers(motors_ahead=[0.2, None, 0.2]), NumberError, "motors_ahead = None"),
-    "an object": (lambda env: env.set_numbers(motors_ahead={"a": 1}), NumberError, "motors_ahead = {'a': 1}: it varies"),
-    "half an agent": (lambda env: env.set_numbers(n_agents=2.5), NumberError, "agents_count = 2.5: it varies as integers"),
-    "another word": (lambda env: env.set_numbers(cameras_cone="round"), NumberError, "'round': it varies as choice('sect"),
-    "a number of roles": (lambda env: env.set_numbers(melee_damage=3), NumberError, "roles differ in it; make new worlds"),
-    "two names": (lambda env: env.set_numbers(n_agents=2, agents_count=3), NumberError, "two of these are names of one"),
+    "an object": (
+        lambda env: env.set_numbers(motors_ahead={"a": 1}),
+        NumberError,
+        "motors_ahead = {'a': 1}: it varies",
+    ),
+    "half an agent": (
+        lambda env: env.set_numbers(n_agents=2.5),
+        NumberError,
+        "agents_count = 2.5: it varies as integers",
+    ),
+    "another word": (
+        lambda env: env.set_numbers(cameras_cone="round"),
+        NumberError,
+        "'round': it varies as choice('sect",
+    ),
+    "a number of roles": (
+        lambda env: env.set_numbers(melee_damage=3),
+        NumberError,
+        "roles differ in it; make new worlds",
+    ),
+    "two names": (
+        lambda env: env.set_numbers(n_agents=2, agents_count=3),
+        NumberError,
+        "two of these are names of one",
+    ),
     "a number as name": (lambda env: env.set_numbers({1: 2}), NumberError, "has no number '1'"),  # type: ignore[dict-item]
-    "a short mask": (lambda env: env.set_numbers(n_agents=2, mask=[True]), ValueError, "mask must be bool, of shape (3,)"),
+    "a short mask": (
+        lambda env: env.set_numbers(n_agents=2, mask=[True]),
+        ValueError,
+        "mask must be bool, of shape (3,)",
+    ),
     "a mask of numbers": (lambda env: env.set_numbers(n_agents=2, mask=[0, 1, 2]), ValueError, "mask must be bool"),
-    "one of two": (lambda env: env.set_numbers(n_agents=2, motors_ahead=9), NumberError, "motors_ahead = 9: it varies as"),
-    "a short layout": (lambda env: env.set_numbers(walls_layout=(0.0,) * 6), NumberError, "18 finite numbers are needed"),
-    "a layout of NaN": (lambda env: env.set_numbers(walls_layout=(NAN,) * 18), NumberError, "18 finite numbers are need"),
-    "a nested layout": (lambda env: env.set_numbers(walls_layout=((1.0,), *[0.0] * 17)), NumberError, "18 finite numbers"),
+    "one of two": (
+        lambda env: env.set_numbers(n_agents=2, motors_ahead=9),
+        NumberError,
+        "motors_ahead = 9: it varies as",
+    ),
+    "a short layout": (
+        lambda env: env.set_numbers(walls_layout=(0.0,) * 6),
+        NumberError,
+        "18 finite numbers are needed",
+    ),
+    "a layout of NaN": (
+        lambda env: env.set_numbers(walls_layout=(NAN,) * 18),
+        NumberError,
+        "18 finite numbers are need",
+    ),
+    "a nested layout": (
+        lambda env: env.set_numbers(walls_layout=((1.0,), *[0.0] * 17)),
+        NumberError,
+        "18 finite numbers",
+    ),
     "a layout outside": (
         lambda env: env.set_numbers(walls_layout=FloorPlan(walls=[(12, 0, 4, 1)]).layout(3)),
         NumberError,
@@ -101,7 +161,11 @@ GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
         NumberError,
         "overlaps that of side 0 at (0, 0); move them apart",
     ),
-    "a plan": (lambda env: env.set_numbers(walls_layout=PLANS[0]), NumberError, "FloorPlan(1 walls, 0 start areas): it va"),
+    "a plan": (
+        lambda env: env.set_numbers(walls_layout=PLANS[0]),
+        NumberError,
+        "FloorPlan(1 walls, 0 start areas): it va",
+    ),
     "no levels": (lambda env: env.set_levels([]), NumberError, "0 levels for 3 worlds: one, or as many, are needed"),
     "two levels": (lambda env: env.set_levels([Level()] * 2), NumberError, "2 levels for 3 worlds"),
     "a level by itself": (lambda env: env.set_levels(Level()), NumberError, "a list of outlast.Level is needed"),  # type: ignore[arg-type]
@@ -155,11 +219,17 @@ def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env
 MADE: dict[str, tuple[Callable[[], Any], str]] = {
     "a range below": (lambda: GAME.vary(melee_reach=uniform(-1, 2)), "melee.reach = -1: must be > 0"),
     "a range above": (lambda: GAME.vary(room_thickness=uniform(0.1, 0.9)), "room.thickness = 0.9: must be"),
-    "a range of a role": (lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()), "role a: melee.reach = -1"),
+    "a range of a role": (
+        lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()),
+        "role a: melee.reach = -1",
+    ),
     "NaN as an end": (lambda: uniform(NAN, 1), "two finite numbers are needed"),
     "NaN as a choice": (lambda: GAME.vary(melee_reach=choice(1.0, NAN)), "melee.reach = nan: a finite number"),
     "NaN of a role": (lambda: GAME.roles(a=role(1, melee_reach=NAN), b=role()), "role a: melee.reach = nan"),
-    "a role's unknown number": (lambda: GAME.roles(a=role(1, melee_rage=1), b=role()), "no number 'melee_rage'; did you"),
+    "a role's unknown number": (
+        lambda: GAME.roles(a=role(1, melee_rage=1), b=role()),
+        "no number 'melee_rage'; did you",
+    ),
     "a role that is none": (lambda: GAME.roles(a="hunter"), "a = 'hunter': a role is needed"),  # type: ignore[arg-type]
     "layouts of two lengths": (
         lambda: GAME.vary(walls_layout=choice(PLANS[0].layout(2), PLANS[1].layout(3))),
