@@ -35,9 +35,8 @@ class Distribution:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
             return any(_same(given, each) for each in self.values)
         if self.kind == FREE:
-            return (
-                not isinstance(value, str) and np.shape(value) == np.shape(self.values[0]) and all(map(_is_real, value))
-            )
+            listed = isinstance(value, (tuple, list, np.ndarray)) and len(value) == len(self.values[0])
+            return listed and all(map(_is_real, value))
         real = _is_real(value)
         whole = self.kind != INTEGERS or (real and float(value).is_integer())
         return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))

@@ -7,7 +7,7 @@ state at each reset.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
@@ -182,10 +182,13 @@ def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> A
             does not take.
     """
     module = layout.modules[number.module]
-    listed = list(values) if np.ndim(values) and not isinstance(values, tuple) else [values] * count
+    listed = list(values) if has_one_each(values) else [values] * count
     if len(listed) != count:
         raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
     keys, found = [_plain(value) for value in listed], dict[Any, Array]()
+    for value in keys:
+        if not isinstance(value, Hashable):
+            number.distribution.check(number.name, value)
     for value in dict.fromkeys(keys):
         number.distribution.check(number.name, value)
         if number.distribution.kind == FREE:
@@ -247,10 +250,15 @@ def wrongly_given(layout: Any, words: Array) -> str:
     return ""
 
 
+def has_one_each(values: Any) -> bool:
+    """Whether they are one for each of some worlds, and not one value, which a tuple is."""
+    return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
+
+
 def _plain(value: Any) -> Any:
     """A value as Python has it; what stands for a tuple is one, of floats."""
-    if np.ndim(value):
-        return tuple(map(float, value))
+    if isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim):
+        return tuple(each.item() if isinstance(each, np.generic) else each for each in value)
     return value.item() if isinstance(value, np.generic) else value
 
 

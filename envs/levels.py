@@ -46,11 +46,17 @@ class Level:
     key: tuple[int, int, int] | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.numbers, Mapping):
+            raise NumberError(f"numbers = {self.numbers!r:.60}: values by name are needed, as a dict")
         object.__setattr__(self, "numbers", _numbers(self.numbers))
         if self.key is None:
             return
-        key: Sequence[Any] = self.key
-        if len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
+        key: Any = self.key
+        if (
+            not isinstance(key, Sequence)
+            or len(key) != 3
+            or not all(type(each) is int and 0 <= each < MOST for each in key)
+        ):
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0 to 2**64 - 1")
 
     def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":
@@ -77,14 +83,20 @@ def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Leve
         path: The file, which is replaced.
         scenario: What they are levels of; the file says what it varies.
         levels: The levels.
+
+    Raises:
+        NumberError: A level that `load` would refuse; nothing is written.
     """
+    levels = list(levels)
+    for level in levels:
+        check(level, dict(scenario.varied))
     content = {
         "version": VERSION,
         "varied": {name: repr(distribution) for name, distribution in scenario.varied},
         "levels": [{"numbers": dict(each.numbers), "key": each.key} for each in levels],
     }
     with atomic_write(Path(path)) as place:
-        place.write_text(json.dumps(content, indent=1) + "\n")
+        place.write_text(json.dumps(content, indent=1, default=lambda value: value.tolist()) + "\n")
 
 
 def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:

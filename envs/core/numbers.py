@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given
+from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given, has_one_each
 
 from ..errors import NotResetError
 from ..levels import Level, check
 from ..scenarios.scenario import Scenario
-from .validation import reset_mask
+from .validation import world_mask
 
 Array = np.ndarray[Any, Any]
 
@@ -38,10 +38,10 @@ def change_numbers(
         mask: The worlds, for those that vary; None: all.
         check_unrecorded: Raises RecordingError while a recording goes on.
     """
-    where = reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count)
-    full = {"_".join(scenario.find_number(name)): value for name, value in asked.items()}
+    where = world_mask("mask", mask, worlds.count)
+    full = {"_".join(scenario.find_number(str(name))): value for name, value in asked.items()}
     if len(full) < len(asked):
-        raise NumberError(f"{', '.join(asked)}: one number is given twice, by two of its names")
+        raise NumberError(f"{', '.join(asked)}: two of these are names of one number; give it once")
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
     others = {name: value for name, value in full.items() if name not in varied}
     if others:
@@ -76,9 +76,9 @@ def current_levels(worlds: Worlds) -> list[Level]:
 
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
-    rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
-    if isinstance(levels, Level) or not all(isinstance(level, Level) for level in levels):
-        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed")
+    rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
+    if not _are_levels(levels):
+        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed, as in [level]")
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     if not worlds.layout.keyed:
@@ -97,6 +97,11 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
                 worlds.give_keys([level.key], row)
 
 
+def _are_levels(given: Any) -> bool:
+    """Whether it is a list of levels."""
+    return isinstance(given, Sequence) and all(isinstance(each, Level) for each in given)
+
+
 @contextlib.contextmanager
 def _restored(worlds: Worlds) -> Iterator[None]:
     """What was given before is given again if an exception comes."""
@@ -111,7 +116,7 @@ def _restored(worlds: Worlds) -> Iterator[None]:
 
 def _chosen(name: str, value: Any, where: Array) -> Any:
     """Of a value for each world, those of some worlds; one value, or None, as it is."""
-    if value is None or isinstance(value, tuple) or np.ndim(value) == 0:
+    if not has_one_each(value):
         return value
     if len(value) != len(where):
         raise NumberError(f"{name}: {len(value)} values; give one, or one for each of the {len(where)} worlds")

@@ -68,13 +68,17 @@ def reset_mask(options: dict[str, Any] | None, count: int) -> Array:
     """
     if set(options or ()) - {"reset_mask"}:
         raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
-    mask = (options or {}).get("reset_mask")
-    if mask is None:
+    return world_mask("reset_mask", (options or {}).get("reset_mask"), count)
+
+
+def world_mask(name: str, given: Any, count: int) -> Array:
+    """A mask of worlds, bool (count,); all if it is None. ValueError, which names it, for anything else."""
+    if given is None:
         return np.ones(count, bool)
-    mask = as_array(mask)
+    mask: Array = as_array(given)
     if mask.dtype != bool or mask.shape != (count,) or not mask.any():
         raise ValueError(
-            f"reset_mask must be bool, of shape ({count},), with at least one True; "
+            f"{name} must be bool, of shape ({count},), with at least one True; "
             f"got {mask.dtype} of shape {mask.shape} with {int(np.count_nonzero(mask))} true"
         )
     return mask

@@ -46,7 +46,7 @@ def parts_of(
         ScenarioError: No width, no room, or points would lie farther apart than the disc's radius.
     """
     step = max(width / CELLS, max(room) / MOST)
-    if not (0 < width and min(room) > 0 and step <= width / 2):
+    if not (width > 0 and min(room) > 0 and step <= width / 2):
         raise ScenarioError(
             f"parts: a disc of {width:g} m in a room of {room[0]:g} x {room[1]:g} m; a diameter from a "
             f"{MOST // 2}th of the room's longer side on is needed"
@@ -65,7 +65,7 @@ def parts_of(
     return sorted(found, key=lambda part: -part.area)
 
 
-def in_words(parts: Sequence[Part], owners: Sequence[int | str], width: float) -> str:
+def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float) -> str:
     """That a floor has several parts, where they are and who starts there; "" if there is one, or none.
 
     Args:

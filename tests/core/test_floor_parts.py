@@ -71,7 +71,10 @@ def test_a_door_counts_if_the_disc_gets_through(angle: float, door: float, parts
     """Wherever it is, and whichever way its wall stands; between the two it is not said."""
     turn = complex(math.cos(angle), math.sin(angle))
     for middle in np.linspace(-0.3, 0.3, 7):
-        ends = ((middle + door / 2 + 20) / 2, 20 - middle - door / 2), ((middle - door / 2 - 20) / 2, middle - door / 2 + 20)
+        ends = (
+            ((middle + door / 2 + 20) / 2, 20 - middle - door / 2),
+            ((middle - door / 2 - 20) / 2, middle - door / 2 + 20),
+        )
         walls = [((turn * 1j * y).real, (turn * 1j * y).imag, 0.4, length, angle) for y, length in ends]
         assert len(FloorPlan(walls=walls).parts(1.0, room=(20.0, 20.0))) == parts
 

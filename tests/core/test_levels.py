@@ -54,7 +54,10 @@ PLANS = [
 GAMES: dict[str, Scenario] = {
     "numbers": TEAMS.replace(ending_limit=20).vary(ending_limit=integers(12, 24)),
     "mazes": MIXED.with_(systems.Maze(blocks=40)).vary(
-        maze_columns=integers(2, 6), maze_rows=integers(2, 6), maze_loops=uniform(0, 1), maze_thickness=uniform(0.2, 0.5)
+        maze_columns=integers(2, 6),
+        maze_rows=integers(2, 6),
+        maze_loops=uniform(0, 1),
+        maze_thickness=uniform(0.2, 0.5),
     ),
     "rooms": MIXED.with_(systems.Rooms(blocks=24)).vary(
         rooms_columns=integers(1, 3), rooms_rows=integers(1, 3), rooms_doors=uniform(0, 1), rooms_door=uniform(1.2, 2)

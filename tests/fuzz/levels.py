@@ -95,7 +95,9 @@ class Levels(_Files):
             return
         for mine, given in zip(self.env.levels(), found if len(found) > 1 else found * 3, strict=False):
             assert given.key in (None, mine.key)
-            assert all(name not in given.numbers or value in dict(GAME.varied)[name] for name, value in mine.numbers.items())
+            assert all(
+                name not in given.numbers or value in dict(GAME.varied)[name] for name, value in mine.numbers.items()
+            )
         self.env.step(np.broadcast_to(self.env.noop, (3, self.env.num_agents, len(self.env.noop))))
 
 

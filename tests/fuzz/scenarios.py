@@ -95,7 +95,9 @@ def _differing(rng: Random, scenario: Scenario) -> Scenario:
             for item in dataclasses.fields(module)
             if item.metadata.get("per_agent")
         ]
-        own = {name: _drawn(rng, scenario.numbers()[name]) for name in rng.sample(able, min(len(able), rng.randrange(4)))}
+        own = {
+            name: _drawn(rng, scenario.numbers()[name]) for name in rng.sample(able, min(len(able), rng.randrange(4)))
+        }
         roles = {"one": outlast.role(1, **own), "others": outlast.role()}
         scenario = scenario.roles(**roles, drawn=rng.choice(("never", "anyone", "side")))
     return scenario

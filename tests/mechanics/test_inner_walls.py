@@ -9,7 +9,7 @@ import pytest
 
 import outlast
 from outlast import Scenario, systems, variant
-from outlast.components import Body, Shape, Side, Solid, Spawned, Strike, Wall
+from outlast.components import Body, Side, Solid, Spawned, Strike, Wall
 from outlast.ecs import Entity, Worlds
 from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, obstacles, overlap, signed_distance

@@ -54,7 +54,7 @@ def test_bodies_stay_apart_for_a_million_world_steps(kind: str) -> None:
 
 @kinds
 def test_it_does_not_matter_where_the_absent_are(kind: str) -> None:
-    """Bit for bit: they are moved about, heavy with speed and hit points, in one of two games that are else the same."""
+    """Bit for bit: they are moved about, with speeds and hit points, in one of two games that are else the same."""
     game = scenario(kind, np.random.default_rng(7))
     plain, moved = (outlast.make_vec(game, scaled(64, least=2), seed=7) for _ in range(2))
     rng, scribbled = np.random.default_rng(8), 0

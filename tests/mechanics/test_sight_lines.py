@@ -50,7 +50,9 @@ class Box2DWorld:
             form = Box2D.b2CircleShape(radius=block.radius) if block.radius else Box2D.b2PolygonShape(box=half)
             fixture, place = Box2D.b2FixtureDef(shape=form), (block.x, block.y)
             self.blocks[e] = block
-            self.bodies[e] = self.world.CreateStaticBody(position=place, angle=block.angle, fixtures=fixture, userData=e)
+            self.bodies[e] = self.world.CreateStaticBody(
+                position=place, angle=block.angle, fixtures=fixture, userData=e
+            )
 
     def sees(self, me: int, e: int) -> bool:
         """Whether the ray from centre to centre hits `e` first."""

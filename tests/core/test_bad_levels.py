@@ -1,0 +1,304 @@
+"""What levels cannot be: each error names it, says what was expected, and leaves worlds and files as they were."""
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import FloorPlan, Level, ScenarioError, choice, integers, levels, log_uniform, role, uniform
+from outlast.ecs import NumberError
+from outlast.ecs.roles import plain
+from outlast.ecs.varied import Given
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.scenarios.roles_file import with_roles
+from tests.conftest import digest, draw_actions
+
+Env = SurvivalVectorEnv
+PLANS = [FloorPlan(walls=[(3.0 * k, 1, 0.5, 6, 0.1 * k)]) for k in range(3)]
+ROLES = {"hunter": role(1, melee_damage=20), "prey": role(agents_health=integers(40, 60))}
+GAME = (
+    outlast.variant("teams_3")
+    .with_(PLANS[0].mechanic(3))
+    .vary(
+        n_agents=integers(2, 4),
+        motors_ahead=log_uniform(0.1, 0.5),
+        cameras_cone=choice("sector", "kite"),
+        melee_blocked=choice(True, False),
+        walls_layout=outlast.free(PLANS[0].layout(3)),
+    )
+    .roles(**ROLES, drawn="anyone")
+)
+NAN = math.nan
+
+
+@pytest.fixture(scope="module")
+def pair() -> Iterator[tuple[Env, Env]]:
+    """Two equal environments: one gets the bad input, the other does not."""
+    yield (one := outlast.make_vec(GAME, 3, seed=0)), (other := outlast.make_vec(GAME, 3, seed=0))
+    one.close(), other.close()
+
+
+def begin(pair: tuple[Env, Env]) -> None:
+    """Bring both into the middle of an episode."""
+    rng = np.random.default_rng(1)
+    for env in pair:
+        env.set_numbers(dict.fromkeys((name for name, _ in GAME.varied), None))
+        env.reset(seed=4)
+    for actions in (draw_actions(pair[0], rng) for _ in range(3)):
+        for env in pair:
+            env.step(actions)
+
+
+def stay_equal(pair: tuple[Env, Env], reset: bool = True) -> None:
+    """In the next steps, and in the next episode."""
+    rng = np.random.default_rng(2)
+    for tick in range(4):
+        actions = draw_actions(pair[0], rng)
+        for env in pair:
+            env.step(actions) if tick != 2 or not reset else env.reset()
+        assert digest(pair[0].worlds) == digest(pair[1].worlds)
+
+
+GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
+    "two dimensions": (lambda env: env.set_numbers(motors_ahead=np.full((3, 1), 0.2)), NumberError, "= (0.2,): it var"),
+    "another length": (
+        lambda env: env.set_numbers(motors_ahead=[0.2] * 4),
+        NumberError,
+        "4 values; give one, or one f",
+    ),
+    "nothing": (
+        lambda env: env.set_numbers(motors_ahead=[]),
+        NumberError,
+        "0 values; give one, or one for each of the 3",
+    ),
+    "ragged": (
+        lambda env: env.set_numbers(motors_ahead=[0.2, [0.2], 1]),
+        NumberError,
+        "motors_ahead = (0.2,): it varies",
+    ),
+    "NaN": (
+        lambda env: env.set_numbers(motors_ahead=[0.2, NAN, 0.2]),
+        NumberError,
+        "motors_ahead = nan: it varies as log",
+    ),
+    "a word": (
+        lambda env: env.set_numbers(motors_ahead="much"),
+        NumberError,
+        "motors_ahead = 'much': it varies as log_un",
+    ),
+    "none of them": (lambda env: env.set_numbers(motors_ahead=[0.2, None, 0.2]), NumberError, "motors_ahead = None"),
+    "an object": (
+        lambda env: env.set_numbers(motors_ahead={"a": 1}),
+        NumberError,
+        "motors_ahead = {'a': 1}: it varies",
+    ),
+    "half an agent": (
+        lambda env: env.set_numbers(n_agents=2.5),
+        NumberError,
+        "agents_count = 2.5: it varies as integers",
+    ),
+    "another word": (
+        lambda env: env.set_numbers(cameras_cone="round"),
+        NumberError,
+        "'round': it varies as choice('sect",
+    ),
+    "a number of roles": (
+        lambda env: env.set_numbers(melee_damage=3),
+        NumberError,
+        "roles differ in it; make new worlds",
+    ),
+    "two names": (
+        lambda env: env.set_numbers(n_agents=2, agents_count=3),
+        NumberError,
+        "two of these are names of one",
+    ),
+    "a number as name": (lambda env: env.set_numbers({1: 2}), NumberError, "has no number '1'"),  # type: ignore[dict-item]
+    "a short mask": (
+        lambda env: env.set_numbers(n_agents=2, mask=[True]),
+        ValueError,
+        "mask must be bool, of shape (3,)",
+    ),
+    "a mask of numbers": (lambda env: env.set_numbers(n_agents=2, mask=[0, 1, 2]), ValueError, "mask must be bool"),
+    "one of two": (
+        lambda env: env.set_numbers(n_agents=2, motors_ahead=9),
+        NumberError,
+        "motors_ahead = 9: it varies as",
+    ),
+    "a short layout": (
+        lambda env: env.set_numbers(walls_layout=(0.0,) * 6),
+        NumberError,
+        "18 finite numbers are needed",
+    ),
+    "a layout of NaN": (
+        lambda env: env.set_numbers(walls_layout=(NAN,) * 18),
+        NumberError,
+        "18 finite numbers are need",
+    ),
+    "a nested layout": (
+        lambda env: env.set_numbers(walls_layout=((1.0,), *[0.0] * 17)),
+        NumberError,
+        "18 finite numbers",
+    ),
+    "a layout outside": (
+        lambda env: env.set_numbers(walls_layout=FloorPlan(walls=[(12, 0, 4, 1)]).layout(3)),
+        NumberError,
+        "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
+    ),
+    "a layout without floor": (
+        lambda env: env.set_levels([Level({"walls_layout": FloorPlan(walls=[(0, 0, 24.9, 24.9)]).layout(3)})]),
+        NumberError,
+        "walls.layout leaves 0 square metres where agents can be",
+    ),
+    "starts that overlap": (
+        lambda env: env.set_levels(
+            [Level({"walls_layout": FloorPlan(starts=[(0, 0, 0, 4, 4), (1, 1, 1, 4, 4)]).layout(3)})]
+        ),
+        NumberError,
+        "overlaps that of side 0 at (0, 0); move them apart",
+    ),
+    "a plan": (
+        lambda env: env.set_numbers(walls_layout=PLANS[0]),
+        NumberError,
+        "FloorPlan(1 walls, 0 start areas): it va",
+    ),
+    "no levels": (lambda env: env.set_levels([]), NumberError, "0 levels for 3 worlds: one, or as many, are needed"),
+    "two levels": (lambda env: env.set_levels([Level()] * 2), NumberError, "2 levels for 3 worlds"),
+    "a level by itself": (lambda env: env.set_levels(Level()), NumberError, "a list of outlast.Level is needed"),  # type: ignore[arg-type]
+    "no level": (lambda env: env.set_levels([Level(), {}, Level()]), NumberError, "a list of outlast.Level"),  # type: ignore[list-item]
+    "the last level": (
+        lambda env: env.set_levels([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})]),
+        NumberError,
+        "n_agents does not vary here; these do: agents_count, ",
+    ),
+    "levels of other worlds": (lambda env: env.set_levels([Level()], mask=[True]), ValueError, "mask must be bool"),
+}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_what_cannot_be_given_in_an_episode_changes_nothing(pair: tuple[Env, Env], name: str) -> None:
+    call, error, words = GIVEN[name]
+    begin(pair)
+    before = digest(pair[0].worlds)
+    with pytest.raises(error) as raised:
+        call(pair[0])
+    assert type(raised.value) is error
+    assert words in str(raised.value)
+    assert digest(pair[0].worlds) == before
+    stay_equal(pair)
+
+
+def test_what_is_given_in_an_episode_waits_for_the_next_one(pair: tuple[Env, Env]) -> None:
+    """The running one goes on as it would have, to the bit, but for the note of what is given."""
+    begin(pair)
+    numbers = {"n_agents": [2, 4, 3], "motors_ahead": 0.4, "cameras_cone": "kite", "walls_layout": PLANS[2].layout(3)}
+    pair[0].set_numbers(numbers)
+    pair[0].set_levels([Level(key=(1, 2, 3))], mask=[False, False, True])
+    rng = np.random.default_rng(2)
+    for _ in range(4):
+        actions = draw_actions(pair[0], rng)
+        one, two = (env.step(actions) for env in pair)
+        for mine, its in zip([*one[0].values(), *one[1:4]], [*two[0].values(), *two[1:4]], strict=True):
+            np.testing.assert_array_equal(mine, its)
+        note = pair[0].worlds[Given].words.copy()
+        pair[0].worlds[Given].words[:] = pair[1].worlds[Given].words
+        assert digest(pair[0].worlds) == digest(pair[1].worlds)
+        pair[0].worlds[Given].words[:] = note
+    pair[0].reset()
+    now = pair[0].numbers()
+    assert now["agents_count"].tolist() == [2, 4, 3]
+    assert set(now["cameras_cone"].tolist()) == {"kite"}
+    np.testing.assert_array_equal(now["walls_layout"], np.float32([PLANS[2].layout(3)] * 3))
+    assert pair[0].levels()[2].key == (1, 2, 3)
+
+
+MADE: dict[str, tuple[Callable[[], Any], str]] = {
+    "a range below": (lambda: GAME.vary(melee_reach=uniform(-1, 2)), "melee.reach = -1: must be > 0"),
+    "a range above": (lambda: GAME.vary(room_thickness=uniform(0.1, 0.9)), "room.thickness = 0.9: must be"),
+    "a range of a role": (
+        lambda: GAME.roles(a=role(1, melee_reach=uniform(-1, 1)), b=role()),
+        "role a: melee.reach = -1",
+    ),
+    "NaN as an end": (lambda: uniform(NAN, 1), "two finite numbers are needed"),
+    "NaN as a choice": (lambda: GAME.vary(melee_reach=choice(1.0, NAN)), "melee.reach = nan: a finite number"),
+    "NaN of a role": (lambda: GAME.roles(a=role(1, melee_reach=NAN), b=role()), "role a: melee.reach = nan"),
+    "a role's unknown number": (
+        lambda: GAME.roles(a=role(1, melee_rage=1), b=role()),
+        "no number 'melee_rage'; did you",
+    ),
+    "a role that is none": (lambda: GAME.roles(a="hunter"), "a = 'hunter': a role is needed"),  # type: ignore[arg-type]
+    "layouts of two lengths": (
+        lambda: GAME.vary(walls_layout=choice(PLANS[0].layout(2), PLANS[1].layout(3))),
+        "tuples of one length are needed",
+    ),
+    "one of the layouts": (
+        lambda: outlast.make_vec(
+            GAME.vary(walls_layout=choice(PLANS[0].layout(3), FloorPlan(walls=[(12, 0, 4, 1)]).layout(3))), 1
+        ),
+        "rectangle 0 at (12, 0) reaches to (14, 0.5), outside of the room",
+    ),
+    "numbers of a level": (lambda: Level([1, 2]), "values by name are needed, as a dict"),  # type: ignore[arg-type]
+    "a key of a level": (lambda: Level(key=5), "key = 5: seed, world and episode are needed"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_cannot_be_made_is_refused(name: str) -> None:
+    make, words = MADE[name]
+    with pytest.raises(NumberError) as raised:
+        make()
+    assert words in str(raised.value)
+
+
+def files(tmp_path: Path) -> dict[str, tuple[dict[str, Any], Callable[[Path], Any]]]:
+    """What each kind of file holds, and how it is read."""
+    levels.save(tmp_path / "levels", GAME, [Level({"agents_count": 2}, (1, 2, 3))])
+    PLANS[0].save(tmp_path / "plan")
+    contents = {name: json.loads((tmp_path / name).read_text()) for name in ("levels", "plan")}
+    assert GAME.by_role
+    return {
+        "levels": (contents["levels"], lambda path: levels.load(path, GAME)),
+        "plan": (contents["plan"], FloorPlan.load),
+        "scenario": (json.loads(GAME.to_json()), outlast.Scenario.load),
+        "roles": (plain(GAME.by_role), lambda path: with_roles(GAME, path)),
+    }
+
+
+@pytest.mark.parametrize("kind", ["levels", "plan", "scenario", "roles"])
+def test_json_of_another_version_or_shape_is_refused(kind: str, tmp_path: Path) -> None:
+    """By the name of what is wrong with it, for each key in turn."""
+    content, read = files(tmp_path)[kind]
+    path = tmp_path / "file.json"
+    path.write_text(json.dumps(content))
+    read(path)
+    if "version" in content:
+        path.write_text(json.dumps(content | {"version": 99}))
+        with pytest.raises(ScenarioError, match="version 99"):
+            read(path)
+    for key in content.keys() - {"about", "varied", "observed", "width", "height"}:
+        path.write_text(json.dumps({name: value for name, value in content.items() if name != key}))
+        if kind == "scenario" and key == "roles":
+            continue  # one without roles
+        with pytest.raises((ScenarioError, NumberError)):
+            read(path)
+        for other in (7, "x", [7], {"x": 7}, None):
+            path.write_text(json.dumps(content | {key: other}))
+            if key == "name" and other == "x":
+                continue
+            with pytest.raises((ScenarioError, NumberError)):
+                read(path)
+
+
+def test_levels_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "levels.json"
+    levels.save(path, GAME, [Level({"agents_count": np.int64(2), "motors_ahead": np.float32(0.2)})])
+    before = path.read_text()
+    assert levels.load(path, GAME)[0].numbers["agents_count"] == 2
+    for wrong in ({"agents_count": 9}, {"motors_ahead": NAN}, {"motors_ahead": object()}, {"melee_reach": 1.0}):
+        with pytest.raises(NumberError):
+            levels.save(path, GAME, [Level(), Level(wrong)])
+        assert path.read_text() == before
