@@ -206,6 +206,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--vary melee_damage=integers(2)", "is no distribution"),
         ("--vary melee_damage=integers(3,2)", "the first must be below the second"),
         ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
+        ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
         ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
         ("--with Drop", "there is no mechanic Drop; did you mean DropLast"),
@@ -223,8 +224,9 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
 )
 def test_options_that_cannot_be(words: str, message: str) -> None:
     option, _, text = words.partition(" ")
+    given = text.split(" ") if " --" in text else [text]
     with pytest.raises((ScenarioError, EngineError), match=message):
-        asked("ffa_2", option, text)
+        asked("ffa_2", option, *given)
 
 
 def test_a_scenario_is_saved_by_any_command(tmp_path: Path, capsys: Any) -> None:
