@@ -128,7 +128,8 @@ def from_plain(name: Any, *values: Any) -> Distribution:
     made = makers.get(str(name))
     if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
         raise NumberError(
-            f"{[name, *values]!r:.80} is no distribution: {', '.join(NAMES)}, with two ends, all values or one"
+            f"{[name, *values]!r:.80} is no distribution: uniform(low, high), log_uniform(low, high), "
+            "integers(low, high), choice(value, value, ...) or free(value) is needed"
         )
     return made(*values)
 

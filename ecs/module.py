@@ -256,7 +256,10 @@ class Module:
         return {}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        """Memory for the Scratch parameter `name`, made for each thread: an array (for a Python system, any object)."""
+        """Memory for the Scratch parameter `name`, made for each thread: an array (for a Python system, any object).
+
+        Numbers that decide on its shape cannot vary. What it holds at first must not depend on numbers.
+        """
         raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
     def check(self, layout: Layout) -> None:

@@ -116,7 +116,8 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
     """Where the words of varied numbers lie, by name.
 
     Args:
-        modules: The mechanics, in order. Those with varied counts are replaced by ones with the highest.
+        modules: The mechanics, in order. Those with varied counts are replaced by ones with the highest, and values
+            that no world has by the highest, too.
         distributions: By name, "module_number".
 
     Raises:
@@ -140,7 +141,7 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
         counted = _counted(modules[k], field, distribution) if kind is int else ((), ())
         found[name] = VariedNumber(name, k, field, distribution, kind, start, width := widths.pop(), *counted)
         start += width
-        if counted[0]:
+        if counted[0] or getattr(modules[k], field) not in distribution:  # as no world has that value
             modules[k] = modules[k].replace(**{field: distribution.extremes()[-1]})
     return found
 

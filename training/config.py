@@ -137,9 +137,10 @@ class TrainingConfig:
             )
         for each in self.anneal:
             each.check(self.scenario)
-        if self.policies == "side" and "teams" in self.scenario and "agents_count" in dict(self.scenario.varied):
+        decisive = [name for name in ("agents_count", "teams_sizes") if name in dict(self.scenario.varied)]
+        if self.policies == "side" and "teams" in self.scenario and decisive:
             raise TrainingError(
-                "policies = 'side': agents_count varies, and with it who is on which side; take 'shared' or 'agent'"
+                f"policies = 'side': {decisive[0]} varies, and with it who is on which side; take 'shared' or 'agent'"
             )
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
         most = self.size[0]

@@ -3,8 +3,7 @@
 import argparse
 from typing import Any
 
-from ..scenarios.number_table import as_columns, number_rows
-from ..scenarios.scenario import sorted_
+from ..scenarios.number_table import as_columns, scenario_rows
 from .options import add_scenario, scenario
 
 
@@ -23,5 +22,5 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print a table of them, by mechanics."""
-    print(as_columns(row for module in sorted_(scenario(options)) for row in number_rows(module)))
+    print(as_columns(scenario_rows(scenario(options))))
     return 0

@@ -11,6 +11,8 @@ from typing import Any, TextIO
 
 from tqdm import tqdm
 
+from outlast.ecs import NumberError
+
 from ..errors import ScenarioError, UsageError
 from ..rollout.mixture import checked_entries, parse_mixture
 from ..rollout.policies import POLICIES
@@ -63,9 +65,10 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     for place in getattr(options, "import"):
         module_of(place)
     asked = resolve(name or options.variant)
-    if options.layout is not None:
-        asked = asked.with_(*named_layout(options.layout))
-    asked = asked.with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    walls = () if options.layout is None else named_layout(options.layout)
+    asked = asked.with_(*walls).with_(*map(mechanic, getattr(options, "with"))).without(*options.without)
+    if any(module not in asked.modules for module in walls):
+        raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; say one of them")
     asked = _varied(asked.replace(**dict(_assignment(text, asked) for text in options.set)), options)
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
@@ -238,7 +241,10 @@ def _varied(asked: Scenario, options: argparse.Namespace) -> Scenario:
     for name, text in (_parts("--vary", text, "'melee_damage=uniform(5, 20)'") for text in options.vary):
         if (found := asked.find_number(name)) in fixed or "_".join(found) in drawn:
             raise ScenarioError(f"--vary {name}: it is given twice, or set, too; say one of them")
-        drawn["_".join(found)] = distribution(text)
+        try:
+            drawn["_".join(found)] = distribution(text)
+        except (ScenarioError, NumberError) as error:
+            raise type(error)(f"--vary {name}: {error}") from None
     return asked.vary(**drawn) if drawn else asked
 
 
@@ -249,10 +255,11 @@ def _assignment(text: str, asked: Scenario) -> tuple[str, Any]:
 
 
 def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, str]:
-    """What is before and behind the sign in NUMBER=VALUE. Raises ScenarioError."""
+    """What is before and behind the sign of an option. Raises ScenarioError."""
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
-        raise ScenarioError(f"{option} {text}: NUMBER=VALUE is needed, as in {option} {example}")
+        kind = "VALUE" if option == "--set" else "DRAWN"
+        raise ScenarioError(f"{option} {text}: NUMBER={kind} is needed, as in {option} {example}")
     return name, value
 
 

@@ -312,15 +312,16 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def levels(self) -> list[Level]:
-        """The level of each world: what its episode was made from. See outlast.levels."""
+        """The level of each world: what its episode was made from. NotResetError ahead of that. See outlast.levels."""
         return current_levels(self.worlds)
 
     @exclusive
     def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:
-        """Play these levels in the next episodes, one each. After that, worlds draw again.
+        """Play these levels in the next episodes, in place of others that wait; after that, worlds draw again.
 
         Args:
-            levels: One for each world of the mask, in order, or one for all of them.
+            levels: One for each world of the mask, in order, or one for all of them. Their numbers are drawn again
+                afterwards, also those that had been set.
             mask: The worlds, bool (worlds,); None: all.
 
         Raises:

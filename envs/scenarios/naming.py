@@ -104,8 +104,8 @@ def distribution(text: str) -> Distribution:
     """What numbers are drawn from, as users type it.
 
     Args:
-        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals:
-            nothing is evaluated.
+        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals, and
+            words without quotes, of which true and false are no texts: nothing is evaluated.
 
     Raises:
         ScenarioError: It is something else.
@@ -115,13 +115,19 @@ def distribution(text: str) -> Distribution:
         call = ast.parse(text.strip(), mode="eval").body
         if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)) or call.keywords:
             raise ValueError(text)
-        name, values = call.func.id, [ast.literal_eval(value) for value in call.args]
+        name, values = call.func.id, [_literal(value) for value in call.args]
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         raise ScenarioError(
             f"{text:.80}: a distribution of literals is needed, as in 'uniform(5, 20)', 'integers(2, 8)' or "
             "'choice(1, 2, 3)'"
         ) from None
     return from_plain(name, *values)
+
+
+def _literal(value: ast.expr) -> Any:
+    if isinstance(value, ast.Name):
+        return {"true": True, "false": False}.get(value.id, value.id)
+    return ast.literal_eval(value)
 
 
 def _known(name: str) -> type[Module]:

@@ -7,13 +7,15 @@ from typing import Any, NamedTuple
 
 from outlast.ecs import Module
 
+from .scenario import Scenario, sorted_
+
 
 class NumberRow(NamedTuple):
     """A number of a mechanic, in words.
 
     Attributes:
         name: As `Scenario.replace` takes it.
-        value: In the scenario.
+        value: In the scenario; of one that worlds or agents differ in, what it is drawn from, and by which role.
         default: Of the mechanic.
         allowed: Its range, or its choices.
         unit: In words; "" if it has none, or none is declared.
@@ -26,6 +28,17 @@ class NumberRow(NamedTuple):
     allowed: str
     unit: str
     about: str
+
+
+def scenario_rows(scenario: Scenario) -> list[NumberRow]:
+    """The numbers of a scenario, by mechanics."""
+    differing = {name: str(drawn) for name, drawn in scenario.varied}
+    roles = scenario.by_role.roles if scenario.by_role else ()
+    for name in scenario.by_role.numbers if scenario.by_role else ():
+        values = [(each.name, dict(each.numbers).get(name, scenario.numbers()[name])) for each in roles]
+        differing[name] = ", ".join(f"{role} {in_words(value)}" for role, value in values)
+    rows = [row for module in sorted_(scenario) for row in number_rows(module)]
+    return [row._replace(value=differing.get(row.name, row.value)) for row in rows]
 
 
 def number_rows(module: Module) -> list[NumberRow]:

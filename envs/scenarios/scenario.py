@@ -151,7 +151,8 @@ class Scenario:
         >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
 
         Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts; who
-        is above the count of a world is absent from it: not alive, neither observed nor rewarded.
+        is above the count of a world is absent from it: not alive, neither observed nor rewarded. Numbers that scale
+        with one of them stay as they are.
 
         Args:
             **numbers: By name, as for `replace`: outlast.uniform, log_uniform, integers or choice.

@@ -45,7 +45,6 @@ GAMES = {
         ending_rule="never",
         ending_limit=150,
         room_size=12.0,
-        teams_sizes=(2, 2),
     ),
     "walls": small("ffa_4", BARS.mechanic(), room_width=8.8),
 }

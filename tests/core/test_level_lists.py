@@ -14,7 +14,7 @@ from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.ecs.per_agent import AgentRoles
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import RecordingError, ScenarioError, StateError
+from outlast.envs.errors import NotResetError, RecordingError, ScenarioError, StateError
 from outlast.systems import Maze
 from tests.conftest import draw_actions, scaled
 
@@ -316,3 +316,66 @@ def test_drawn_walls_and_roles_are_levels_by_their_keys(scenario: outlast.Scenar
     else:
         assert FloorPlan.of_world(other.worlds, 1) == FloorPlan.of_world(env.worlds, 2)
     env.close(), other.close()
+
+
+def test_levels_that_wait_are_replaced_by_those_that_follow() -> None:
+    env, expected = make(), make()
+    env.set_numbers(cameras_depth=7.0)
+    expected.set_numbers(cameras_depth=7.0)
+    env.set_levels([Level({"melee_damage": 7}, (9, 9, 9))])
+    env.set_levels([Level({"agents_count": 2})])
+    expected.set_levels([Level({"agents_count": 2})])
+    env.reset(), expected.reset()
+    assert env.levels() == expected.levels()
+    env.close(), expected.close()
+
+
+def test_values_come_back_from_worlds_as_they_were() -> None:
+    scenario = outlast.variant("ffa_1").vary(
+        motors_ahead=choice(0.1, 0.3), safe_zone_radii=choice((8.1, 4.3), (7.7, 3.1))
+    )
+    env, rng = outlast.make_vec(scenario, 8, seed=3), np.random.default_rng(0)
+    env.reset()
+    numbers = env.worlds.numbers()
+    env.set_levels(env.levels()[::-1])
+    env.reset()
+    for name, values in numbers.items():
+        assert len(np.unique(values, axis=0)) == 2
+        assert env.numbers()[name].tolist() == values[::-1].tolist()
+    env.set_numbers(numbers)
+    env.reset()
+    assert env.numbers()["motors_ahead"].tolist() == numbers["motors_ahead"].tolist()
+    mine = Level({"safe_zone_radii": [7.7, 3.1], "motors_ahead": np.float32(0.3)})
+    assert mine.mutated(scenario, rng, 0) == mine
+    env.set_levels([mine])
+    env.reset()
+    assert (env.numbers()["safe_zone_radii"] == np.float32([7.7, 3.1])).all()
+    env.close()
+
+
+def test_what_is_no_level_is_refused() -> None:
+    env = outlast.make_vec(DUEL, 2, seed=3)
+    with pytest.raises(NotResetError, match="before reset"):
+        env.levels()
+    env.reset()
+    for given in ([{"melee_damage": 7}], Level({"melee_damage": 7})):
+        with pytest.raises(NumberError, match=r"a list of outlast\.Level is needed"):
+            env.set_levels(given)  # type: ignore[arg-type]
+    with pytest.raises(NumberError, match="one number is given twice"):
+        env.set_numbers({"n_agents": 2}, agents_count=3)
+    env.close()
+
+
+def test_info_of_an_episode_that_ended_is_of_that_episode() -> None:
+    scenario = DUEL.replace(ending_limit=3).roles(one=outlast.role(1), other=outlast.role(), drawn="anyone")
+    env = outlast.make_vec(scenario, 6, seed=3, autoreset_mode="SameStep")
+    _, before = env.reset()
+    for _ in range(3):
+        *_, info = env.step(np.broadcast_to(env.noop, (6, 4, len(env.noop))))
+    final = info["final_info"]
+    for name, values in before["numbers"].items():
+        assert final["numbers"][name].tolist() == values.tolist()
+    assert final["present"].tolist() == before["present"].tolist()
+    assert final["roles"].tolist() == before["roles"].tolist()
+    assert info["roles"].tolist() != before["roles"].tolist()
+    env.close()

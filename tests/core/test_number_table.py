@@ -1,6 +1,7 @@
 """`outlast numbers`: every number with value, range, unit and meaning; and numbers that would hang are refused."""
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -59,3 +60,13 @@ def test_tables_that_could_not_be_laid_out_are_refused_at_once(numbers: dict[str
 def test_units_and_meanings_are_text() -> None:
     with pytest.raises(DeclarationError, match=r"unit=3: a text is needed"):
         number(1, unit=3)  # type: ignore[arg-type]
+
+
+def test_the_command_says_what_numbers_are_drawn_from(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    scenario = variant("ffa_1").vary(heals_count=outlast.integers(2, 8))
+    roles = {"hunter": outlast.role(1, melee_damage=20), "prey": outlast.role(melee_damage=outlast.integers(0, 2))}
+    scenario.roles(**roles).save(tmp_path / "game.json")
+    assert main(["numbers", str(tmp_path / "game.json")]) == 0
+    out = capsys.readouterr().out
+    assert "heals_count                  integers(2, 8)  " in out
+    assert "melee_damage                 hunter 20, prey integers(0, 2)  " in out

@@ -157,21 +157,44 @@ def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> No
     assert (info["roles"][full] == [0, 1, 1, 1]).all()
 
 
-@pytest.mark.parametrize("drawn", ["anyone", "side"])
-def test_roles_are_drawn_among_those_who_are_there(drawn: str) -> None:
-    """A hunter is in every world, however few it has; with "side", it is one of the first agent's side."""
-    scenario = variant("teams_2").roles(hunter=outlast.role(1, melee_damage=20), prey=outlast.role(), drawn=drawn)
-    env = make_vec(scenario.vary(n_agents=outlast.integers(2, 6)), scaled(300, least=20), seed=0)
-    _, info = env.reset()
-    hunters = (info["roles"] == 0) & info["present"]
-    assert (hunters.sum(1) == 1).all()
-    there = info["present"].sum(1)
-    among = there if drawn == "anyone" else there // 2
-    for count in range(2, 7):
-        drawn_ids = hunters[there == count].argmax(1)
-        assert set(drawn_ids.tolist()) == set(range(among[there == count].max())) or not COMPILED
-    assert (env.numbers()["melee_damage"][hunters] == 20).all()
+SPLIT = variant("teams_3").replace(**QUICK)
+STRONG = {"strong": outlast.role(1, melee_damage=20, agents_health=90)}
+WEAK = {"weak": outlast.role(motors_left=outlast.uniform(0.1, 0.2))}
+FEWER = {
+    "drawn": variant("ffa_3").replace(**QUICK).roles(**STRONG, **WEAK, drawn="anyone"),
+    "those left over first": SPLIT.roles(**WEAK, **STRONG),
+    "drawn by side": SPLIT.roles(**WEAK, **STRONG, drawn="side"),
+}
+
+
+@pytest.mark.parametrize("name", FEWER)
+def test_worlds_with_fewer_agents_have_the_roles_of_a_game_of_their_count(name: str) -> None:
+    scenario, rng = FEWER[name].vary(n_agents=outlast.integers(2, 5)), np.random.default_rng(0)
+    env = make_vec(scenario, 8, seed=3)
+    _, first = env.reset()
+    played = [(actions := draw_actions(env, rng), env.step(actions)) for _ in range(TICKS // 10)]
+    for w, count in enumerate(first["numbers"]["agents_count"].tolist()):
+        one = make_vec(FEWER[name].replace(n_agents=count), 1, seed=3, first_world=w)
+        _, info = one.reset()
+        assert first["roles"][w, :count].tolist() == info["roles"][0].tolist()
+        for actions, outcome in played:
+            own = one.step(actions[w : w + 1, :count])
+            for mine, its in zip(flat(own), flat(outcome), strict=True):
+                np.testing.assert_array_equal(mine[0], its[w][tuple(map(slice, mine[0].shape))])
+            if own[2][0] or own[3][0]:
+                break
+        one.close()
     env.close()
+
+
+def test_sides_are_called_by_roles_that_are_theirs_in_all_worlds() -> None:
+    scenario = SPLIT.roles(hunter=outlast.role(2), prey=outlast.role())
+    assert make_vec(scenario, 1).sides == ("hunter", "prey")
+    assert make_vec(scenario.vary(n_agents=outlast.integers(3, 4)), 1).sides == ("team 0", "team 1")
+    sizes = outlast.choice((1, 3), (2, 2))
+    assert make_vec(scenario.vary(teams_sizes=sizes), 1).sides == ("team 0", "team 1")
+    with pytest.raises(NumberError, match='drawn = "side", but the sizes of teams vary'):
+        make_vec(SPLIT.roles(**STRONG, **WEAK, drawn="side").vary(teams_sizes=sizes), 1)
 
 
 # ---- what is told

@@ -193,15 +193,20 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--set melee_damage=1.5", "melee.damage = 1.5: an integer"),
         ("--set melee_damage=inf", "an integer below"),
         ("--set safe_zone_radii=", r"safe_zone.radii\[0\] = '': a finite number"),
-        ("--vary melee_damage", "--vary melee_damage: NUMBER=VALUE is needed, as in --vary 'melee_damage=uniform"),
+        ("--vary melee_damage", "--vary melee_damage: NUMBER=DRAWN is needed, as in --vary 'melee_damage=uniform"),
         ("--vary melee_damag=integers(1,2)", "did you mean melee_damage"),
-        ("--vary melee_damage=integers(1,zone)", "a distribution of literals is needed"),
+        (
+            "--vary melee_damage=integers(1,zone)",
+            r"--vary melee_damage: integers\(1, 'zone'\): two integers are needed",
+        ),
+        ("--vary cameras_cone=choice(sector, kit)", "cameras.cone = 'kit': allowed are 'sector', 'kite'"),
         ("--vary melee_damage=__import__('os').getpid()", "a distribution of literals is needed"),
         ("--vary melee_damage=5", "a distribution of literals is needed"),
-        ("--vary melee_damage=normal(1,2)", "is no distribution: uniform, log_uniform, integers, choice"),
+        ("--vary melee_damage=normal(1,2)", r"--vary melee_damage: .* is no distribution: uniform\(low, high\), "),
         ("--vary melee_damage=integers(2)", "is no distribution"),
         ("--vary melee_damage=integers(3,2)", "the first must be below the second"),
         ("--vary melee_damage=integers(-3,2)", "melee.damage = -3: must be >= 0"),
+        ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
         ("--set ending_rule=none", "allowed are 'all dead', 'last alive', 'never'"),
         ("--without zon", "ffa_2 has no module 'zon'"),
         ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),
@@ -219,8 +224,9 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
 )
 def test_options_that_cannot_be(words: str, message: str) -> None:
     option, _, text = words.partition(" ")
+    given = text.split(" ") if " --" in text else [text]
     with pytest.raises((ScenarioError, EngineError), match=message):
-        asked("ffa_2", option, text)
+        asked("ffa_2", option, *given)
 
 
 def test_a_scenario_is_saved_by_any_command(tmp_path: Path, capsys: Any) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import outlast
 from outlast import make_vec
 from outlast.components import Side
 from outlast.ecs import Clock, Entity
@@ -294,3 +295,11 @@ def test_a_world_is_played_the_same_in_any_batch() -> None:
     small, large = (make(worlds=n, rollout=n * 40, opponents={"self": 1.0, "scripted": 1.0}) for n in (4, WORLDS))
     one, two = small.collect().actions, large.collect().actions
     assert np.array_equal(one, two[:, : one.shape[1]])
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn"), [("agents_count", outlast.integers(2, 4)), ("teams_sizes", outlast.choice((1, 3), (2, 2)))]
+)
+def test_policies_of_sides_that_differ_from_world_to_world_are_refused(name: str, drawn: Any) -> None:
+    with pytest.raises(TrainingError, match=f"policies = 'side': {name} varies, and with it who is on which side"):
+        TrainingConfig(outlast.variant("teams_3").vary(**{name: drawn}), policies="side")

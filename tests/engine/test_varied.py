@@ -1,0 +1,252 @@
+"""Numbers that vary, of mechanics of all kinds: what systems get, what episodes begin with, and what is refused."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast import choice, integers, log_uniform, uniform
+from outlast.components import Phase, Side
+from outlast.ecs import (
+    Archetype,
+    Array,
+    Component,
+    Entity,
+    Module,
+    NumberError,
+    Read,
+    Rows,
+    Scratch,
+    Singleton,
+    Write,
+    column,
+    kernel,
+    number,
+    of,
+)
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+
+WORLDS = 16
+
+
+class Note(Singleton):
+    real: Array = column("f4")
+    whole: Array = column("i4")
+    switch: Array = column("i1")
+    word: Array = column("i4")
+    row: Array = column("f4", "notes")
+    product: Array = column("f4")
+    start: Array = column("i4")
+    small: Array = column("u1")
+    share: Array = column("f4")
+    coins: Array = column("i4")
+
+
+class Coin(Component):
+    worth: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Lab(Module):
+    """Notes what systems get of numbers of every type, and begins with some."""
+
+    real: float = number(0.5, low=0, high=9)
+    whole: int = number(3, low=0, high=300)
+    switch: bool = number(False)
+    word: str = number("low", choices=("low", "middle", "high"))
+    row: tuple[float, ...] = number((1.0, 2.0))
+    start: int = number(7)
+    small: bool = number(True)
+    share: float = number(1.5, scales_with="room_size")
+    coins: int = number(3, low=1)
+    worth: int = number(2)
+
+    def singletons(self) -> Any:
+        return [Note(start=self.start, small=self.small, share=self.share, coins=self.coins)]
+
+    def dims(self) -> dict[str, int | str]:
+        return {"notes": 2}
+
+    def archetypes(self) -> Any:
+        return [Archetype("coin", (Coin(worth=self.worth),), self.coins)]
+
+
+@kernel
+def half(value: float) -> float:
+    return value * np.float32(0.5)
+
+
+@Lab.system(Phase.SPAWN)
+def note(
+    notes: Write[Note], real: float, whole: int, switch: bool, word: int, row: tuple[float, ...], start: int
+) -> None:
+    notes.real[0], notes.whole[0], notes.switch[0], notes.word[0] = half(real), whole, 1 if switch else 0, word
+    for k in range(len(row)):
+        notes.row[k] = row[k]
+
+
+@Lab.system(Phase.OBSERVE, compiled=False)
+def note_as_python(notes: Write[Note], real: float, whole: int) -> None:
+    notes.product[0] = real * whole
+
+
+def made(module: Module, **varied: Any) -> SurvivalVectorEnv:
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(module).vary(**varied), WORLDS, seed=3)
+    env.reset()
+    return env
+
+
+def test_systems_and_prefabs_get_numbers_of_every_type() -> None:
+    env = made(
+        Lab(),
+        lab_real=uniform(1, 2),
+        lab_whole=integers(0, 300),
+        lab_switch=choice(True, False),
+        lab_word=choice("low", "high"),
+        lab_row=choice((1, 2), (3.3, 4)),
+        lab_start=integers(1, 9),
+        lab_small=choice(True, False),
+        lab_share=log_uniform(1, 4),
+        lab_coins=integers(1, 5),
+        lab_worth=integers(3, 4),
+    )
+    drawn, notes, coins = env.worlds.numbers(), env.worlds[Note], env.worlds.span("coin")
+    expected = {
+        "real": drawn["lab_real"] * np.float32(0.5),
+        "whole": drawn["lab_whole"],
+        "switch": drawn["lab_switch"],
+        "word": np.where(drawn["lab_word"] == "high", 2, 0),
+        "start": drawn["lab_start"],
+        "small": drawn["lab_small"],
+        "share": drawn["lab_share"],
+        "coins": drawn["lab_coins"],
+        "product": drawn["lab_real"] * drawn["lab_whole"].astype(np.float32),
+    }
+    for name, values in expected.items():
+        assert len(np.unique(values)) > 1
+        np.testing.assert_array_equal(getattr(notes, name)[:, 0], values, name)
+    np.testing.assert_array_equal(notes.row, drawn["lab_row"])
+    assert (env.worlds[Coin].worth[:, coins] == drawn["lab_worth"][:, None]).all()
+    assert ((env.worlds[Entity].identity[:, coins] >= 0).sum(1) == drawn["lab_coins"]).all()
+    env.close()
+
+
+class Pile(Singleton):
+    half: Array = column("f4")
+
+
+@dataclass(frozen=True)
+class Odd(Module):
+    """Numbers that decide on more than what kernels compute with."""
+
+    count: int = number(3, low=1, high=9)
+    more: int = number(1, low=1)
+    memory: int = number(3, low=1)
+    extra: bool = number(False)
+    idle: int = number(1)
+    reach: float = number(1.0, per_agent=True)
+    nothing: float = number(1.0, per_agent=True)
+
+    def singletons(self) -> Any:
+        return [Pile(half=self.count / 2)]
+
+    def archetypes(self) -> Any:
+        return [Archetype("pebble", (Coin(),), self.count)]
+
+    def systems(self) -> Any:
+        return [system for system in super().systems() if self.extra or system.name != "add"]
+
+    def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        return np.zeros(self.memory if name == "memory" else int(self.reach), np.float32)
+
+
+@Odd.system(Phase.SPAWN)
+def work(pile: Write[Pile], memory: Scratch, by_agent: Scratch, agents: Rows[Side], reach: float, more: int) -> None:
+    for e in agents:
+        pile.half[0] += of(reach, e) + memory[0] + by_agent[0]
+
+
+@Odd.system(Phase.SPAWN, after="odd.work")
+def add(pile: Write[Pile]) -> None:
+    pile.half[0] += 1
+
+
+@dataclass(frozen=True)
+class Others(Module):
+    """More entities of a kind."""
+
+    def archetypes(self) -> Any:
+        return [Archetype("coin", (), 2)]
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn", "reason"),
+    [
+        ("count", integers(1, 4), "Pile.half, with which episodes begin, is computed from it"),
+        ("memory", integers(1, 4), "it decides how much memory systems have"),
+        ("extra", choice(True, False), "it decides which systems run"),
+        ("idle", integers(1, 4), "no system of odd gets it"),
+    ],
+)
+def test_what_is_decided_once_cannot_vary(name: str, drawn: Any, reason: str) -> None:
+    with pytest.raises(NumberError, match=f"odd_{name} cannot vary: {reason}"):
+        outlast.variant("ffa_1").with_(Odd()).vary(**{f"odd_{name}": drawn}).worlds(1)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("reach", "it decides how much memory systems have"), ("nothing", "no system of its mechanic gets it")],
+)
+def test_what_is_decided_once_cannot_differ_by_role(name: str, reason: str) -> None:
+    role: Any = outlast.role(1, **{f"odd_{name}": 4.0})
+    with pytest.raises(NumberError, match=f"odd_{name} cannot differ by role: {reason}"):
+        outlast.variant("ffa_1").with_(Odd()).roles(one=role, other=outlast.role()).worlds(1)
+
+
+def test_a_count_among_others_of_a_kind_cannot_vary() -> None:
+    scenario = outlast.variant("ffa_1").with_(Lab(), Others())
+    with pytest.raises(NumberError, match="lab_coins cannot vary: it is not the only count of the entities 'coin'"):
+        scenario.vary(lab_coins=integers(1, 4)).worlds(1)
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        {"agents_health": integers(120, 150), "mortality_limit": choice(150, 200)},
+        {"inventory_capacity": integers(1, 3)},
+        {"safe_zone_radii": choice((8, 4), (7, 3))},
+    ],
+)
+def test_a_value_that_no_world_has_decides_on_nothing(drawn: Any) -> None:
+    labels = [system.label for system in outlast.variant("ffa_1").vary(**drawn).worlds(1).schedule.systems]
+    assert ("inventory.close_slots" in labels) == ("inventory_capacity" in drawn)
+
+
+@dataclass(frozen=True)
+class Cap(Module):
+    """A number that has to fit one of another mechanic."""
+
+    most: int = number(999)
+
+    def check(self, layout: Any) -> None:
+        if (health := layout.numbers("agents")["health"]) > self.most:
+            raise NumberError(f"agents begin with {health}, more than {self.most}")
+
+
+@Cap.system(Phase.SPAWN)
+def keep(entities: Read[Entity], most: int) -> None:
+    pass
+
+
+def test_what_is_set_in_mid_run_fits_all_values_that_there_are() -> None:
+    scenario = outlast.variant("ffa_1").with_(Cap())
+    varied = scenario.vary(agents_health=integers(50, 150)).worlds(1)
+    differing = scenario.roles(strong=outlast.role(1, agents_health=180), weak=outlast.role()).worlds(1)
+    for worlds, most in ((varied, 150), (differing, 180)):
+        with pytest.raises(NumberError, match=f"agents begin with {most}, more than 120"):
+            worlds.set_numbers(cap_most=120)
+        assert not worlds.changed
+    with pytest.raises(NumberError, match="agents_health cannot change while worlds run: it varies from world to"):
+        varied.set_numbers(agents_health=70)
