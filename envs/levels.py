@@ -78,7 +78,7 @@ def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Leve
     content = {
         "version": VERSION,
         "varied": {name: repr(distribution) for name, distribution in scenario.varied},
-        "levels": [{"numbers": dict(each.numbers), "key": each.key} for each in levels],
+        "levels": encoded(levels),
     }
     with atomic_write(Path(path)) as place:
         place.write_text(json.dumps(content, indent=1) + "\n")
@@ -99,7 +99,7 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
     try:
         content = json.loads(Path(path).read_text())
         version, entries = content["version"], content["levels"]
-        found = [Level(_numbers(each["numbers"]), each["key"] and tuple(each["key"])) for each in entries]
+        found = decoded(entries)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None
     if version != VERSION:
@@ -110,6 +110,16 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
         except NumberError as error:
             raise NumberError(f"{path}, level {k}: {error}") from None
     return found
+
+
+def encoded(levels: Iterable[Level]) -> list[dict[str, Any]]:
+    """Levels as JSON has them."""
+    return [{"numbers": dict(each.numbers), "key": each.key} for each in levels]
+
+
+def decoded(entries: Iterable[Any]) -> list[Level]:
+    """Levels out of what `encoded` returned. Raises KeyError, TypeError, ValueError or AttributeError for all else."""
+    return [Level(_numbers(each["numbers"]), each["key"] and tuple(each["key"])) for each in entries]
 
 
 def check(level: Level, varied: Mapping[str, Distribution]) -> None:

@@ -16,6 +16,7 @@ from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side, own_wins
 
 from .config import CHUNK
+from .curriculum import Curriculum, Ended, just_ended
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
@@ -47,6 +48,7 @@ class Samples:
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
         games: The step, the opponent, and how many games against it ended then: won by the learners, draws half; all.
+        played: The episodes that ended, where levels are chosen.
     """
 
     seen: list[Observed]
@@ -63,6 +65,7 @@ class Samples:
     memory: Tensor
     last: Tensor
     games: list[tuple[int, int, float, int]]
+    played: list[Ended]
 
 
 class Group(NamedTuple):
@@ -84,6 +87,8 @@ class Lane:
         opponent: int (worlds,), the index of the opponent in each world, see Opponents.
         own: int (worlds,), the side that learners play where that is not 0.
         teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
+        keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn: those of the worlds,
+            but where levels bring keys of their own.
     """
 
     def __init__(
@@ -97,6 +102,7 @@ class Lane:
         dead: str,
         device: torch.device,
         state: bool = False,
+        curriculum: Curriculum | None = None,
     ) -> None:
         """Make it, with the present selves everywhere.
 
@@ -109,7 +115,9 @@ class Lane:
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
             device: Of the networks.
             state: Whether critics learn from the state of the worlds.
+            curriculum: What levels are drawn from; None: worlds draw their own.
         """
+        self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
@@ -141,6 +149,7 @@ class Lane:
             memory=torch.zeros((chunks, self.agents, memory), device=self.device),
             last=torch.zeros(self.agents, device=self.device),
             games=[],
+            played=[],
         )
 
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
@@ -222,6 +231,10 @@ class Lane:
                 samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
             self.episodes.add(info["statistics"], int(done.sum()))
             self._record(t, done)
+            self.keys[done, 2] += np.uint64(1)
+            if self.curriculum is not None:
+                samples.played += just_ended(env, t, done, info["statistics"])
+                self.curriculum.deal(env, done, self.keys[done])
             env.reset(options={"reset_mask": done})
             self._draw(done)
 
@@ -247,7 +260,8 @@ class Lane:
         """Who plays, and what they remember, by name, (worlds, ...); the worlds are not in it."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.cpu().numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
-        return {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
         """Go on from what `state` returned. Raises TrainingError for players that there are not."""
@@ -255,6 +269,7 @@ class Lane:
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
         self.opponent, self.own, self.life = opponent, own, life
+        self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).to(self.device, copy=True)
         self.begins = given["begins"].ravel() > 0
         self._sides = side(self.env.worlds)
@@ -307,7 +322,7 @@ class Lane:
             if counts_vary(self.env.worlds):
                 self.assign()
             return
-        seeds, worlds, episodes = key_of(self.env.worlds, where)
+        seeds, worlds, episodes = self.keys[where].T
         indices, weights = self.pool.chances()
         self.opponent[where] = indices[draw(weights, seeds, worlds, episodes)]
         self.own[where] = own_side(worlds, episodes, self._sides[where].max(1) + 1)

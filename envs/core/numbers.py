@@ -57,9 +57,10 @@ def change_numbers(
         raise
 
 
-def current_levels(worlds: Worlds) -> list[Level]:
+def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
     clock, numbers = worlds[Clock], worlds.numbers()
+    rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
     return [
         Level(
             {
@@ -68,7 +69,7 @@ def current_levels(worlds: Worlds) -> list[Level]:
             },
             (int(clock.seed[w, 0]), int(clock.world[w, 0]), int(clock.episode[w, 0])),
         )
-        for w in range(worlds.count)
+        for w in rows.tolist()
     ]
 
 

@@ -311,9 +311,13 @@ class SurvivalVectorEnv(Described):
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
 
     @exclusive
-    def levels(self) -> list[Level]:
-        """The level of each world: what its episode was made from. See outlast.levels."""
-        return current_levels(self.worlds)
+    def levels(self, mask: Any = None) -> list[Level]:
+        """The level of each world: what its episode was made from. See outlast.levels.
+
+        Args:
+            mask: The worlds, bool (worlds,), in whose order the levels come; None: all.
+        """
+        return current_levels(self.worlds, mask)
 
     @exclusive
     def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:
