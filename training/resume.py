@@ -1,18 +1,15 @@
 """What a run goes on with as if it had never stopped: the content of its checkpoints, besides the policies."""
 
 import io
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.snapshots import state
 from outlast.envs.snapshots.state import State
 
-from . import run_header
 from .checkpoint import (
     check_fields,
     check_like,
@@ -26,7 +23,6 @@ from .checkpoint import (
 )
 from .errors import TrainingError
 from .learner import Learner
-from .observation_layout import field_table
 from .trainer import Trainer
 
 LAST = 2**53  # updates, which are counted in float32
