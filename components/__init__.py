@@ -6,6 +6,7 @@ from .box import Box, BoxBroken, BoxesPlaced, BoxItem, BoxItemView, BoxPlaced, B
 from .heal import Heal, HealsUsed, HealView
 from .health import Death, Died, Guard, Health, Hit
 from .inventory import Bag, Drop, Gift, Give, Item, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Use
+from .lidar import LidarView, Rays
 from .melee import Attack, Strike, Weapon
 from .motor import Drive, Steer
 from .phase import Phase
@@ -48,10 +49,12 @@ __all__ = [
     "ItemGiven",
     "ItemPicked",
     "ItemUsed",
+    "LidarView",
     "ObservationMasks",
     "OthersView",
     "Phase",
     "Push",
+    "Rays",
     "Respawned",
     "Respawns",
     "Return",

@@ -30,7 +30,8 @@ class Field:
             puts its result here.
         low: Inclusive lower bound; what mechanics return in `bounds` narrows it.
         high: Inclusive upper bound, likewise.
-        size: How many columns it has.
+        size: How many columns it has: an int; in a declaration also the name of a dimension, whose size the layout puts
+            here.
         order: Fields of a key lie in this order. Of equal ones, those that the column declares come first, one behind
             the other, then those of other mechanics in order of the mechanics' names.
         start: Its first column, which the layout sets.
@@ -44,7 +45,7 @@ class Field:
     scale: Any = 1.0
     low: float = -math.inf
     high: float = math.inf
-    size: int = 1
+    size: Any = 1
     order: int = 0
     start: int = 0
 
@@ -54,7 +55,7 @@ class Field:
                 f"a field is called {self.name!r}: lower-case letters, digits and underscores are needed, as in "
                 'Field("stamina")'
             )
-        if self.size < 1 or not self.low <= self.high:
+        if (not isinstance(self.size, str) and self.size < 1) or not self.low <= self.high:
             raise DeclarationError(
                 f"the field '{self.name}' has size {self.size} and the range {self.low:g} to {self.high:g}: a size of "
                 "at least 1 and a low end that is not above the high one are needed"
@@ -135,7 +136,7 @@ def placed(layout: Any, observations: Mapping[str, tuple[str, Any]], imported: s
 
     Raises:
         DeclarationError: Fields are added to a key that nobody declares, or that has none of its own; two have one
-            name; or a scale is too small, or no number.
+            name; a scale is too small, or no number; or a size is that of no dimension.
     """
     found = {
         key: [(field.order, owner, field) for field in column.fields]
@@ -187,8 +188,14 @@ def _in_order(layout: Any, key: str, entries: list[tuple[int, str, Field]]) -> I
                 f"the field '{field.name}' of '{key}' ({owner}) has the scale {scale:g}: a number of at least "
                 f"{SMALLEST:g} is needed, such as the largest value that is usual"
             )
-        yield field.name, replace(field, scale=scale, start=start)
-        start += field.size
+        size = layout.dims.get(field.size) if isinstance(field.size, str) else field.size
+        if not size:
+            raise DeclarationError(
+                f"the field '{field.name}' of '{key}' ({owner}) is as long as the dimension '{field.size}', which is 0 "
+                f"or not defined; known: {', '.join(sorted(layout.dims))}"
+            )
+        yield field.name, replace(field, scale=scale, start=start, size=size)
+        start += size
 
 
 def _not_extended(module: str, key: str, observations: Mapping[str, tuple[str, Any]], known: set[str]) -> str:

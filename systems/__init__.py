@@ -13,6 +13,7 @@ from .free_for_all import FreeForAll
 from .give_last import GiveLast
 from .heals import Heals
 from .inventory import Inventory
+from .lidar import Lidar
 from .maze import Maze
 from .melee import Melee
 from .mortality import Mortality
@@ -44,6 +45,7 @@ __all__ = [
     "GiveLast",
     "Heals",
     "Inventory",
+    "Lidar",
     "Maze",
     "Melee",
     "Mortality",

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from outlast.components import Body, Phase, Push, SelfView, Side, Sight, Weapon
+from outlast.components import Body, Phase, Push, Rays, SelfView, Side, Sight, Weapon
 from outlast.components.limits import MANY, TICKS
 from outlast.ecs import (
     Array,
@@ -34,7 +34,7 @@ class Preparation(Module):
     """Agents of some sides wait for `ticks` ticks, as seekers do while others hide.
 
     frozen: they have no motors and do not attack; others can push and hurt them. blind: they see nothing, as if their
-    cameras were off. Each agent observes how many ticks it still waits: the field "preparation" of its row.
+    cameras and lidar were off. Each agent observes how many ticks it still waits: the field "preparation" of its row.
     """
 
     ticks: int = number(100, low=0, high=TICKS, per_agent=True, unit="ticks", about="that agents wait")
@@ -43,7 +43,7 @@ class Preparation(Module):
     blind: bool = number(False, about="who waits sees nothing")
 
     def systems(self) -> Iterable[System]:
-        left_out = {"see_nothing"} if not self.blind else set[str]()
+        left_out = {"see_nothing", "measure_nothing"} if not self.blind else set[str]()
         left_out |= {"hold", "hold_fire"} if not self.frozen else set()
         return [system for system in super().systems() if system.name not in left_out]
 
@@ -112,6 +112,20 @@ def see_nothing(
         if left(side, sides, of(ticks, agents[i]), int(clock.tick[0]), agents[i]) > 0:
             for b in range(sight.visible.shape[1]):
                 sight.visible[i, b] = 0
+
+
+@Preparation.system(Phase.SEE)
+def measure_nothing(
+    state: Write[Rays],
+    side: Read[Side],
+    clock: Read[Clock],
+    agents: Rows[Side, Rays],
+    sides: tuple[float, ...],
+    ticks: int,
+) -> None:
+    """Rays are off for as long."""
+    for e in agents:
+        state.off[e] = left(side, sides, of(ticks, e), int(clock.tick[0]), e) > 0
 
 
 @Preparation.system(Phase.OBSERVE)

@@ -19,7 +19,7 @@ EXCLUDED = {"FreeForAll", "Steering"}  # by Teams and by Motors
 EXCLUDED |= {"Maze", "Pillars", "Rooms", "Walls"}  # by each other; where they stand, other systems wait for them
 OTHERS = {"ObserveRoles", "Respawn"}  # for scenarios with roles, and for those that end at their limit only
 OPTIONAL = sorted(KINDS.keys() - NEEDED)
-INACTIVE = {"Melee": {"preparation.hold_fire"}}  # for want of weapons
+INACTIVE = {"Melee": {"preparation.hold_fire"}, "Lidar": {"preparation.measure_nothing"}}  # for want of weapons, rays
 
 CHILD = """
 import sys

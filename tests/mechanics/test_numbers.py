@@ -42,6 +42,10 @@ NUMBERS: dict[str, dict[str, tuple[Any, Any]]] = {
     "GiveLast": {"reach": (2.0, FAR), "nearest": ("suitable", ("suitable", "any")), "passes_on": (False, SWITCH)},
     "Heals": {"count": (15, MANY), "radius": (0.25, RADIUS), "amount": (75, POINTS)},
     "Inventory": {"slots": (4, MANY), "capacity": (0, "[0,65536]")},
+    "Lidar": {
+        "rays": (16, "[1,1024]"), "angle": (2 * math.pi, f"(0,{2 * math.pi}]"), "depth": (10.0, "[0.01,1e5]"),
+        "targets": ("walls", ("walls", "solids", "bodies")),
+    },
     "Maze": {
         "columns": (6, "[1,32]"), "rows": (6, "[1,32]"), "loops": (0.1, "[0,1]"), "thickness": (0.4, "[0.004,1e5]"),
         "blocks": (0, "[0,450]"),

@@ -1,0 +1,22 @@
+"""Lidar: what stands around an agent, as distances along rays."""
+
+from outlast.ecs import Array, Component, Field, Layout, Observation, column
+
+RAYS = "rays"  # the dimension
+
+
+class Rays(Component):
+    """Agents that have rays."""
+
+    off: Array = column("u1")  # 1: the agent is blind, and all its rays read 0
+
+
+def usual_depth(layout: Layout) -> float:
+    """Metres, the scale of distances."""
+    return layout.numbers("lidar").get("depth") or 1.0
+
+
+class LidarView(Observation):
+    """Metres from each agent's centre to what its rays hit, from right to left; zeros once dead, and while blind."""
+
+    lidar: Array = column("f4", "agents", fields=(Field("distance", "m", low=0, scale=usual_depth, size=RAYS),))
