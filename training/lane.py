@@ -48,7 +48,6 @@ class Samples:
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
         games: The step, the opponent, and how many games against it ended then: won by the learners, draws half; all.
-        played: The episodes that ended, where levels are chosen.
     """
 
     seen: list[Observed]
@@ -65,7 +64,6 @@ class Samples:
     memory: Tensor
     last: Tensor
     games: list[tuple[int, int, float, int]]
-    played: list[Ended]
 
 
 class Group(NamedTuple):
@@ -89,6 +87,7 @@ class Lane:
         teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn: those of the worlds,
             but where levels bring keys of their own.
+        played: The episodes that ended since `open`, if there is a curriculum.
     """
 
     def __init__(
@@ -118,6 +117,7 @@ class Lane:
             curriculum: What levels are drawn from; None: worlds draw their own.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
+        self.played: list[Ended] = []
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
@@ -133,7 +133,7 @@ class Lane:
 
     def open(self, steps: int, memory: int) -> None:
         """Make room for the samples of so many steps. memory: width of that of the learners' policies."""
-        shape, chunks = (steps, self.agents), -(-steps // CHUNK)
+        self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
@@ -149,7 +149,6 @@ class Lane:
             memory=torch.zeros((chunks, self.agents, memory), device=self.device),
             last=torch.zeros(self.agents, device=self.device),
             games=[],
-            played=[],
         )
 
     def act(self, t: int, step: int, policies: Sequence[ActorCritic]) -> Array:
@@ -233,7 +232,7 @@ class Lane:
             self._record(t, done)
             self.keys[done, 2] += np.uint64(1)
             if self.curriculum is not None:
-                samples.played += just_ended(env, t, done, info["statistics"])
+                self.played += just_ended(env, t, done, info["statistics"])
                 self.curriculum.deal(env, done, self.keys[done])
             env.reset(options={"reset_mask": done})
             self._draw(done)

@@ -154,7 +154,7 @@ class Trainer:
         """Let the levels be chosen that episodes are drawn from now on."""
         seeds = self.config.seed, self.steps
         own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
-        played, statistics = joined(each for lane in self.collector.lanes for each in lane.samples.played)
+        played, statistics = joined((each for lane in self.collector.lanes for each in lane.played), self.env)
         progress = TrainingProgress(
             scenario=self.env.scenario,
             steps=self.steps,
