@@ -25,7 +25,7 @@ from .component import (
     Statistic,
     column,
 )
-from .distributions import Distribution, choice, integers, log_uniform, uniform
+from .distributions import Distribution, choice, free, integers, log_uniform, uniform
 from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, EngineError, NumberError, ScheduleError
 from .event import Event, emit
@@ -91,6 +91,7 @@ __all__ = [
     "columns_of",
     "differs",
     "emit",
+    "free",
     "integers",
     "kernel",
     "log_uniform",

@@ -1,6 +1,7 @@
 """What the numbers of a mechanic can be drawn from, anew in every episode of every world."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,16 +9,17 @@ import numpy as np
 
 from .errors import NumberError
 
-UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE = range(4)
+UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
+MOST = 2**16  # values of a choice
 
 
 @dataclass(frozen=True, repr=False)
 class Distribution:
-    """What a number is drawn from; made by `uniform`, `log_uniform`, `integers` or `choice`.
+    """What a number is drawn from; made by `uniform`, `log_uniform`, `integers`, `choice` or `free`.
 
     Attributes:
-        kind: UNIFORM, LOG_UNIFORM, INTEGERS or CHOICE.
-        values: The lowest and the highest value; of a choice, all values.
+        kind: UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE or FREE.
+        values: The lowest and the highest value; of a choice, all values; of a free number, what it is unless given.
     """
 
     kind: int
@@ -31,13 +33,23 @@ class Distribution:
         if self.kind == CHOICE:
             given = tuple(value) if isinstance(value, (list, np.ndarray)) else value
             return any(given == each and isinstance(given, bool) == isinstance(each, bool) for each in self.values)
-        real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if self.kind == FREE:
+            return (
+                not isinstance(value, str) and np.shape(value) == np.shape(self.values[0]) and all(map(_is_real, value))
+            )
+        real = _is_real(value)
         whole = self.kind != INTEGERS or (real and float(value).is_integer())
         return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
 
+    def check(self, name: str, value: Any) -> None:
+        """NumberError unless the number of that name could be drawn as `value`."""
+        if value not in self:
+            what = f"{len(self.values[0])} finite numbers are needed" if self.kind == FREE else "take a value of that"
+            raise NumberError(f"{name} = {value!r:.60}: it varies as {self!r:.80}; {what}")
+
     def sample(self, rng: np.random.Generator) -> Any:
         """A draw by numpy's generator, for levels that are made outside of worlds."""
-        if self.kind == CHOICE:
+        if self.kind in (CHOICE, FREE):
             return self.values[int(rng.integers(len(self.values)))]
         low, high = self.values
         if self.kind == INTEGERS:
@@ -47,13 +59,13 @@ class Distribution:
         return float(rng.uniform(low, high))
 
     def extremes(self) -> tuple[Any, ...]:
-        """The lowest and the highest value; of a choice among other things than numbers, all."""
+        """The lowest and the highest value; of a choice among other things than numbers, all; of a free one, one."""
         plain = self.kind == CHOICE and all(isinstance(each, (int, float)) for each in self.values)
         return (min(self.values), max(self.values)) if plain else self.values
 
     def probes(self) -> tuple[Any, ...]:
-        """Values that stand for all: the ends and one between them; of a choice, all."""
-        if self.kind == CHOICE:
+        """Values that stand for all: the ends and one between them; of a choice, all; of a free number, one."""
+        if self.kind in (CHOICE, FREE):
             return self.values
         low, high = self.values
         return (low, high, (low + high) // 2 if self.kind == INTEGERS else low + (high - low) / 2)
@@ -82,12 +94,25 @@ def integers(low: int, high: int) -> Distribution:
 
 def choice(*values: Any) -> Distribution:
     """Each of the values is equally likely; name one twice to make it twice as likely. For numbers of any type."""
-    if len(values) < 2:
-        raise NumberError(f"choice{values!r}: at least two values are needed, as in choice(1, 2, 3)")
+    if not 2 <= len(values) <= MOST:
+        raise NumberError(
+            f"choice{values!r:.60} has {len(values)} values: 2 to {MOST} are needed, as in choice(1, 2, 3)"
+        )
     return Distribution(CHOICE, tuple(tuple(each) if isinstance(each, list) else each for each in values))
 
 
-NAMES = ("uniform", "log_uniform", "integers", "choice")
+def free(value: Any) -> Distribution:
+    """Nothing is drawn: the number is `value` where nobody gives it another, of the same length.
+
+    For tuples that declare that they can be so, as the floor plan of Walls does: env.set_numbers and levels then give
+    worlds any that the mechanic takes, and not only those of a list.
+    """
+    if isinstance(value, str) or not np.ndim(value) or not all(map(_is_real, value)):
+        raise NumberError(f"free({value!r:.60}): a tuple of finite numbers is needed")
+    return Distribution(FREE, (tuple(map(float, value)),))
+
+
+NAMES = ("uniform", "log_uniform", "integers", "choice", "free")
 
 
 def plain(distribution: Distribution) -> list[Any]:
@@ -97,10 +122,13 @@ def plain(distribution: Distribution) -> list[Any]:
 
 def from_plain(name: Any, *values: Any) -> Distribution:
     """The distribution that `plain` was made of. NumberError for one that cannot be."""
-    made = {"uniform": uniform, "log_uniform": log_uniform, "integers": integers, "choice": choice}.get(str(name))
-    if made is None or (made is not choice and len(values) != 2):
+    makers: dict[str, Callable[..., Distribution]] = {
+        each.__name__: each for each in (uniform, log_uniform, integers, choice, free)
+    }
+    made = makers.get(str(name))
+    if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
         raise NumberError(
-            f"{[name, *values]!r:.80} is no distribution: {', '.join(NAMES)}, with two ends or all values"
+            f"{[name, *values]!r:.80} is no distribution: {', '.join(NAMES)}, with two ends, all values or one"
         )
     return made(*values)
 
@@ -108,9 +136,14 @@ def from_plain(name: Any, *values: Any) -> Distribution:
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
     """Both, as they are. NumberError unless they are finite numbers and in order."""
     for each in (low, high):
-        real = isinstance(each, (int, float, np.integer, np.floating)) and not isinstance(each, bool)
-        if not real or not math.isfinite(each):
+        if not _is_real(each):
             raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")
     if not low < high:
         raise NumberError(f"{name}({low!r}, {high!r}): the first must be below the second")
     return low, high
+
+
+def _is_real(value: Any) -> bool:
+    """Whether it is a finite number."""
+    real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    return real and math.isfinite(value)

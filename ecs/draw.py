@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .component import Array, Observation, Signal
-from .distributions import CHOICE, INTEGERS, LOG_UNIFORM
+from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 from .jit import kernel
 from .random import integer, stream_number, words
 from .varied import GIVEN, KEY, ONCE, WORD, VariedNumber, encode, patches
@@ -21,7 +21,7 @@ class Plan:
     """What draws the numbers of one world, as arrays; see `draw`.
 
     Attributes:
-        kinds: int8 (numbers,), of their distributions.
+        kinds: int8 (numbers,), of their distributions; a free number is a choice with one option.
         real: int8 (numbers,), 1 where words are float32.
         spans: int32 (numbers, 2), the first word and how many.
         streams: uint64 (numbers,), of random numbers: that of the number's name.
@@ -48,7 +48,7 @@ def plan(layout: Any) -> Plan:
     """The arrays for `draw`, for an ecs.layout.Layout. Raises what `patches` raises."""
     numbers, choices, options = list(layout.varied.values()), list[int](), list[tuple[int, int]]()
     for number in numbers:
-        values = number.distribution.values if number.distribution.kind == CHOICE else ()
+        values = number.distribution.values if number.distribution.kind in (CHOICE, FREE) else ()
         options.append((len(choices), len(values)))
         for value in values:
             choices += encode(layout.modules[number.module], number.number, value).tolist()
@@ -57,15 +57,18 @@ def plan(layout: Any) -> Plan:
         for number in numbers
         for name in number.archetypes
     ]
-    ends = [(0, 0) if number.distribution.kind == CHOICE else number.distribution.values for number in numbers]
+    kinds = [CHOICE if number.distribution.kind == FREE else number.distribution.kind for number in numbers]
+    ends = [
+        (0, 0) if kind == CHOICE else number.distribution.values for kind, number in zip(kinds, numbers, strict=True)
+    ]
     return Plan(
-        kinds=np.array([number.distribution.kind for number in numbers], np.int8),
+        kinds=np.array(kinds, np.int8),
         real=np.array([number.dtype.kind == "f" for number in numbers], np.int8),
-        spans=np.array([(number.start, number.width) for number in numbers], np.int32),
+        spans=np.array([(number.start, number.width) for number in numbers], np.int32).reshape(-1, 2),
         streams=np.array([stream_number(f"vary {number.name}") for number in numbers], np.uint64),
-        ends=np.array(ends, np.float64),
+        ends=np.array(ends, np.float64).reshape(-1, 2),
         choices=np.array(choices or [0], np.int32),
-        options=np.array(options, np.int32),
+        options=np.array(options, np.int32).reshape(-1, 2),
         patches=np.array(patches(layout), np.int32).reshape(-1, 3),
         absences=np.array(absences, np.int32).reshape(-1, 3),
     )

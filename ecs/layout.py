@@ -104,10 +104,10 @@ class Layout:
             module.check(self)
         attached = {type(part) for a in self.archetypes.values() for part in a.parts}
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
-        if self.varied:
+        if self.keyed:
             self.dims[DIM] = sum(number.width for number in self.varied.values())
             self.dims[GIVEN_DIM] = self.dims[DIM] + KEY
-        own = (Clock, *([Given, Varied] if self.varied else []), Entity)
+        own = (Clock, *([Given, Varied] if self.keyed else []), Entity)
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
@@ -157,6 +157,12 @@ class Layout:
     def forms(self) -> "list[Layout]":
         """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
         return forms(self) if self.per_agent else [self]
+
+    @property
+    def keyed(self) -> bool:
+        """Whether each episode is a level, as numbers, walls or roles are drawn: keys can be given, see Given."""
+        drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
+        return bool(self.varied) or drawn
 
     def groups(self) -> tuple[int, ...]:
         """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""

@@ -48,6 +48,8 @@ class Module:
         name: Unique in a scenario. By default the class's name in snake case.
         stream: Prefix of its random streams. By default the stream of the mechanic that it extends, or its name.
         damage_type: Name of the damage that it does, if it does any; deaths are counted by it.
+        draws_level: Whether episodes differ by what it draws at resets so much that each is a level, as with a maze;
+            keys of random numbers can be given to worlds then (see Worlds.give_keys).
         registered: The systems of this class, without those of its bases.
 
     Raises:
@@ -58,6 +60,7 @@ class Module:
     name: ClassVar[str] = ""
     stream: ClassVar[str] = ""
     damage_type: ClassVar[str] = ""
+    draws_level: ClassVar[bool] = False
     registered: ClassVar[list[System]] = []
 
     def __init_subclass__(cls) -> None:

@@ -18,6 +18,7 @@ def number(
     choices: tuple[str, ...] = (),
     scales_with: str = "",
     per_agent: bool = False,
+    free: bool = False,
     unit: str = "",
     about: str = "",
 ) -> Any:
@@ -33,6 +34,8 @@ def number(
             in proportion, unless it was set by hand.
         per_agent: Whether roles may differ in it, of an int or a float. Systems then read it by `of(reach, e)`, where e
             is the row of the agent.
+        free: Whether worlds of a batch may have any value of one length, of a tuple (see distributions.free): nothing
+            but systems, and `check`, depends on what it is.
         unit: In words, in the plural: "metres".
         about: What it is, or what is so if it is True: "of an agent". `outlast numbers` prints it behind the unit.
 
@@ -43,7 +46,7 @@ def number(
         if not isinstance(text, str):
             raise DeclarationError(f"number({default!r:.40}, ...) has {key}={text!r:.40}: a text is needed")
     rule = {"low": low, "high": high, "above": above, "choices": choices, "scales_with": scales_with}
-    rule |= {"per_agent": per_agent, "unit": unit, "about": about}
+    rule |= {"per_agent": per_agent, "free": free, "unit": unit, "about": about}
     return dataclasses.field(default=default, metadata=rule)
 
 
@@ -63,6 +66,8 @@ def kind_of(name: str, item: "dataclasses.Field[Any]") -> type:
         raise DeclarationError(f"{name} is annotated {text}, but its default is {item.default!r}; let the two agree")
     if item.metadata.get("per_agent") and kind not in (int, float):
         raise DeclarationError(f"{name} is {text} and per_agent: roles can differ in an int or a float only")
+    if item.metadata.get("free") and kind is not tuple:
+        raise DeclarationError(f"{name} is {text} and free: only a tuple can be; others have distributions")
     return kind
 
 

@@ -115,6 +115,12 @@ class Roles:
         return tuple(each.name for each in self.roles)
 
     @property
+    def random(self) -> bool:
+        """Whether an episode's roles, or the numbers of a role, are drawn."""
+        values = [value for each in self.roles for _, value in each.numbers]
+        return self.drawn != NEVER or any(isinstance(value, Distribution) for value in values)
+
+    @property
     def numbers(self) -> list[str]:
         """Names of all numbers that a role changes, in order."""
         return sorted({name for each in self.roles for name, _ in each.numbers})

@@ -359,7 +359,7 @@ def segments(
         interpret: Labels of systems to run as Python.
     """
     modules = {module.name: module for module in layout.modules}
-    units = [Generator(layout).clock(), *([Generator(layout).draw()] if layout.varied else [])]
+    units = [Generator(layout).clock(), *([Generator(layout).draw()] if layout.keyed else [])]
     units += [Generator(layout).assign()] if layout.roles else []
     for system in systems:
         python = not system.compiled or system.label in interpret

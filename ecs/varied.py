@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .component import Array, Observation, Singleton, column
-from .distributions import CHOICE, INTEGERS, NAMES, Distribution
+from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
 from .errors import NumberError
 from .fields import Field
 
@@ -24,6 +24,7 @@ GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
 ONCE = np.uint64(33)  # the bit that says that it is for one episode
 HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
 KEY = 4  # words at the end of Given: whether there is a key, and the seed, world and episode of it
+NO_LEVELS = "no numbers, walls or roles are drawn here, so seeds decide: reset(seed=[...])"  # see Layout.keyed
 CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
 
 
@@ -97,24 +98,17 @@ class VariedNumber:
         """Its values in worlds, from their words.
 
         Args:
-            words: int32 (worlds, all words).
+            words: int32 (all words, worlds), contiguous.
             module: The mechanic.
 
         Returns:
-            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). A new array.
+            int32, float32, bool or str (worlds,); of a tuple float32 (worlds, width). Numbers are views of `words`.
         """
-        values = np.ascontiguousarray(words[:, self.words]).view(self.dtype)
-        if self.kind is tuple:
-            return values
+        values: Array = words[self.words if self.kind is tuple else self.start].view(self.dtype)
         if self.kind is str:
             choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
-            return np.array(choices)[values[:, 0]]
-        return values[:, 0].astype(bool) if self.kind is bool else values[:, 0]
-
-    def check(self, value: Any) -> None:
-        """NumberError unless the distribution could have drawn the value."""
-        if value not in self.distribution:
-            raise NumberError(f"{self.name} = {value!r}: it varies as {self.distribution}; take a value of that")
+            return np.array(choices)[values]
+        return values.astype(bool) if self.kind is bool else values.T
 
 
 def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict[str, VariedNumber]:
@@ -137,7 +131,8 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
             raise NumberError(f"there is no number '{name}' to vary; known: {', '.join(owners)}")
         k, field = owners[name]
         kind, distribution = type(getattr(modules[k], field)), distributions[name]
-        _check_kind(name, kind, distribution)
+        free = next(item.metadata.get("free", False) for item in fields(modules[k]) if item.name == field)
+        _check_kind(name, kind, distribution, free)
         widths = {encode(modules[k], field, value).size for value in distribution.probes()}
         if len(widths) > 1:
             raise NumberError(f"{name} = {distribution}: tuples of one length are needed, as they size memory")
@@ -169,12 +164,12 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
 
 
-def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> Array:
+def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> Array:
     """Values that somebody sets in some worlds, for their column of Given.
 
     Args:
         number: The number.
-        module: The mechanic.
+        layout: An ecs.layout.Layout that varies it.
         values: One, or one for each of the worlds.
         count: How many worlds.
 
@@ -182,28 +177,36 @@ def given_words(number: VariedNumber, module: Any, values: Any, count: int) -> A
         uint64 (count, width).
 
     Raises:
-        NumberError: Another number of values, or one that could not be drawn.
+        NumberError: Another number of values, or one that could not be drawn; of a free number, one that its mechanic
+            does not take.
     """
+    module = layout.modules[number.module]
     listed = list(values) if np.ndim(values) and not isinstance(values, tuple) else [values] * count
     if len(listed) != count:
         raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
     keys, found = [_plain(value) for value in listed], dict[Any, Array]()
     for value in dict.fromkeys(keys):
-        number.check(value)
+        number.distribution.check(number.name, value)
+        if number.distribution.kind == FREE:
+            module.replace(**{number.number: value}).check(layout)
         found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
     given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
     return given
 
 
-def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
+def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
     """Which worlds have words that could not have been drawn: bool (worlds,).
 
     Args:
         number: The number.
-        module: The mechanic.
+        layout: An ecs.layout.Layout that varies it.
         words: int32 (worlds, width), its own.
     """
-    if number.distribution.kind == CHOICE:
+    module = layout.modules[number.module]
+    if number.distribution.kind == FREE:
+        values, which = np.unique(np.ascontiguousarray(words).view(number.dtype), axis=0, return_inverse=True)
+        fits = np.array([_is_taken(number, layout, tuple(value.tolist())) for value in values], bool)[which.reshape(-1)]
+    elif number.distribution.kind == CHOICE:
         known = np.array([encode(module, number.number, value) for value in number.distribution.values])
         fits = (words[:, None] == known).all(2).any(1)
     else:
@@ -211,6 +214,15 @@ def misfits(number: VariedNumber, module: Any, words: Array) -> Array:
         low, high = (number.dtype.type(end) for end in number.distribution.values)
         fits = (low <= values) & (values <= high)
     return ~np.asarray(fits)
+
+
+def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bool:
+    """Whether the mechanic takes this value of a free number."""
+    try:
+        layout.modules[number.module].replace(**{number.number: value}).check(layout)
+    except NumberError:
+        return False
+    return True
 
 
 def wrongly_given(layout: Any, words: Array) -> str:
@@ -225,9 +237,10 @@ def wrongly_given(layout: Any, words: Array) -> str:
         there, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
         flags = own >> GIVEN
         wrong = (flags[:, :1] != flags).any(1) | ((flags != 1) & (flags != 3)).any(1)
-        if (there & (wrong | misfits(number, layout.modules[number.module], low))).any():
-            w = int((there & (wrong | misfits(number, layout.modules[number.module], low))).argmax())
-            return f"{name} in world {w} is not of {number.distribution}"
+        wrong[there] |= misfits(number, layout, low[there])
+        if (wrong := wrong & there).any():
+            w = int(wrong.argmax())
+            return f"{name} in world {w} is not of {number.distribution!r:.80}"
     if (words[:, -KEY] > 1).any():
         return f"the key of random numbers in world {int((words[:, -KEY] > 1).argmax())} is none"
     return ""
@@ -240,9 +253,13 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _check_kind(name: str, kind: type, distribution: Distribution) -> None:
-    allowed = {float: (0, 1, 2, 3), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
-    if distribution.kind not in allowed:
+def _check_kind(name: str, kind: type, distribution: Distribution, free: bool) -> None:
+    allowed = {float: (UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
+    if distribution.kind == FREE and not free:
+        raise NumberError(
+            f"{name} = {distribution}: its mechanic does not declare that it may have any value, so take choice"
+        )
+    if distribution.kind not in (*allowed, FREE):
         names = " or ".join(NAMES[k] for k in allowed)
         raise NumberError(f"{name} = {distribution}: it is of type {kind.__name__}, so take {names}")
 

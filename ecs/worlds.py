@@ -25,7 +25,7 @@ from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
-from .varied import KEY, ONCE, Given, Varied, given_words
+from .varied import KEY, NO_LEVELS, ONCE, Given, Varied, given_words
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -163,7 +163,7 @@ class Worlds:
         if (agents := self.layout.per_agent.get(name)) is not None:
             return agent_values(self, agents)
         if (varied := self.layout.varied.get(name)) is not None:
-            return varied.decode(self[Varied].words, self.layout.modules[varied.module])
+            return varied.decode(self[Varied].words.T.copy(), self.layout.modules[varied.module])
         for module in self.modules:
             if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
                 return getattr(module, own)
@@ -207,10 +207,10 @@ class Worlds:
 
         A tuple is float32 (count, length).
         """
-        return {
-            name: number.decode(self[Varied].words, self.layout.modules[number.module])
-            for name, number in self.layout.varied.items()
-        }
+        if not self.layout.varied:
+            return {}
+        words = self[Varied].words.T.copy()
+        return {name: n.decode(words, self.layout.modules[n.module]) for name, n in self.layout.varied.items()}
 
     def agent_numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """The numbers that differ by role, of each agent in this episode, by name: int32 or float32 (count, agents)."""
@@ -234,8 +234,7 @@ class Worlds:
                 known = ", ".join(self.layout.varied) or "none"
                 raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
             number = self.layout.varied[name]
-            module = self.layout.modules[number.module]
-            words[name] = np.uint64(0) if values is None else given_words(number, module, values, len(rows))
+            words[name] = np.uint64(0) if values is None else given_words(number, self.layout, values, len(rows))
             if once and values is not None:
                 words[name] = words[name] | np.uint64(1) << ONCE
         for name, given in words.items():
@@ -249,10 +248,10 @@ class Worlds:
             where: The worlds: mask, indices or slice.
 
         Raises:
-            NumberError: Nothing varies here: seeds key worlds then.
+            NumberError: Episodes of these worlds differ by too little to be levels, see Layout.keyed.
         """
-        if Given not in self:
-            raise NumberError("no number varies here; worlds are keyed by seeds then")
+        if not self.layout.keyed:
+            raise NumberError(NO_LEVELS)
         rows = np.atleast_1d(np.arange(self.count)[where])
         self[Given].words[rows, -KEY:] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
 

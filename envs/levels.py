@@ -1,8 +1,9 @@
 """Levels: what one episode of one world is made from, as data to keep, change and play again.
 
-A level is the numbers that vary in its scenario (see Scenario.vary) and the key of its random numbers, from which
-start places and everything else follow. Environments tell the levels that they are in, and take others for their next
-episodes: curricula choose among levels, searches mutate them, benchmarks keep a list of them in a file.
+A level is the numbers that vary in its scenario (see Scenario.vary), the floor plan among them, and the key of its
+random numbers, from which drawn walls and roles, start places and everything else follow. Environments tell the levels
+that they are in, and take others for their next episodes: curricula choose among levels, searches mutate them,
+benchmarks keep a list of them in a file.
 """
 
 import json
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import NumberError
-from outlast.ecs.distributions import Distribution
+from outlast.ecs.distributions import FREE, Distribution
 
 from .errors import ScenarioError
 from .scenarios.scenario import Scenario
@@ -57,11 +58,12 @@ class Level:
         Args:
             scenario: The one that varies them.
             rng: Draws which numbers, and their values.
-            count: How many numbers, at most as many as vary.
+            count: How many numbers, at most as many as vary; free ones (see outlast.free) stay as they are.
             rekey: Whether it gets another key, too: other start places and other luck.
         """
         varied = dict(scenario.varied)
-        chosen: list[str] = rng.permutation(sorted(varied)).tolist()[:count]
+        able = sorted(name for name, distribution in varied.items() if distribution.kind != FREE)
+        chosen: list[str] = rng.permutation(able).tolist()[:count]
         drawn = {name: varied[name].sample(rng) for name in chosen}
         key = (int(rng.integers(MOST - 1, dtype=np.uint64)), 0, 1) if rekey else self.key
         return Level({**self.numbers, **drawn}, key)
@@ -127,8 +129,7 @@ def check(level: Level, varied: Mapping[str, Distribution]) -> None:
     for name, value in level.numbers.items():
         if name not in varied:
             raise NumberError(f"{name} does not vary here; these do: {', '.join(varied) or 'none'}")
-        if value not in varied[name]:
-            raise NumberError(f"{name} = {value!r}: it varies as {varied[name]}; take a value of that")
+        varied[name].check(name, value)
 
 
 def _numbers(given: dict[str, Any]) -> dict[str, Any]:

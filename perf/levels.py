@@ -1,6 +1,9 @@
-"""What levels cost: scenarios with walls, in turn with the same ones without.
+"""What levels cost: scenarios with varied numbers, roles and walls, in turn with the same ones without.
 
     python -m perf.levels [--worlds N] [--rounds N]
+
+Numbers vary, and roles differ, in name only: every value is that of the plain scenario, so that the same game is played
+and only the reading of the numbers is timed. Walls make another game.
 
 Random actions, worlds at all steps of their episodes at once, env.step with all that belongs to it; one thread.
 Microseconds of CPU time a world-step, best of the rounds, and the median of the rounds' ratios.
@@ -11,7 +14,7 @@ import time
 
 import numpy as np
 
-from outlast import Scenario, variant
+from outlast import Scenario, choice, role, variant
 from outlast.systems import Maze, Pillars, Rooms, Walls
 from perf.measure import in_turn, stepper, timer
 
@@ -29,11 +32,29 @@ def scattered(count: int, seed: int = 0) -> Walls:
     return Walls(layout=tuple(layout))
 
 
+def in_name_only(plain: Scenario) -> dict[str, Scenario]:
+    """The same game with numbers that vary, and roles that differ, by the values that they have anyway."""
+    numbers = plain.numbers()
+    five = ("cameras_depth", "melee_damage", "motors_ahead", "motors_turn", "safe_zone_damage")  # of four mechanics
+    varied = {name: choice(numbers[name], numbers[name]) for name in five}
+    own = {name: numbers[name] for name in five}
+    agents = numbers["agents_count"]
+    return {
+        "melee_damage varies": plain.vary(melee_damage=varied["melee_damage"]),
+        "five numbers vary": plain.vary(**varied),
+        "agents_count varies": plain.vary(agents_count=choice(agents, agents)),
+        "roles without numbers": plain.roles(one=role(1), other=role(), observed=False),
+        "roles, melee_damage": plain.roles(one=role(1, melee_damage=own["melee_damage"]), other=role(), observed=False),
+        "roles, five numbers": plain.roles(one=role(1, **own), other=role(), observed=False),
+    }
+
+
 def rows() -> list[tuple[str, Scenario, Scenario]]:
     """What is measured: a name, the plain scenario, and the one that is compared with it."""
     found = []
     for name in ("ffa_3", "teams_3"):
         plain = variant(name)
+        found += [(f"{name}, {what}", plain, other) for what, other in in_name_only(plain).items()]
         found.append((f"{name}, {BLOCKS} blocks", plain, plain.with_(scattered(BLOCKS))))
         found.append((f"{name}, maze of 7 x 7 cells", plain, plain.with_(Maze(columns=7, rows=7, loops=0.0))))
         found.append((f"{name}, 3 x 3 rooms", plain, plain.with_(Rooms())))
@@ -47,12 +68,12 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=256, help="in a batch (%(default)s)")
     parser.add_argument("--rounds", type=int, default=5, help="(%(default)s)")
     given = parser.parse_args()
-    print(f"{'scenario':<32} {'plain':>8} {'with':>8} {'ratio':>7}")
+    print(f"{'scenario':<36} {'plain':>8} {'with':>8} {'ratio':>7}")
     for name, *pair in rows():
         timers = [timer(stepper(each, given.worlds), clock=time.process_time) for each in pair]
         times = in_turn(timers, given.rounds) / given.worlds * 1e6
         plain, other = times.min(axis=0)
-        print(f"{name:<32} {plain:8.3f} {other:8.3f} {np.median(times[:, 1] / times[:, 0]):7.2f}", flush=True)
+        print(f"{name:<36} {plain:8.3f} {other:8.3f} {np.median(times[:, 1] / times[:, 0]):7.2f}", flush=True)
 
 
 if __name__ == "__main__":

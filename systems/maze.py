@@ -1,6 +1,7 @@
 """A maze: corridors between walls along the lines of a grid, drawn anew for each episode."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from outlast.components import Body, Floor, Phase, Shape, Wall
 from outlast.components.limits import FAR
@@ -16,6 +17,8 @@ class Maze(InnerWalls):
 
     Every wall of one cell's length is a block, or is not there. Corridors have room for the widest agent.
     """
+
+    draws_level: ClassVar[bool] = True
 
     columns: int = number(6, low=1, high=MOST, unit="cells", about="from left to right")
     rows: int = number(6, low=1, high=MOST, unit="cells", about="from bottom to top")

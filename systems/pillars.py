@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class Pillars(InnerWalls):
 
     A pillar for which 256 places were drawn in vain is left out, which is next to impossible with what `check` allows.
     """
+
+    draws_level: ClassVar[bool] = True
 
     count: int = number(12, low=1, high=450, about="how many there are")
     least: float = number(0.8, low=0.004, high=FAR, unit="metres", about="the shortest side that one can have")

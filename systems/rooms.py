@@ -1,6 +1,7 @@
 """Rooms with doors: the floor is divided into a grid of rooms, drawn anew for each episode."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from outlast.components import Body, Floor, Phase, Shape, Wall
 from outlast.components.limits import FAR
@@ -17,6 +18,8 @@ class Rooms(InnerWalls):
     A wall with a door is two blocks, one without is one. Where in its wall a door is, is drawn, too; at least an eighth
     of what the door leaves of it stays on either side. Doors are wide enough for the widest agent.
     """
+
+    draws_level: ClassVar[bool] = True
 
     columns: int = number(3, low=1, high=MOST, unit="rooms", about="from left to right")
     rows: int = number(3, low=1, high=MOST, unit="rooms", about="from bottom to top")

@@ -30,7 +30,9 @@ class Walls(InnerWalls):
     vary(walls_layout=choice(one, two)).
     """
 
-    layout: tuple[float, ...] = number((), low=-1e4, high=1e4, about="of a floor plan, as outlast.FloorPlan makes it")
+    layout: tuple[float, ...] = number(
+        (), low=-1e4, high=1e4, free=True, about="of a floor plan, as outlast.FloorPlan makes it"
+    )
 
     def most_blocks(self) -> int:
         return max(1, len(self.layout) // ENTRY)

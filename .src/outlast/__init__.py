@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
-from .ecs.distributions import choice, integers, log_uniform, uniform
+from .ecs.distributions import choice, free, integers, log_uniform, uniform
 from .ecs.roles import role
 from .envs.adapters.registry import register as _register
 from .envs.core.make import make_vec
@@ -67,6 +67,7 @@ __all__ = [
     "errors",
     "evaluate",
     "film",
+    "free",
     "integers",
     "levels",
     "load_policy",

@@ -1,4 +1,4 @@
-"""outlast layout: draw walls as worlds begin with them, or write them down as a floor plan."""
+"""outlast layout: show walls as worlds begin with them, or write them down as a floor plan."""
 
 import argparse
 import contextlib
@@ -17,14 +17,14 @@ from ..scenarios.floor_plan import LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
 from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, scenario
 
-GAP = 8  # pixels between two pictures
+GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     text = "draw the walls of worlds, or write them down as a floor plan"
     description = (
-        "Draw what worlds with walls inside of the room begin with, or write the walls of one down as a floor plan, "
+        "Show what worlds with walls inside of the room begin with, or write the walls of one down as a floor plan, "
         "which --layout of other commands takes."
     )
     examples = [
@@ -39,8 +39,9 @@ def add(commands: Any) -> None:
     add_number(command.group(PLAY), "--worlds", 1, "number of worlds")
     add_seed(command)
     output = command.group(OUTPUT)
-    add_number(output, "--size", 384, "pixels along a side of one world's picture")
-    text = "where to write: .png for a picture, or .json for the floor plan of the only world"
+    text = f"pixels along a side of one world's picture (default: {SIZE})"
+    output.add_argument("--size", type=int, metavar="N", help=text)
+    text = "where to write: .png for a picture, .html for a page, or .json for the floor plan of the only world"
     output.add_argument("--out", required=True, metavar="FILE", help=text)
     command.set_defaults(run=run)
 
@@ -48,19 +49,26 @@ def add(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Begin episodes, and write what they begin with; the exit status."""
     path = Path(options.out)
-    if path.suffix not in (".png", ".json"):
-        raise UsageError(f"--out {options.out}: a name that ends in .png or .json is needed")
-    if not SMALLEST <= options.size <= LARGEST:
-        raise UsageError(f"--size {options.size}: pixels from {SMALLEST} to {LARGEST} are needed")
+    if path.suffix not in (".png", ".html", ".json"):
+        raise UsageError(f"--out {options.out}: a name that ends in .png, .html or .json is needed")
+    if options.size is not None and path.suffix != ".png":
+        raise UsageError(f"--size {options.size} is for pictures: write a .png, or leave it out")
+    size = SIZE if options.size is None else options.size
+    if not SMALLEST <= size <= LARGEST:
+        raise UsageError(f"--size {size}: pixels from {SMALLEST} to {LARGEST} are needed")
     if path.suffix == ".json" and options.worlds > 1:
         raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
+    from ..web.replay.write import write_page
+
     with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
         env.reset()
         try:
             if path.suffix == ".json":
                 FloorPlan.of_world(env.worlds).save(path)
+            elif path.suffix == ".html":
+                write_page(path, env.worlds, [0], range(env.num_worlds), title=f"{options.layout}: {env.scenario.name}")
             else:
-                _write_picture(path, [draw(env.worlds, w, options.size) for w in range(env.num_worlds)])
+                _write_picture(path, [draw(env.worlds, w, size) for w in range(env.num_worlds)])
         except OSError as error:
             raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
     print(options.out)

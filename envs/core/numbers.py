@@ -1,13 +1,14 @@
 """The numbers of a game that runs: what they are, and how they change."""
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import Given
+from outlast.ecs.varied import NO_LEVELS, Given
 
 from ..levels import Level, check
 from ..scenarios.scenario import Scenario
@@ -47,14 +48,9 @@ def change_numbers(
                 "scenario in which it varies: scenario.vary(...)"
             )
         check_unrecorded()
-    before = worlds[Given].words.copy() if varied else None
-    worlds.give_numbers(varied, where)
-    try:
+    with _restored(worlds):
+        worlds.give_numbers(varied, where)
         worlds.set_numbers(**others)
-    except BaseException:
-        if before is not None:
-            worlds[Given].words[:] = before
-        raise
 
 
 def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
@@ -78,15 +74,28 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
-    if Given not in worlds:
-        raise NumberError("no number varies here, so a level is a seed: reset(seed=[...]); or vary() some")
+    if not worlds.layout.keyed:
+        raise NumberError(NO_LEVELS)
     varied = {name: number.distribution for name, number in worlds.layout.varied.items()}
     for level in levels:
         check(level, varied)
-    for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
-        worlds.give_numbers(level.numbers, row, once=True)
-        if level.key is not None:
-            worlds.give_keys([level.key], row)
+    with _restored(worlds):
+        for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
+            worlds.give_numbers(level.numbers, row, once=True)
+            if level.key is not None:
+                worlds.give_keys([level.key], row)
+
+
+@contextlib.contextmanager
+def _restored(worlds: Worlds) -> Iterator[None]:
+    """What was given before is given again if an exception comes."""
+    before = worlds[Given].words.copy() if Given in worlds else None
+    try:
+        yield
+    except BaseException:
+        if before is not None:
+            worlds[Given].words[:] = before
+        raise
 
 
 def _chosen(name: str, value: Any, where: Array) -> Any:

@@ -96,7 +96,7 @@ class Scene:
 
     def _drawn(self, number: VariedNumber) -> Any:
         """The value that a varied number has in this world."""
-        words = self.worlds[Varied].words[self.w, None]
+        words = self.worlds[Varied].words[self.w, :, None].copy()
         value = number.decode(words, self.worlds.modules[number.module])[0]
         return tuple(value.tolist()) if value.ndim else value.item()
 

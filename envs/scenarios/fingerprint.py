@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from outlast.ecs import NumberError, roles
-from outlast.ecs.distributions import NAMES
+from outlast.ecs.distributions import MOST, NAMES
 from outlast.ecs.identity import PYTHON, code_digest, full_name
 from outlast.ecs.references import is_outside
 
@@ -70,7 +70,7 @@ def is_fingerprint(given: Any) -> bool:
 
 
 def _is_distribution(given: Any) -> bool:
-    return isinstance(given, list) and 2 < len(given) <= LONGEST and given[0] in NAMES and all(map(_is_plain, given))
+    return isinstance(given, list) and 1 < len(given) <= 1 + MOST and given[0] in NAMES and all(map(_is_plain, given))
 
 
 def _are_roles(given: Any) -> bool:

@@ -211,13 +211,13 @@ def _check_absent(layout: Layout, block: Array, started: Array) -> None:
 
 def _check_varied(layout: Layout, block: Array, started: Array) -> None:
     """Varied numbers, and those that are given, are some that could have been drawn; counts are used as indices."""
-    if not layout.varied:
+    if not layout.keyed:
         return
     words = layout.columns(block, Varied).words
     for name, number in layout.varied.items():
-        wrong = started & misfits(number, layout.modules[number.module], words[:, number.words])
+        wrong = started & misfits(number, layout, words[:, number.words])
         if wrong.any():
-            raise StateError(f"the state's {name} in world {int(wrong.argmax())} is not of {number.distribution}")
+            raise StateError(f"the state's {name} in world {int(wrong.argmax())} is not of {number.distribution!r:.80}")
     if wrong_words := wrongly_given(layout, layout.columns(block, Given).words):
         raise StateError(f"the state's {wrong_words}")
 

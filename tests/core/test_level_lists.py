@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Level, choice, integers, levels, log_uniform, uniform
+from outlast import FloorPlan, Level, choice, free, integers, levels, log_uniform, uniform
+from outlast.components import Body
 from outlast.ecs import NumberError
+from outlast.ecs.per_agent import AgentRoles
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
+from outlast.systems import Maze
 from tests.conftest import draw_actions, scaled
 
 DUEL = outlast.variant("ffa_3").vary(
@@ -151,7 +154,7 @@ def test_levels_that_do_not_fit_are_refused_and_nothing_changes() -> None:
     np.testing.assert_array_equal(env.worlds.block, before)
     env.close()
     plain = outlast.make_vec("ffa_1", 2, seed=0)
-    with pytest.raises(NumberError, match="a level is a seed"):
+    with pytest.raises(NumberError, match="seeds decide"):
         plain.set_levels([Level()])
     plain.close()
 
@@ -196,3 +199,82 @@ def test_recordings_with_other_words_are_refused(tmp_path: Path) -> None:
     recording.header["given"] -= 1
     with pytest.raises(RecordingError, match="words of given numbers"):
         outlast.Replay(recording)
+
+
+PLAN = FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
+WALLED = outlast.variant("ffa_3").with_(PLAN.mechanic(6)).vary(walls_layout=free(PLAN.layout(6)))
+
+
+def test_free_layouts_are_any_that_is_given(tmp_path: Path) -> None:
+    assert outlast.Scenario.from_json(WALLED.to_json()) == WALLED
+    rng = np.random.default_rng(0)
+    plans = [
+        FloorPlan(walls=[(*rng.uniform(-9, 9, 2), 0.5, 3, rng.uniform(0, 3)) for _ in range(count)])
+        for count in (1, 3, 6)
+    ]
+    given = [Level({"walls_layout": plan.layout(6)}, (5, k, 1)) for k, plan in enumerate(plans)]
+    levels.save(tmp_path / "walls.json", WALLED, given)
+    assert levels.load(tmp_path / "walls.json", WALLED) == given
+    env = outlast.make_vec(WALLED, 4, seed=0)
+    env.set_levels(given, mask=[False, True, True, True])
+    env.reset()
+    found = [FloorPlan.of_world(env.worlds, w) for w in range(4)]
+    for plan, expected in zip(found, [PLAN, *plans], strict=True):
+        np.testing.assert_allclose(plan.walls, expected.walls, atol=1e-6)
+    for w, plan in enumerate(plans, 1):  # as if the plan were that of the scenario
+        alone = outlast.make_vec(outlast.variant("ffa_3").with_(plan.mechanic(6)), 1, seed=5, first_world=w - 1)
+        alone.reset()
+        np.testing.assert_array_equal(env.worlds[Body].x[w], alone.worlds[Body].x[0])
+        alone.close()
+    env.set_state(env.get_state())
+    env.reset()
+    assert len(FloorPlan.of_world(env.worlds, 2).walls) == 2  # for one episode
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (PLAN.layout(7), "36 finite numbers"),
+        ((*PLAN.layout(6)[:-1], math.nan), "36 finite numbers"),
+        ("x" * 36, "36 finite numbers"),
+        ((50.0, 0.0, 1.0, 1.0, 0.0, 0.0) * 6, "outside of the room"),
+    ],
+)
+def test_free_layouts_that_cannot_be_change_nothing(wrong: Any, message: str) -> None:
+    env = outlast.make_vec(WALLED, 2, seed=0)
+    env.reset()
+    before = env.worlds.block.copy()
+    with pytest.raises(NumberError, match=message):
+        env.set_levels([Level({}, (1, 2, 3)), Level({"walls_layout": wrong})])
+    np.testing.assert_array_equal(env.worlds.block, before)
+    env.close()
+
+
+def test_only_what_declares_it_is_free() -> None:
+    with pytest.raises(NumberError, match="does not declare"):
+        outlast.variant("ffa_3").vary(safe_zone_radii=free((5, 4)))
+    for wrong in (3.0, "plan", (1, math.inf)):
+        with pytest.raises(NumberError, match="a tuple of finite numbers"):
+            free(wrong)
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        outlast.variant("ffa_3").with_(Maze()),
+        outlast.variant("teams_2").roles(one=outlast.role(1), other=outlast.role(3), drawn="anyone"),
+    ],
+)
+def test_drawn_walls_and_roles_are_levels_by_their_keys(scenario: outlast.Scenario) -> None:
+    env, other = outlast.make_vec(scenario, 4, seed=0), outlast.make_vec(scenario, 4, seed=9)
+    env.reset()
+    other.set_levels([env.levels()[2]], mask=[False, True, False, False])
+    other.reset()
+    assert other.levels()[1] == env.levels()[2]
+    np.testing.assert_array_equal(other.worlds[Body].x[1], env.worlds[Body].x[2])
+    if AgentRoles in env.worlds:
+        np.testing.assert_array_equal(other.worlds[AgentRoles].role[1], env.worlds[AgentRoles].role[2])
+    else:
+        assert FloorPlan.of_world(other.worlds, 1) == FloorPlan.of_world(env.worlds, 2)
+    env.close(), other.close()

@@ -288,7 +288,7 @@ def test_what_cannot_be_set_is_refused_and_changes_nothing(given: dict[str, Any]
         (lambda: uniform(math.nan, 1), "two finite numbers are needed"),
         (lambda: log_uniform(0, 1), "the lower end must be above 0"),
         (lambda: integers(1.5, 2), "two integers are needed"),  # type: ignore[arg-type]
-        (lambda: choice(1), "at least two values are needed"),
+        (lambda: choice(1), "2 to 65536"),
     ],
 )
 def test_distributions_that_cannot_be_are_refused(make_one: Any, reason: str) -> None:

@@ -24,6 +24,11 @@ def test_layouts_are_drawn_and_written_down(capsys: Any, tmp_path: Path) -> None
     assert cv2.imread(str(tmp_path / "three.png")).shape == (776, 776, 3)
 
 
+def test_layouts_are_shown_on_a_page(capsys: Any, tmp_path: Path) -> None:
+    assert run(capsys, "layout", "rooms", "--worlds", 2, "--out", tmp_path / "rooms.html")[0] == 0
+    assert "<title>rooms: ffa_3-with_rooms" in (tmp_path / "rooms.html").read_text()
+
+
 def test_commands_take_a_layout(capsys: Any, tmp_path: Path) -> None:
     (tmp_path / "plan.txt").write_text("A" + "." * 38 + "B\n" + "." * 40 + "\n" + ".....#" * 6 + "....\n" + "." * 40)
     given = ("rollout", "ffa_1", "--layout", tmp_path / "plan.txt", "--set", "safe_zone_radii=2,1")
@@ -35,8 +40,9 @@ def test_commands_take_a_layout(capsys: Any, tmp_path: Path) -> None:
     ("given", "words"),
     [
         (("layout", "nowhere", "--out", "x.png"), "layout nowhere: No such file or directory; maze, rooms, pillars"),
-        (("layout", "maze", "--out", "x.gif"), "a name that ends in .png or .json is needed"),
+        (("layout", "maze", "--out", "x.gif"), "a name that ends in .png, .html or .json is needed"),
         (("layout", "maze", "--size", "9999", "--out", "x.png"), "--size 9999: pixels from 64 to 4096"),
+        (("layout", "maze", "--size", "200", "--out", "x.html"), "--size 200 is for pictures"),
         (("layout", "maze", "--worlds", "2", "--out", "x.json"), "is for the floor plan of one world"),
         (("layout", "maze", "--out", "/nowhere/x.json"), "--out /nowhere/x.json cannot be written: No such file"),
         (("rollout", "ffa_1", "--layout", "/dev/null"), "/dev/null is no floor plan: a drawing of 0 x 0 characters"),
