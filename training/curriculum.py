@@ -10,7 +10,7 @@ import numpy as np
 from outlast.ecs import NumberError
 from outlast.envs.core.spaces import statistics
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.levels import Level, check, decoded, encoded
+from outlast.envs.levels import Level, check_all, decoded, encoded
 from outlast.envs.rollout.policies import hashed
 from outlast.envs.scenarios.scenario import Scenario
 
@@ -73,13 +73,12 @@ class Curriculum:
 
     def take(self, levels: Any) -> None:
         """Draw from these levels from now on. Raises TrainingError for what are none."""
-        if not isinstance(levels, Sequence) or not levels or not all(isinstance(each, Level) for each in levels):
-            raise TrainingError(f"levels = {levels!r:.200}: a sequence of one or more outlast.Level is needed")
-        for k, level in enumerate(levels):
-            try:
-                check(level, self.varied)
-            except NumberError as error:
-                raise TrainingError(f"levels[{k}]: {error}") from None
+        try:
+            check_all(levels, self.varied)
+        except NumberError as error:
+            raise TrainingError(f"what was chosen are no levels: {error}") from None
+        if not levels:
+            raise TrainingError("what was chosen are no levels: there is none; return [Level()] to have all drawn")
         self.levels = tuple(levels)
 
     def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from outlast.ecs import Clock, NumberError, Worlds
 from outlast.ecs.varied import NO_LEVELS, Given
 
-from ..levels import Level, check
+from ..levels import Level, check_all
 from ..scenarios.scenario import Scenario
 from .validation import reset_mask
 
@@ -72,13 +72,11 @@ def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(reset_mask(None if mask is None else {"reset_mask": mask}, worlds.count))
-    if len(levels) not in (1, len(rows)):
-        raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     if not worlds.layout.keyed:
         raise NumberError(NO_LEVELS)
-    varied = {name: number.distribution for name, number in worlds.layout.varied.items()}
-    for level in levels:
-        check(level, varied)
+    check_all(levels, {name: number.distribution for name, number in worlds.layout.varied.items()})
+    if len(levels) not in (1, len(rows)):
+        raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     with _restored(worlds):
         for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
             worlds.give_numbers(level.numbers, row, once=True)
