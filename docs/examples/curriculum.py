@@ -49,25 +49,34 @@ LAYOUTS = [plan.layout(5) for plan in BY_HAND]
 PLANS = SEARCH.with_(BY_HAND[0].mechanic(5)).vary(walls_layout=outlast.free(LAYOUTS[0]))
 METHODS = ("drawn", "chosen")
 KEPT, NEW = 96, 48  # levels that are played again, levels that are tried, in each rollout
-FORGET, LEAST = 0.7, 0.04  # of earlier episodes, with each rollout: the policy changes; learnability of what is kept
+FORGET = 0.7  # what earlier episodes count with each rollout, as the policy changes
 
 
 class Learnable:
-    """Chooses the levels of the next rollout: the most learnable ones so far, and new ones."""
+    """Chooses the levels of the next rollout: the most learnable ones so far, and new ones.
+
+    The share p of a level is that of its episodes, and of one more, which ends as new levels usually do.
+    """
 
     def __init__(self) -> None:
         self.tallies: dict[tuple[int, int, int], np.ndarray] = {}  # solved, played
 
     def __call__(self, progress: TrainingProgress) -> list[Level]:
+        new: dict[tuple[int, int, int], np.ndarray] = {}
         for tally in self.tallies.values():
             tally *= FORGET
         for level, deaths in zip(progress.played, progress.statistics["deaths_zone"], strict=True):
-            self.tallies.setdefault(level.key, np.zeros(2))[:] += deaths == 0, 1
-        worth = {key: solved / played * (1 - solved / played) for key, (solved, played) in self.tallies.items()}
-        best = sorted((key for key in worth if worth[key] > LEAST), key=worth.__getitem__, reverse=True)[:KEPT]
-        self.tallies = {key: self.tallies[key] for key in best}
-        new = [(int(number), 0, 1) for number in progress.rng.integers(2**63, size=NEW)]
-        return [Level(key=key) for key in (*best, *new)]  # all numbers follow from the key
+            tally = self.tallies[level.key] if level.key in self.tallies else new.setdefault(level.key, np.zeros(2))
+            tally += deaths == 0, 1
+        usual, all_ = sum(new.values(), np.zeros(2)), self.tallies | new
+        mean = usual[0] / max(1, usual[1])
+        shares = {key: (solved + mean) / (played + 1) for key, (solved, played) in all_.items()}
+        learnable = {key: share * (1 - share) for key, share in shares.items() if all_[key][0]}
+        best = sorted(learnable, key=learnable.__getitem__, reverse=True)[:KEPT]
+        self.tallies = {key: all_[key] for key in best}
+        again = best * (KEPT // max(1, len(best)))  # two of three episodes, also where there are few
+        tried = [(int(number), 0, 1) for number in progress.rng.integers(2**63, size=NEW)]
+        return [Level(key=key) for key in (*again, *tried)]  # all numbers follow from the key
 
 
 def held_out(folder: Path) -> dict[str, tuple[outlast.Scenario, list[Level]]]:
