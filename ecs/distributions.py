@@ -144,6 +144,9 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether it is a finite number."""
+    """Whether it is a finite number, and none that only Python's integers can be."""
     real = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    return real and math.isfinite(value)
+    try:
+        return real and math.isfinite(value)
+    except OverflowError:
+        return False

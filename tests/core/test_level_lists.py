@@ -122,6 +122,7 @@ def test_levels_are_files(tmp_path: Path) -> None:
         (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=99), NumberError, "level 0: melee_damage"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=math.nan), NumberError, "level 0"),
+        (lambda content: content["levels"][0]["numbers"].update(melee_damage=10**400), NumberError, "level 0"),
         (lambda content: content["levels"][0]["numbers"].update(melee_reach=2), NumberError, "does not vary here"),
         (lambda content: content["levels"][0].update(key=[1, 2]), ScenarioError, "seed, world and episode are needed"),
         (lambda content: content["levels"][0].update(key=[1, 2, -1]), ScenarioError, "seed, world and episode"),
