@@ -23,10 +23,10 @@ from outlast.components import Bag, Body, Item, Shape
 from outlast.ecs import Entity
 from outlast.envs.cli.main import main as outlast_command
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rendering.layers import LAYERS, CamerasLayer, Scene
+from outlast.envs.rendering.layers import LAYERS, CamerasLayer, LidarLayer, Scene
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
-from outlast.systems import Maze, Pillars, Rooms
+from outlast.systems import Lidar, Maze, Pillars, Rooms
 
 DOCS = Path(__file__).resolve().parent
 SHOWN = 330  # tick of the page's recording
@@ -170,6 +170,13 @@ def levels() -> Image:
     return beside([draw(played(scenario, 0, 0).worlds, 0, 240) for scenario in (*drawn, hall)])
 
 
+def lidar() -> Image:
+    """Rays all around that end at walls, and a fan ahead of agents that ends at boxes and agents, too."""
+    maze = outlast.variant("ffa_1").with_(Maze(), Lidar())
+    pillars = outlast.variant("ffa_3").with_(Pillars(count=14), Lidar(rays=15, angle=2.0, targets="solids"))
+    return beside([draw(played(game, 2, 60).worlds, 0, 280, [*LAYERS, LidarLayer()]) for game in (maze, pillars)])
+
+
 def page() -> Image:
     """The page of a recording: a trained policy is followed. Needs PyTorch, playwright and a Chromium on the PATH."""
     from playwright.sync_api import sync_playwright
@@ -194,7 +201,7 @@ def page() -> Image:
 
 
 PICTURES: dict[str, Callable[[], Image]] = {
-    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, levels)
+    made.__name__: made for made in (start, sight, roles, zone, boxes, fight, poison, tag, levels, lidar)
 }
 SCREENSHOTS: dict[str, Callable[[], Image]] = {"page": page}  # which depend on the fonts of a machine
 

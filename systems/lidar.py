@@ -45,7 +45,8 @@ class Lidar(Module):
 
     The fan ahead of an agent, `angle` wide, is divided into `rays` equal parts, and a ray runs through the middle of
     each: an odd number has one straight ahead, and 2 pi spreads them all around. They are observed from right to left.
-    A ray that hits nothing reads `depth`. The rays of agents that are dead, absent or blind (Preparation) read 0.
+    A ray that hits nothing reads `depth`; a body that holds the agent's centre, as an item can, is not hit. The rays of
+    agents that are dead, absent or blind (Preparation) read 0.
     """
 
     rays: int = number(16, low=1, high=MOST_RAYS, about="how many there are")

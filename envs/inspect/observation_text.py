@@ -15,8 +15,9 @@ GROUPS = {"heals": "Heals", "boxes": "Boxes", "box_items": "Broken boxes"}
 ZONE = ("x", "y", "radius", "next_x", "next_y", "next_radius")
 MOTION = ("x", "y", "angle", "vx", "vy", "omega")
 SHOWN = {"id", "team", "health", *MOTION}
-HANDLED = {"own", "others", "zone", "heal_slot", "box_slot", *GROUPS}
+HANDLED = {"own", "others", "zone", "lidar", "heal_slot", "box_slot", *GROUPS}
 FEW = 4  # numbers of an observation of other mechanics that still make a line
+RAYS = 32  # of so many, each is told; of more, the shortest and the longest
 
 
 class Viewpoint:
@@ -62,6 +63,8 @@ def observation_text(observation: Mapping[str, Array], fields: Fields) -> Lines:
         lines["Next item"] = list(_slots(observation, fields)) or ["none"]
     if "zone" in observation:
         lines["Zone"] = list(_zone(viewpoint, *_values(observation["zone"], fields["zone"], *ZONE)))
+    if "lidar" in observation:
+        lines["Lidar"] = [_rays(observation["lidar"][fields["lidar"]["distance"].columns])]
     others = observation["others"][observation["others_mask"] > 0]
     lines |= _agents(viewpoint, [Viewpoint(row, fields["others"]) for row in others])
     for key, heading in GROUPS.items():
@@ -92,6 +95,14 @@ def _zone(viewpoint: Viewpoint, x: float, y: float, radius: float, *after: float
         yield f"it vanishes next, {viewpoint.direction(x, y)}"
     else:
         yield f"next: inside, {left:.1f} m" if left >= 0 else f"next: {-left:.1f} m away, {viewpoint.bearing(x, y)}"
+
+
+def _rays(distances: Array) -> str:
+    if not distances.any():
+        return "blind"
+    if len(distances) > RAYS:
+        return f"{distances.min():.1f} to {distances.max():.1f} m along {len(distances)} rays"
+    return f"{' '.join(f'{distance:.1f}' for distance in distances)} m, from right to left"
 
 
 def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:

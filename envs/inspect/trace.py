@@ -37,6 +37,7 @@ from outlast.ecs import Action, Clock, Component, Layout, Worlds
 
 from ..core.spaces import published
 from ..rendering.layers.cameras import cone_corners, seen_rows
+from ..rendering.layers.lidar import directions, distances
 from ..rendering.layers.others import of_kind
 from ..rendering.scene import Scene
 from ..rendering.style import css, ink_on, of_box, of_side
@@ -90,12 +91,13 @@ def describe(worlds: Worlds, w: int) -> Json:
 
     half: metres from the middle to the edge of what is shown. room: side of the floor, metres, 0: none; the longer one
     of a rectangle. floor: [width, height] of it, or []. seconds: of a tick. teams: whether sides are teams. health: hit
-    points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone:
-    [[x, y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
-    everything. damage_types: by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards: whether
-    there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side, radius, hides, health, reach,
-    cone}], the last three as above, but of this agent; side -1: absent. objects: [{kind, role, radius, width, height,
-    hides, of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether
+    points at the start. slots: of a bag. reach: of the melee, metres, 0: none. zone: whether there is one. cone: [[x,
+    y]], corners of a vision cone, metres ahead and to the left; None if there are no cameras, or agents observe
+    everything. rays: of the lidar of an agent. damage_types: by number. actions: [{name, low, high}], what an agent
+    chooses in a tick. rewards: whether there are any. sides: [{color, ink, box, name}], colours as CSS. agents: [{side,
+    radius, hides, health, reach, cone, rays}], health, reach and cone as above, but of this agent; side -1: absent;
+    rays: [[x, y]], a metre along each ray, ahead and to the left. objects: [{kind, role, radius, width, height, hides,
+    of, amount, health}]: role is box, box_item, heal, item, wall or other; radius 0: a rectangle; hides: whether
     cameras do not see through it; of: the box that a box item was, -1: none; amount: hit points that a heal gives;
     health: hit points at the start, 0: cannot be damaged. color: of items and others, as CSS; else empty.
     """
@@ -114,6 +116,7 @@ def describe(worlds: Worlds, w: int) -> Json:
         "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
         "zone": Zone in scene,
         "cone": _cone(scene, None),
+        "rays": worlds.dims["rays"] if systems.Lidar in scene else 0,
         "damage_types": list(worlds.layout.damage_types),
         "actions": [
             {"name": key, "low": int(column.low), "high": int(column.high)}
@@ -137,6 +140,7 @@ def describe(worlds: Worlds, w: int) -> Json:
                 "health": points[e],
                 "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
                 "cone": _cone(scene, e),
+                "rays": [[_number(x), _number(y)] for x, y in directions(scene, e)] if systems.Lidar in scene else [],
             }
             for e in bodies.agents
         ],
@@ -148,12 +152,12 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     """World `w` as it is now.
 
     episode, tick: of its clock. zone: [x, y, radius, next x, next y, next radius] or None. agents: [{x, y, angle,
-    alive, health, bag, strike, target, sees, action, reward}]: bag holds objects, the last one is the one in use;
+    alive, health, bag, strike, target, sees, rays, action, reward}]: bag holds objects, the last one is the one in use;
     strike is 0, or 1 for one that met nothing in this tick, 2 for one that met something; target: the body that it met,
-    -1: none; sees holds numbers of bodies other than walls, None: all; action holds what it was told to do in this
-    tick, without a meaning in the first of an episode; reward: of this tick. objects: [{x, y, angle, here, owner,
-    wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1: none; wound: hit points that it
-    lacks.
+    -1: none; sees holds numbers of bodies other than walls, None: all; rays: metres, as its lidar reads them; action
+    holds what it was told to do in this tick, without a meaning in the first of an episode; reward: of this tick.
+    objects: [{x, y, angle, here, owner, wound}]: here: in the world, so not in a bag and not broken; owner: a side, -1:
+    none; wound: hit points that it lacks.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     zone = [_number(getattr(scene[Zone], name)[0]) for name in CIRCLES] if Zone in scene else None
@@ -201,6 +205,7 @@ def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool, targets: d
         "strike": (1 + (targets[e] >= 0) if e in targets else 0) if alive else 0,
         "target": bodies.numbers[targets[e]] if alive and targets.get(e, -1) >= 0 else -1,
         "sees": _seen(scene, bodies, i) if alive else [],
+        "rays": [_number(far) for far in distances(scene, i)] if systems.Lidar in scene else [],
     }
 
 

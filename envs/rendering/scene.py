@@ -1,5 +1,6 @@
 """The scene: one world as layers read it."""
 
+import dataclasses
 import functools
 import math
 from typing import Any, TypeVar
@@ -83,7 +84,7 @@ class Scene:
                 own = [number for number in self.worlds.layout.varied.values() if number.module == k]
                 drawn = {number.number: self._drawn(number) for number in own}
                 drawn |= self._of_agent(k, agent) if agent is not None else {}
-                return module.replace(**drawn) if drawn else module
+                return module.replace(**_in_range(module, drawn)) if drawn else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
 
     def _of_agent(self, module: int, e: int) -> dict[str, Any]:
@@ -108,6 +109,16 @@ class Scene:
         ends = [max(abs(x[e]), abs(y[e])) + bound[e] for e in self.living(Body, Shape)]
         reach: float = max([1.0, *(end for end in ends if math.isfinite(end))])
         return reach, reach
+
+
+def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
+    """The numbers of a world, which are float32, without what rounding adds beyond the ends of their ranges."""
+    rules = {item.name: item.metadata for item in dataclasses.fields(module)}
+    ends = {name: (rules[name].get("low", -math.inf), rules[name].get("high", math.inf)) for name in numbers}
+    return {
+        name: min(max(value, ends[name][0]), ends[name][1]) if isinstance(value, float) else value
+        for name, value in numbers.items()
+    }
 
 
 @functools.lru_cache(maxsize=256)

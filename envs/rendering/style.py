@@ -49,6 +49,7 @@ class Sizes:
     star_rim: float = 0.08
     cone_opacity: float = 0.15  # 0 to 1
     sight_line: float = 0.06
+    ray: float = 0.05
     zone_rim: float = 0.1
     zone_dash: float = 0.7
 

@@ -1,7 +1,7 @@
 // World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see trace.py.
 //
 // options: width, height (CSS pixels), ratio (device pixels in one), colors (a theme of assets.py), camera {x, y, half}
-// (metres), follow (an agent, -1: none), show {cones, lines, zone, ids, health, bags, trails, blind, attention, night}
+// (metres), follow (an agent, -1: none), show {cones, lines, rays, zone, ids, health, bags, trails, blind, attention, night}
 // (true or false; blind: fade what the followed agent does not see; night: darken all that it does not see), trails
 // [[[x, y] ...] of each agent], attends [{body, share}]: to what its policy attends, marks [{x, y, age (0 to 1), kind,
 // agent, object}]: events of a moment ago.
@@ -25,6 +25,7 @@ const World = (() => {
     if (scene.show.trails) trails(scene);
     if (scene.show.cones && description.cone) inside(scene, () => watchers(scene).forEach((agent) => cone(scene, agent)));
     if (scene.show.lines) watchers(scene).forEach((agent) => lines(scene, agent));
+    if (scene.show.rays) watchers(scene).forEach((agent) => rays(scene, agent));
     if (scene.show.attention && options.attends) attention(scene);
     objects(scene, ["heal", "item", "box_item", "other"], Bodies.item);
     objects(scene, ["box", "wall"], Bodies.solid);
@@ -174,6 +175,20 @@ const World = (() => {
     for (const k of agent.sees || []) {
       if (bodies[k].alive || bodies[k].here) line(scene, agent.x, agent.y, bodies[k].x, bodies[k].y);
     }
+    context.globalAlpha = 1;
+  }
+
+  // A line along each ray of an agent's lidar, up to what it hits.
+  function rays(scene, agent) {
+    const { context, description, snapshot } = scene, i = snapshot.agents.indexOf(agent);
+    const cosine = Math.cos(agent.angle), sine = Math.sin(agent.angle);
+    context.strokeStyle = side(scene, i).color;
+    context.lineWidth = Math.max(SIZES.ray, scene.pixel);
+    context.globalAlpha = 0.8;
+    description.agents[i].rays.forEach(([ahead, left], k) => {
+      const far = agent.rays[k];
+      line(scene, agent.x, agent.y, agent.x + far * (cosine * ahead - sine * left), agent.y + far * (sine * ahead + cosine * left));
+    });
     context.globalAlpha = 1;
   }
 

@@ -134,6 +134,11 @@ def test_a_game_with_other_fields_is_another_game() -> None:
     assert len({code_digest(showing(mine=each).modules[-1]) for each in shown}) == len(shown)
 
 
+def test_a_field_is_as_long_as_a_dimension() -> None:
+    one, two = (Layout(adding("own", Field("a", size=size), Field("b")).modules).fields for size in (2, "agents"))
+    assert one == two
+
+
 # ---- what is refused
 
 
@@ -178,6 +183,10 @@ REFUSED = {
     "function": (lambda: adding("own", Field("a", scale=lambda _: np.inf)), "has the scale inf"),
     "name": (lambda: adding("own", Field("Stamina left")), "a field is called 'Stamina left': lower-case letters"),
     "size": (lambda: adding("own", Field("a", size=0)), "the field 'a' has size 0 and the range -inf to inf: a"),
+    "size of no dimension": (
+        lambda: adding("own", Field("a", size="leaves")),
+        r"'a' of 'own' \(adding\) is as long as the dimension 'leaves', which is 0 or not defined; known: agents, ",
+    ),
     "range": (lambda: adding("own", Field("a", low=1, high=0)), "has size 1 and the range 1 to 0"),
     "copies of nothing": (
         lambda: showing(mine=column("f4", "agents", fields="nothing")),

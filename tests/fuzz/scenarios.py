@@ -45,7 +45,7 @@ from tests.helpers.sines import sines_of_c
 
 TIMEOUT = 600.0  # seconds for a scenario
 EXCLUSIVE = ("Steering", "Teams", "FreeForAll")  # added in the place of another mechanic
-CAPS = {"count": 9, "cells": 12, "substeps": 4, "slots": 6, "iterations": 12}  # by the end of a number's name
+CAPS = {"count": 9, "cells": 12, "substeps": 4, "slots": 6, "iterations": 12, "rays": 20}  # by the end of the name
 SCALES = (0.1, 0.5, 1.5, 2.0, 10.0)
 GROUPS = (  # of mechanics that can be left out together
     ("heals",),

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from outlast.systems import death_drop, physics
+from outlast.systems import death_drop, physics, pillars, walls
+from outlast.systems.geometry import places
 
-USERS = (death_drop, physics)
+USERS = (death_drop, physics, pillars, places, walls)
 
 
 def _of_c(name: str) -> Callable[[Any], np.float32]:

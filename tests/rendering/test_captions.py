@@ -25,6 +25,7 @@ from outlast.envs.rendering.layers import (
     IdsLayer,
     KillFeedLayer,
     Layer,
+    LidarLayer,
     Scene,
     ScoresStrip,
     StepCounterLayer,
@@ -171,7 +172,11 @@ def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
 
 
 def test_the_usual_layers_are_all_but_what_cameras_see() -> None:
-    assert set(LAYERS_BY_NAME.values()) - set(LAYERS) == {CamerasLayer(lines=False), CamerasLayer(cones=False)}
+    assert set(LAYERS_BY_NAME.values()) - set(LAYERS) == {
+        CamerasLayer(lines=False),
+        CamerasLayer(cones=False),
+        LidarLayer(),
+    }
     assert len(set(LAYERS_BY_NAME.values())) == len(LAYERS_BY_NAME)
 
 

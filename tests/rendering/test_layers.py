@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast import make_vec
+from outlast import choice, make_vec, role, variant
 from outlast.components import Guard, Zone
 from outlast.ecs import Entity
 from outlast.envs.rendering import style as colors
@@ -162,6 +162,16 @@ def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
     shades = draw(game.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
     covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
     assert covered * (2 * HALF / SIZE) ** 2 == pytest.approx(81 * area, rel=0.03)
+
+
+def test_the_widest_cone_of_a_role_or_of_a_world_is_drawn() -> None:
+    """As float32, pi is more than the most that cameras_fov may be."""
+    wide = variant("ffa_2").roles(wide=role(1, cameras_fov=math.pi), other=role())
+    either = variant("ffa_2").vary(cameras_fov=choice(math.pi, math.pi))
+    for scenario in (wide, either):
+        env = make_vec(scenario, 1, seed=0)
+        env.reset()
+        assert (draw(env.worlds, 0, 64, [CamerasLayer()]) != draw(env.worlds, 0, 64, [])).any()
 
 
 def test_lines_of_sight_lead_to_the_entities_seen() -> None:

@@ -24,6 +24,7 @@ from .heals import HealsLayer
 from .health import HealthBarsLayer
 from .inventory import InventoryLayer
 from .layer import Layer, Strip, ZOrder
+from .lidar import LidarLayer
 from .melee import HitsLayer, MeleeLayer
 from .others import OthersLayer
 from .room import RoomLayer, WallsLayer
@@ -51,6 +52,7 @@ __all__ = [
     "InventoryLayer",
     "KillFeedLayer",
     "Layer",
+    "LidarLayer",
     "MeleeLayer",
     "OthersLayer",
     "RoomLayer",
@@ -70,6 +72,7 @@ LAYERS_BY_NAME: dict[str, Layer] = {
     "zone": SafeZoneLayer(),
     "vision": CamerasLayer(lines=False),
     "lines": CamerasLayer(cones=False),
+    "lidar": LidarLayer(),
     "heals": HealsLayer(),
     "items": BoxItemsLayer(),
     "others": OthersLayer(),
@@ -86,7 +89,7 @@ LAYERS_BY_NAME: dict[str, Layer] = {
 }
 """Every layer of a picture by its short name."""
 
-OPTIONAL = ("vision", "lines")
+OPTIONAL = ("vision", "lines", "lidar")
 
 LAYERS: tuple[Layer, ...] = tuple(layer for name, layer in LAYERS_BY_NAME.items() if name not in OPTIONAL)
 """What is drawn by default."""

@@ -58,6 +58,7 @@ def columns(description: Json) -> list[tuple[str, int]]:
     table = [("zone", 6 if description["zone"] else 0)]
     table += [(f"agent.{name}", agents) for name in ("x", "y", "angle", "alive", "health", "strike", "target")]
     table += [("agent.bag", agents * description["slots"]), ("agent.sees", agents * words(description))]
+    table += [("agent.rays", agents * description["rays"])]
     table += [("agent.action", agents * len(actions)), ("agent.reward", agents if description["rewards"] else 0)]
     table += [(f"object.{name}", objects) for name in ("x", "y", "angle", "here", "owner", "wound")]
     if entities is not None:
@@ -83,6 +84,7 @@ def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Ar
     numbers += [int(agent[name]) for name in ("alive", "health", "strike", "target") for agent in agents]
     numbers += [item for agent in agents for item in (agent["bag"] + slots * [-1])[:slots]]
     numbers += [word for agent in agents for word in _bitset(agent["sees"], words(description))]
+    numbers += [round(METRE * far) for agent in agents for far in agent["rays"]]
     numbers += [number for agent in agents for number in agent["action"]]
     numbers += _bits([agent["reward"] for agent in agents] if description["rewards"] else [])
     numbers += _places(objects)

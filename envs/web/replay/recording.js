@@ -2,7 +2,7 @@
 const Recording = (() => {
   const { metre: METRE, radian: RADIAN, whole: WHOLE, word: WORD } = PACKING;
   const ARRAYS = { 0: Float32Array, 1: Int8Array, 2: Int16Array, 4: Int32Array };
-  const STATE = ["zone", ...["alive", "health", "strike", "target", "bag", "sees"].map((name) => `agent.${name}`),
+  const STATE = ["zone", ...["alive", "health", "strike", "target", "bag", "sees", "rays"].map((name) => `agent.${name}`),
     ...["here", "owner", "wound"].map((name) => `object.${name}`)];
 
   const bytes = (width) => ARRAYS[width].BYTES_PER_ELEMENT;
@@ -103,7 +103,7 @@ const Recording = (() => {
     }
 
     snapshot(k) {
-      const { agents, objects, slots, zone } = this.description;
+      const { agents, objects, slots, zone, rays } = this.description;
       const get = Object.fromEntries(STATE.map((name) => [name, this.row(name, k)]));
       const words = get["agent.sees"].length / (agents.length || 1);
       return {
@@ -118,6 +118,7 @@ const Recording = (() => {
           target: get["agent.target"][i],
           bag: get["agent.bag"].slice(i * slots, (i + 1) * slots).filter((j) => j >= 0),
           sees: members(get["agent.sees"].slice(i * words, (i + 1) * words)),
+          rays: get["agent.rays"].slice(i * rays, (i + 1) * rays).map((length) => length / METRE),
         })),
         objects: objects.map((_, j) => ({
           ...this.place("object", j, k),

@@ -3,6 +3,7 @@ const Views = (() => {
   const ALL = [
     ["cones", "v", "Cones", "vision cones"],
     ["lines", "l", "Lines of sight", "a line to everybody who is seen"],
+    ["rays", "r", "Rays", "how far agents measure it to be, by lidar"],
     ["zone", "z", "Zone", "the safe zone, and the next one in dashes"],
     ["ids", "i", "Numbers", "numbers of agents"],
     ["health", "h", "Health", "health bars"],
@@ -13,7 +14,7 @@ const Views = (() => {
     ["close", "c", "Close-up", "stay near the followed agent"],
   ];
   const AT_FIRST = ["cones", "zone", "ids", "health", "bags", "attention", "close"];
-  const NEEDS = { cones: "cone", lines: "cone", blind: "cone", zone: "zone", health: "health", bags: "slots", attention: "entities" };
+  const NEEDS = { cones: "cone", lines: "cone", rays: "rays", blind: "cone", zone: "zone", health: "health", bags: "slots", attention: "entities" };
 
   // Returns {show, toggle(name), fit(description, follow), byKey}; onChange() is called after every change.
   function build(root, onChange) {
@@ -41,6 +42,7 @@ const Views = (() => {
     function fit(description, follow) {
       for (const [name] of ALL) buttons[name].disabled = name in NEEDS && !description[NEEDS[name]];
       buttons.attention.hidden = !description.entities;
+      buttons.rays.hidden = !description.rays;
       for (const name of ["blind", "attention", "close"]) buttons[name].disabled ||= follow < 0;
     }
 
