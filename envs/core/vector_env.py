@@ -312,11 +312,7 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def levels(self, mask: Any = None) -> list[Level]:
-        """The level of each world: what its episode was made from. See outlast.levels.
-
-        Args:
-            mask: The worlds, bool (worlds,), in whose order the levels come; None: all.
-        """
+        """What the episode of each world was made from, see outlast.levels. mask: bool (worlds,), which of them."""
         return current_levels(self.worlds, mask)
 
     @exclusive
