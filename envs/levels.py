@@ -34,12 +34,12 @@ class Level:
     >>> env.set_levels([level.mutated(scenario, rng) for _ in range(env.num_worlds)])
 
     Attributes:
-        numbers: Those that vary, by full name ("melee_damage"): a number, a bool, a text or a tuple. Those that are
-            left out are drawn.
+        numbers: Those that vary, by full name ("melee_damage"): a number, a bool, a text or a tuple; numbers and arrays
+            of NumPy become such. Those that are left out are drawn.
         key: (seed, world, episode), which key the random numbers; None: those of the world that plays it.
 
     Raises:
-        NumberError: A key of something else than three integers from 0 to 2**64 - 1.
+        NumberError: Numbers that are no dict, or a key of something else than three integers from 0 to 2**64 - 1.
     """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
@@ -48,16 +48,13 @@ class Level:
     def __post_init__(self) -> None:
         if not isinstance(self.numbers, Mapping):
             raise NumberError(f"numbers = {self.numbers!r:.60}: values by name are needed, as a dict")
-        object.__setattr__(self, "numbers", _numbers(self.numbers))
-        if self.key is None:
+        object.__setattr__(self, "numbers", {str(name): _plain(value) for name, value in self.numbers.items()})
+        key: Any = _plain(self.key)
+        if key is None:
             return
-        key: Any = self.key
-        if (
-            not isinstance(key, Sequence)
-            or len(key) != 3
-            or not all(type(each) is int and 0 <= each < MOST for each in key)
-        ):
+        if type(key) is not tuple or len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0 to 2**64 - 1")
+        object.__setattr__(self, "key", key)
 
     def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":
         """A level like this one, with some numbers drawn anew.
@@ -85,18 +82,19 @@ def save(path: str | os.PathLike[str], scenario: Scenario, levels: Iterable[Leve
         levels: The levels.
 
     Raises:
-        NumberError: A level that `load` would refuse; nothing is written.
+        NumberError: A level has a number that the scenario does not vary, or a value that could not be drawn; nothing
+            is written.
+        OSError: The file cannot be written.
     """
-    levels = list(levels)
-    for level in levels:
-        check(level, dict(scenario.varied))
+    listed = list(levels)
+    check_all(listed, dict(scenario.varied))
     content = {
         "version": VERSION,
         "varied": {name: repr(distribution) for name, distribution in scenario.varied},
-        "levels": [{"numbers": dict(each.numbers), "key": each.key} for each in levels],
+        "levels": encoded(listed),
     }
     with atomic_write(Path(path)) as place:
-        place.write_text(json.dumps(content, indent=1, default=lambda value: value.tolist()) + "\n")
+        place.write_text(json.dumps(content, indent=1) + "\n")
 
 
 def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
@@ -113,18 +111,39 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
     """
     try:
         content = json.loads(Path(path).read_text())
-        version, entries = content["version"], content["levels"]
-        found = [Level(each["numbers"], each["key"] and tuple(each["key"])) for each in entries]
+        if (version := content["version"]) != VERSION:
+            raise ScenarioError(f"version {version!r:.20} of the format, and this outlast reads version {VERSION}")
+        found = decoded(content["levels"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None
-    if version != VERSION:
-        raise ScenarioError(f"{path} has version {version!r:.20} of the format: this outlast reads version {VERSION}")
-    for k, level in enumerate(found):
-        try:
-            check(level, dict(scenario.varied))
-        except NumberError as error:
-            raise NumberError(f"{path}, level {k}: {error}") from None
+    try:
+        check_all(found, dict(scenario.varied))
+    except NumberError as error:
+        raise NumberError(f"{path}: {error}") from None
     return found
+
+
+def encoded(levels: Iterable[Level]) -> list[dict[str, Any]]:
+    """Levels as JSON has them."""
+    return [{"numbers": dict(each.numbers), "key": each.key} for each in levels]
+
+
+def decoded(entries: Iterable[Any]) -> list[Level]:
+    """Levels out of what `encoded` returned. Raises KeyError, TypeError, ValueError or AttributeError for all else."""
+    return [Level(each["numbers"], each["key"]) for each in entries]
+
+
+def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
+    """NumberError, which names the first that is wrong, unless all are levels that fit these distributions."""
+    if isinstance(levels, (Level, str)) or not isinstance(levels, Sequence):
+        raise NumberError(f"levels = {levels!r:.200}: a list of outlast.Level is needed")
+    for k, level in enumerate(levels):
+        if not isinstance(level, Level):
+            raise NumberError(f"level {k} is {level!r:.200}: an outlast.Level is needed")
+        try:
+            check(level, varied)
+        except NumberError as error:
+            raise NumberError(f"level {k}: {error}") from None
 
 
 def check(level: Level, varied: Mapping[str, Distribution]) -> None:
@@ -135,9 +154,8 @@ def check(level: Level, varied: Mapping[str, Distribution]) -> None:
         varied[name].check(name, value)
 
 
-def _numbers(given: Mapping[str, Any]) -> dict[str, Any]:
-    """As Python has them: a list or an array is a tuple."""
-    found = {
-        name: value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value for name, value in given.items()
-    }
-    return {str(name): tuple(value) if isinstance(value, list) else value for name, value in found.items()}
+def _plain(value: Any) -> Any:
+    """A value without NumPy, and a tuple for what lists several."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, (list, tuple)) else value

@@ -1,9 +1,11 @@
 """What to train, and how: everything that decides which numbers come out of a run."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import SAVED
 from outlast.envs.scenarios.fingerprint import fingerprint
@@ -25,6 +27,7 @@ OPPONENTS = (SELF, PAST, *NAMED)
 SNAPSHOTS = 10  # updates between past selves
 CHUNK = 16  # steps that gradients flow back through a memory
 MOST = 4096  # numbers of a memory
+Choose = Callable[[Any], Sequence[Level]]  # of a curriculum.TrainingProgress
 TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
 IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 
@@ -85,6 +88,7 @@ class TrainingConfig:
         critic: What values are learned from: "own", what the agent observes. "state": the whole world beside that.
         warm_start: What policies are before PPO begins, see parse_warm_start; "": random.
         anneal: Numbers of the scenario that change in training. Evaluations play the scenario as it is.
+        levels: Chooses the levels that are trained in, see curriculum.TrainingProgress; None: worlds draw their own.
     """
 
     scenario: Scenario
@@ -108,6 +112,7 @@ class TrainingConfig:
     critic: str = "own"
     warm_start: str = ""
     anneal: tuple[Anneal, ...] = ()
+    levels: Choose | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be.
@@ -137,6 +142,8 @@ class TrainingConfig:
             )
         for each in self.anneal:
             each.check(self.scenario)
+        if self.levels is not None:
+            self._check_levels(self.levels)
         decisive = [name for name in ("agents_count", "teams_sizes") if name in dict(self.scenario.varied)]
         if self.policies == "side" and "teams" in self.scenario and decisive:
             raise TrainingError(
@@ -150,10 +157,17 @@ class TrainingConfig:
         if imitated and name.endswith(SAVED) and self.processes > 1:
             raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with more")
 
+    def _check_levels(self, levels: Any) -> None:
+        if not callable(levels):
+            raise TrainingError(f"levels = {levels!r:.200}: a function is needed, of progress to a list of levels")
+        if self.processes > 1:
+            raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
+
     def header(self) -> Header:
         """The part of run.json that decides which numbers come out."""
         worlds, rollout = self.size
         kept = {key: value for key, value in asdict(self).items() if key not in ("scenario", "every", *HOW)}
+        kept["levels"] = self.levels and getattr(self.levels, "__qualname__", type(self.levels).__qualname__)
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))

@@ -16,6 +16,7 @@ from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side, own_wins
 
 from .config import CHUNK
+from .curriculum import Curriculum, Ended, just_ended
 from .errors import TrainingError
 from .metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from .noise import ActionNoise
@@ -84,6 +85,9 @@ class Lane:
         opponent: int (worlds,), the index of the opponent in each world, see Opponents.
         own: int (worlds,), the side that learners play where that is not 0.
         teacher: If not None, learners play, but what is kept are the actions of this one, to be imitated.
+        keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn: those of the worlds,
+            but where levels bring keys of their own.
+        played: The episodes that ended since `open`, if there is a curriculum.
     """
 
     def __init__(
@@ -97,6 +101,7 @@ class Lane:
         dead: str,
         device: torch.device,
         state: bool = False,
+        curriculum: Curriculum | None = None,
     ) -> None:
         """Make it, with the present selves everywhere.
 
@@ -109,7 +114,10 @@ class Lane:
             dead: "keep": an agent's samples go on until its world ends. "drop": they end with its death.
             device: Of the networks.
             state: Whether critics learn from the state of the worlds.
+            curriculum: What levels are drawn from; None: worlds draw their own.
         """
+        self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
+        self.played: list[Ended] = []
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packer, self.team, self.pool, self.dead, self.device = env, packer, team, opponents, dead, device
         self.teacher: Plain | None = None
@@ -125,7 +133,7 @@ class Lane:
 
     def open(self, steps: int, memory: int) -> None:
         """Make room for the samples of so many steps. memory: width of that of the learners' policies."""
-        shape, chunks = (steps, self.agents), -(-steps // CHUNK)
+        self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
         self.samples = Samples(
             seen=[],
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
@@ -222,6 +230,10 @@ class Lane:
                 samples.later[t] = self._values(policies) * moved(torch.from_numpy(goes_on), self.device)
             self.episodes.add(info["statistics"], int(done.sum()))
             self._record(t, done)
+            self.keys[done, 2] += np.uint64(1)
+            if self.curriculum is not None:
+                self.played += just_ended(env, t, done, info["statistics"])
+                self.curriculum.deal(env, done, self.keys[done])
             env.reset(options={"reset_mask": done})
             self._draw(done)
 
@@ -247,7 +259,8 @@ class Lane:
         """Who plays, and what they remember, by name, (worlds, ...); the worlds are not in it."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.cpu().numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
-        return {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        found = {"opponent": self.opponent, "own": self.own, "life": self.life, "memory": memory, "begins": begins}
+        return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
         """Go on from what `state` returned. Raises TrainingError for players that there are not."""
@@ -255,6 +268,7 @@ class Lane:
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
             raise TrainingError("lane in rest.pt of the checkpoint names players that there are not")
         self.opponent, self.own, self.life = opponent, own, life
+        self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).to(self.device, copy=True)
         self.begins = given["begins"].ravel() > 0
         self._sides = side(self.env.worlds)
@@ -308,7 +322,7 @@ class Lane:
             if counts_vary(self.env.worlds):
                 self.assign()
             return
-        seeds, worlds, episodes = key_of(self.env.worlds, where)
+        seeds, worlds, episodes = self.keys[where].T
         indices, weights = self.pool.chances()
         self.opponent[where] = indices[draw(weights, seeds, worlds, episodes)]
         self.own[where] = own_side(worlds, episodes, self._sides[where].max(1) + 1)

@@ -69,9 +69,12 @@ class Player:
             bool of the shape of observations ahead of the agents, (worlds,): all of them before the first call.
     """
 
-    def __init__(self, path: str | Path, seed: int | None = 0) -> None:
-        """Reads tensors and numbers only; nothing in the file is executed. Raises TrainingError."""
-        files = checkpoint.read_checkpoint(Path(path), ("policy.pt",))
+    def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
+        """Reads tensors and numbers only; nothing in the file is executed. path: or the content of its files.
+
+        Raises TrainingError.
+        """
+        files = path if isinstance(path, dict) else checkpoint.read_checkpoint(Path(path), ("policy.pt",))
         self.header = checkpoint.header_of(files)
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header.get("fields"))

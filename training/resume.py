@@ -1,18 +1,15 @@
 """What a run goes on with as if it had never stopped: the content of its checkpoints, besides the policies."""
 
 import io
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.snapshots import state
 from outlast.envs.snapshots.state import State
 
-from . import run_header
 from .checkpoint import (
     check_fields,
     check_like,
@@ -26,7 +23,6 @@ from .checkpoint import (
 )
 from .errors import TrainingError
 from .learner import Learner
-from .observation_layout import field_table
 from .trainer import Trainer
 
 LAST = 2**53  # updates, which are counted in float32
@@ -47,20 +43,10 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
         "lane": {name: torch.from_numpy(values) for name, values in lanes.items()},
         "opponents": trainer.opponents.state(),
     }
-    first = {"version": run_header.VERSION, "steps": trainer.steps, "preset": trainer.preset.name}
-    last = {
-        "scenario": fingerprint(trainer.env.scenario),
-        "observations": trainer.layout.shapes,
-        "fields": field_table(trainer.env.fields),
-        "actions": [int(size) for size in trainer.env.action_sizes],
-        "team": trainer.team.tolist(),
-        "memory": trainer.config.memory,
-        "state": trainer.state,
-    }
-    weights = [policy.state_dict() for policy in trainer.policies]
+    if trainer.curriculum is not None:
+        rest["levels"] = trainer.curriculum.state()
     return {
-        run_header.NAME: json.dumps(first | header | last, indent=1).encode(),
-        "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
+        **trainer.policy_files(header),
         "rest.pt": tensor_bytes(rest),
         "worlds.npz": _state_bytes(worlds),
     }
@@ -93,6 +79,8 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         trainer.updates = rest["updates"]
         trainer.collector.scale.restore(rest.get("rewards"))
         trainer.opponents.restore(rest.get("opponents"), trainer.policies)
+        if trainer.curriculum is not None:
+            trainer.curriculum.restore(rest.get("levels"))
         like = {name: torch.from_numpy(values) for name, values in trainer.captured_lanes().items()}
         check_state(rest.get("lane"), like, "lane")
         trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})

@@ -11,7 +11,7 @@ from outlast.envs.scenarios.scenario import Number, Scenario
 
 from . import checkpoint
 from .annealing import parse_anneal
-from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, TrainingConfig
+from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, Choose, TrainingConfig
 from .errors import TrainingError
 from .hyperparameters import KINDS
 from .live_view import LiveView
@@ -58,6 +58,7 @@ def train(
     critic: str = "own",
     warm_start: str = "",
     anneal: str | Sequence[str] = (),
+    levels: Choose | None = None,
     dead: str = "keep",
     device: str = "cpu",
     threads: int = 0,
@@ -92,6 +93,8 @@ def train(
         critic: What values are learned from: "own", what the agent observes; "state", the whole world, too.
         warm_start: What policies are before PPO begins: "scripted", "FILE.zip"; "": random.
         anneal: Numbers of the scenario that change in training: "rewards_kill=10:0@5e6", or several.
+        levels: A function that chooses the levels to train in, asked before each rollout; see
+            outlast.training.curriculum.TrainingProgress. None: worlds draw their own.
         dead: What becomes of the samples of dead agents: "keep" or "drop".
         device: Of PyTorch.
         threads: Of the networks and the worlds; 0: one for each core, up to four.
@@ -135,6 +138,7 @@ def train(
         critic=critic,
         warm_start=warm_start,
         anneal=parse_anneal([anneal] if isinstance(anneal, str) else anneal),
+        levels=levels,
     )
     place = Path(folder) if folder is not None else usual_folder(config)
     run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)

@@ -1,6 +1,7 @@
 """Training: learners, the worlds that they play in, and their opponents."""
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,12 +14,16 @@ from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State
 
+from . import run_header
+from .checkpoint import tensor_bytes
 from .collector import Collector
 from .config import IMITATED, TrainingConfig
 from .crew import Crew
+from .curriculum import Curriculum, TrainingProgress, joined
 from .errors import TrainingError
 from .lane import Lane
 from .learner import Imitator, Learner
@@ -58,6 +63,7 @@ class Trainer:
         opponents: The pool that they play against.
         state: Numbers of the state of a world, if critics learn from it; 0: they do not.
         collector: What plays.
+        curriculum: What levels are drawn from, if somebody chooses them.
         steps: Agent-steps collected so far, by all processes.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
@@ -104,6 +110,7 @@ class Trainer:
         self.opponents = Opponents(
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
         )
+        self.curriculum = config.levels and Curriculum(config.levels, self.env)
         packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
         lanes = [
             Lane(
@@ -115,6 +122,7 @@ class Trainer:
                 dead=config.dead,
                 device=self.device,
                 state=self.state > 0,
+                curriculum=self.curriculum,
             )
             for env in self.envs
         ]
@@ -131,12 +139,51 @@ class Trainer:
         return self.collector.lanes[0]
 
     def collect(self) -> Rollout:
-        """Play on and keep the samples."""
+        """Play on and keep the samples; then, and ahead of the first ones, ask for the levels of the next."""
         self._set_numbers(self.steps)
+        if self.curriculum is not None and not self.steps:
+            self._ask(self.curriculum)
         begun = self.steps // (self.worlds * self.env.num_agents)
         rollout = self._collect(begun)
         self.steps += rollout.learner.size
+        if self.curriculum is not None:
+            self._ask(self.curriculum)
         return rollout
+
+    def _ask(self, curriculum: Curriculum) -> None:
+        """Let the levels be chosen that episodes are drawn from now on."""
+        seeds = self.config.seed, self.steps
+        own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
+        played, statistics = joined((each for lane in self.collector.lanes for each in lane.played), self.env)
+        progress = TrainingProgress(
+            scenario=self.env.scenario,
+            steps=self.steps,
+            seed=self.config.seed,
+            rng=np.random.default_rng(seeds),
+            policy=Player(self.policy_files(self.config.header()), own),
+            levels=curriculum.levels,
+            played=played,
+            statistics=statistics,
+        )
+        curriculum.ask(progress)
+
+    def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
+        """The files of a checkpoint that a Player needs. header: more for run.json, see TrainingConfig.header."""
+        first = {"version": run_header.VERSION, "steps": self.steps, "preset": self.preset.name}
+        last = {
+            "scenario": fingerprint(self.env.scenario),
+            "observations": self.layout.shapes,
+            "fields": field_table(self.env.fields),
+            "actions": [int(size) for size in self.env.action_sizes],
+            "team": self.team.tolist(),
+            "memory": self.config.memory,
+            "state": self.state,
+        }
+        weights = [policy.state_dict() for policy in self.policies]
+        return {
+            run_header.NAME: json.dumps({**first, **header, **last}, indent=1).encode(),
+            "policy.pt": tensor_bytes(weights if len(weights) > 1 else weights[0]),
+        }
 
     def _collect(self, begun: int) -> Rollout:
         """Play so on from a step of the run, and let the pool know who won."""

@@ -11,7 +11,7 @@ from outlast.ecs import Clock, NumberError, Worlds
 from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given, has_one_each
 
 from ..errors import NotResetError
-from ..levels import Level, check
+from ..levels import Level, check_all
 from ..scenarios.scenario import Scenario
 from .validation import world_mask
 
@@ -57,10 +57,11 @@ def change_numbers(
             worlds.set_numbers(**others)
 
 
-def current_levels(worlds: Worlds) -> list[Level]:
+def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
     clock, numbers = worlds[Clock], worlds.numbers()
-    if not clock.episode.all():
+    rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
+    if not clock.episode[rows].all():
         raise NotResetError("levels() before reset(): they are those of the episodes that worlds are in")
     return [
         Level(
@@ -70,22 +71,18 @@ def current_levels(worlds: Worlds) -> list[Level]:
             },
             (int(clock.seed[w, 0]), int(clock.world[w, 0]), int(clock.episode[w, 0])),
         )
-        for w in range(worlds.count)
+        for w in rows.tolist()
     ]
 
 
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     """Set the levels of next episodes: see SurvivalVectorEnv.set_levels."""
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
-    if not _are_levels(levels):
-        raise NumberError(f"levels = {levels!r:.80}: a list of outlast.Level is needed, as in [level]")
-    if len(levels) not in (1, len(rows)):
-        raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     if not worlds.layout.keyed:
         raise NumberError(NO_LEVELS)
-    varied = {name: number.distribution for name, number in worlds.layout.varied.items()}
-    for level in levels:
-        check(level, varied)
+    check_all(levels, {name: number.distribution for name, number in worlds.layout.varied.items()})
+    if len(levels) not in (1, len(rows)):
+        raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     with _restored(worlds):
         waiting = worlds[Given].words[rows]  # of levels that were set before, and not played
         waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
@@ -95,11 +92,6 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
             worlds.give_numbers(level.numbers, row, once=True)
             if level.key is not None:
                 worlds.give_keys([level.key], row)
-
-
-def _are_levels(given: Any) -> bool:
-    """Whether it is a list of levels."""
-    return isinstance(given, Sequence) and all(isinstance(each, Level) for each in given)
 
 
 @contextlib.contextmanager

@@ -311,9 +311,9 @@ class SurvivalVectorEnv(Described):
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
 
     @exclusive
-    def levels(self) -> list[Level]:
-        """The level of each world: what its episode was made from. NotResetError ahead of that. See outlast.levels."""
-        return current_levels(self.worlds)
+    def levels(self, mask: Any = None) -> list[Level]:
+        """What the episodes of worlds were made from, see outlast.levels. mask: bool (worlds,)."""
+        return current_levels(self.worlds, mask)
 
     @exclusive
     def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:

@@ -160,6 +160,7 @@ def test_levels_are_files(tmp_path: Path) -> None:
         (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=99), NumberError, "level 0: melee_damage"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=math.nan), NumberError, "level 0"),
+        (lambda content: content["levels"][0]["numbers"].update(melee_damage=10**400), NumberError, "level 0"),
         (lambda content: content["levels"][0]["numbers"].update(melee_reach=2), NumberError, "does not vary here"),
         (lambda content: content["levels"][0].update(key=[1, 2]), ScenarioError, "seed, world and episode are needed"),
         (lambda content: content["levels"][0].update(key=[1, 2, -1]), ScenarioError, "seed, world and episode"),
@@ -185,7 +186,9 @@ def test_levels_that_do_not_fit_are_refused_and_nothing_changes() -> None:
     for given, reason in (
         ([Level(), Level()], "2 levels for 6 worlds"),
         ([Level()] * 5 + [Level({"melee_damage": 99})], "melee_damage = 99: it varies as"),
-        ([Level({"melee_reach": 1.0})], "melee_reach does not vary here"),
+        ([Level({"melee_reach": 1.0})], "level 0: melee_reach does not vary here"),
+        (Level(), "a list of outlast.Level is needed"),
+        ([3] * 6, "level 0 is 3: an outlast.Level is needed"),
     ):
         with pytest.raises(NumberError, match=reason):
             env.set_levels(given)
@@ -195,6 +198,59 @@ def test_levels_that_do_not_fit_are_refused_and_nothing_changes() -> None:
     with pytest.raises(NumberError, match="seeds decide"):
         plain.set_levels([Level()])
     plain.close()
+
+
+@pytest.mark.parametrize("key", [5, "abc", (1, 2), (1, 2, 3.0), (1, 2, 2**64), (True, 0, 1)])
+def test_keys_that_are_none_are_refused(key: Any) -> None:
+    with pytest.raises(NumberError, match="seed, world and episode are needed"):
+        Level({}, key)
+
+
+def test_levels_are_made_of_plain_values() -> None:
+    radii = (12, 9, 7, 5, 4, 2, 1)
+    level = Level({"melee_damage": np.int64(7), "safe_zone_radii": np.array(radii)}, tuple(np.arange(3)))
+    assert level == Level({"melee_damage": 7, "safe_zone_radii": list(radii)}, (0, 1, 2))
+    assert level.numbers["safe_zone_radii"] == radii
+    assert {type(each) for each in (*level.key, level.numbers["melee_damage"])} == {int}  # type: ignore[misc]
+
+
+def test_levels_that_could_not_be_read_are_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "levels.json"
+    levels.save(path, DUEL, [Level({"melee_damage": np.int64(7)})])
+    for given, reason in (([Level({"n_agents": 3})], "level 0: n_agents does not"), ([Level(), 3], "level 1 is 3")):
+        with pytest.raises(NumberError, match=reason):
+            levels.save(path, DUEL, given)  # type: ignore[arg-type]
+    assert levels.load(path, DUEL) == [Level({"melee_damage": 7})]
+
+
+def test_levels_of_some_worlds() -> None:
+    env = make()
+    mask = np.array([True, False, False, True, False, True])
+    assert env.levels(mask) == [level for level, chosen in zip(env.levels(), mask, strict=True) if chosen]
+    with pytest.raises(ValueError, match="reset_mask"):
+        env.levels([True])
+    env.close()
+
+
+def test_worlds_begin_in_states_of_other_levels() -> None:
+    """Start states of a curriculum: each with the numbers, counts and walls of its own world, in whatever world."""
+    scenario = DUEL.with_(Maze(columns=3, rows=3, blocks=9)).vary(maze_columns=integers(2, 4))
+    env = outlast.make_vec(scenario, 6, seed=3)
+    env.reset()
+    before = env.levels()
+    played(env, 0)
+    states, mask = env.get_state([4, 1, 4]), np.array([True, False, True, True, False, False])
+    env.reset(options={"reset_mask": mask})
+    env.set_state(states, mask)
+    assert env.levels() == [before[w] for w in (4, 1, 1, 4, 4, 5)]
+    rng = np.random.default_rng(1)
+    for _ in range(scaled(20, least=2)):
+        actions = draw_actions(env, rng)[[4, 1, 1, 4, 4, 5]]
+        observations, rewards, *_ = env.step(actions)
+        for values in (rewards, *observations.values()):
+            np.testing.assert_array_equal(values[[0, 2, 3]], values[[4, 1, 4]])
+    np.testing.assert_array_equal(env.numbers()["maze_columns"][[0, 2, 3]], env.numbers()["maze_columns"][[4, 1, 4]])
+    env.close()
 
 
 def test_recordings_and_states_keep_levels_that_wait(tmp_path: Path) -> None:

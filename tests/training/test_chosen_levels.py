@@ -1,0 +1,170 @@
+"""Levels that a function chooses while agents train: outlast.train(levels=...)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import Level, integers, variant
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
+
+from outlast.training import checkpoint  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.curriculum import TrainingProgress  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.run import TrainingRun  # noqa: E402
+from outlast.training.trainer import Trainer  # noqa: E402
+from tests.training.test_run import points  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+WORLDS, STEPS = 8, 24
+EACH = WORLDS * STEPS * 2  # agent-steps of a rollout
+SHORT = (
+    variant("ffa_1")
+    .replace(agents_health=10, safe_zone_radii=(4.0,), ending_limit=9)
+    .vary(agents_health=integers(3, 12), melee_damage=integers(1, 9))
+)
+FIXED = [Level({"melee_damage": 1, "agents_health": 12}, (9, 9, 1)), Level({"melee_damage": 9}, (9, 9, 2))]
+GIVEN = {**SHORT.numbers(), "threads": 1}
+
+
+def config(levels: Any, steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:
+    given = {"scenario": SHORT, "preset": "fast", "steps": steps, "worlds": WORLDS, "rollout": WORLDS * STEPS}
+    settings = {"batch_size": 64, "anneal_lr": False}
+    return TrainingConfig(**(given | {"settings": settings, "seed": 3, "threads": 1} | changes), levels=levels)
+
+
+def fixed(progress: TrainingProgress) -> list[Level]:
+    return FIXED
+
+
+def drawn(progress: TrainingProgress) -> list[Level]:
+    """Every level that was played to its end with somebody alive, and as many new ones."""
+    alive = [level for level, length in zip(progress.played, progress.statistics["length"]) if length == 9]
+    return [*alive, *(Level(key=(int(k), 0, 1)) for k in progress.rng.integers(2**63, size=len(alive) + 1))]
+
+
+def anything(progress: TrainingProgress) -> list[Level]:
+    return [Level()]
+
+
+def weights(folder: Path, steps: int) -> bytes:
+    return checkpoint.read_checkpoint(folder / checkpoint.NAME.format(steps))["policy.pt"]
+
+
+def test_episodes_are_drawn_from_what_is_chosen() -> None:
+    asked: list[TrainingProgress] = []
+
+    def choose(progress: TrainingProgress) -> list[Level]:
+        asked.append(progress)
+        return FIXED
+
+    trainer = Trainer(config(choose))
+    trainer.collect(), trainer.collect()
+    assert [each.steps for each in asked] == [0, EACH, 2 * EACH]
+    assert [each.levels for each in asked] == [(Level(),), (*FIXED,), (*FIXED,)]
+    assert not asked[0].played
+    played = asked[1].played
+    assert len(played) == len(asked[1].statistics["length"]) > 2 * WORLDS
+    assert (asked[1].statistics["return"].shape, asked[1].scenario) == ((len(played), 2), trainer.env.scenario)
+    chosen = [level for level in [*played, *asked[2].played] if level.key in ((9, 9, 1), (9, 9, 2))]
+    others = [level for level in [*played, *asked[2].played] if level not in chosen]
+    assert sorted(level.key for level in others) == [(3, w, 1) for w in range(WORLDS)]  # those that had begun
+    assert {(level.key, level.numbers["melee_damage"]) for level in chosen} == {((9, 9, 1), 1), ((9, 9, 2), 9)}
+    assert all(0.2 < sum(level.key == key for level in chosen) / len(chosen) < 0.8 for key in ((9, 9, 1), (9, 9, 2)))
+    first, second = (each.rng.integers(2**63) for each in asked[1:])
+    assert first != second
+
+
+def test_the_policy_of_the_moment_can_play() -> None:
+    trainer = Trainer(config(fixed))
+    found: list[TrainingProgress] = []
+    trainer.curriculum.choose = lambda progress: found.append(progress) or FIXED  # type: ignore[union-attr, func-returns-value]
+    trainer.collect()
+    policy = found[-1].policy
+    policy.check(trainer.env)
+    actions = policy({key: values[:3] for key, values in trainer.env.observe().items()})
+    assert actions.shape == (3, 2, 6)
+    for own, its in zip(trainer.policies[0].parameters(), policy.policies[0].parameters(), strict=True):
+        assert torch.equal(own, its)
+        assert own.data_ptr() != its.data_ptr()
+
+
+def test_a_level_without_anything_is_what_worlds_draw(tmp_path: Path) -> None:
+    for name, levels in (("plain", None), ("chosen", anything)):
+        TrainingRun(config(levels), tmp_path / name).train()
+    assert points(tmp_path / "plain") == points(tmp_path / "chosen")
+    assert weights(tmp_path / "plain", 2 * EACH) == weights(tmp_path / "chosen", 2 * EACH)
+
+
+@pytest.mark.parametrize("more", [{}, {"opponents": {"self": 0.5, "random": 0.5}, "memory": 16, "rollout": 8 * 32}])
+def test_a_run_that_goes_on_is_the_run_that_did_not_stop(more: dict[str, Any], tmp_path: Path) -> None:
+    each = more.get("rollout", WORLDS * STEPS) * 2
+    TrainingRun(config(drawn, 4 * each, **more), tmp_path / "whole").train()
+    TrainingRun(config(drawn, 2 * each, **more), tmp_path / "parts").train()
+    TrainingRun(config(drawn, 4 * each, **more), tmp_path / "parts", resume=True).train()
+    assert points(tmp_path / "whole") == points(tmp_path / "parts")
+    assert weights(tmp_path / "whole", 4 * each) == weights(tmp_path / "parts", 4 * each)
+
+
+def test_halves_are_the_same_numbers() -> None:
+    whole, halves = (Trainer(config(drawn, halves=halves)) for halves in (False, True))
+    for _ in range(3):
+        one, other = whole.collect(), halves.collect()
+        assert whole.curriculum.levels == halves.curriculum.levels  # type: ignore[union-attr]
+        np.testing.assert_array_equal(one.actions, other.actions)
+
+
+def test_worlds_that_play_one_level_meet_different_opponents() -> None:
+    trainer = Trainer(config(fixed, opponents={"self": 0.5, "random": 0.5}))
+    trainer.collect()
+    assert len(set(trainer.lane.opponent.tolist())) == 2
+    assert len(set(trainer.lane.own.tolist())) == 2
+
+
+@pytest.mark.parametrize(
+    ("returned", "reason"),
+    [
+        ([], "what was chosen are no levels: there is none"),
+        (None, "levels = None: a list of outlast.Level is needed"),
+        (Level(), r"levels = Level\(.*: a list of outlast.Level is needed"),
+        ([3], "level 0 is 3: an outlast.Level is needed"),
+        ([Level(), Level({"melee_damage": 99})], r"level 1: melee_damage = 99: it varies as integers\(1, 9\)"),
+        ([Level({"melee_reach": 1.0})], "level 0: melee_reach does not vary here"),
+    ],
+)
+def test_what_are_no_levels_is_refused(returned: Any, reason: str) -> None:
+    trainer = Trainer(config(lambda progress: returned))
+    with pytest.raises(TrainingError, match=reason):
+        trainer.collect()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"levels": "levels.json"}, "levels = 'levels.json': a function is needed"),
+        ({"levels": fixed, "processes": 2}, "levels are chosen in one process"),
+    ],
+)
+def test_what_cannot_choose_is_refused(options: Any, reason: str) -> None:
+    with pytest.raises(TrainingError, match=reason):
+        config(**options)
+
+
+def test_a_run_goes_on_with_the_same_choice_only(tmp_path: Path) -> None:
+    TrainingRun(config(fixed), tmp_path).train()
+    with pytest.raises(TrainingError, match="was begun with levels = fixed, not drawn"):
+        TrainingRun(config(drawn, 4 * EACH), tmp_path, resume=True)
+    with pytest.raises(TrainingError, match="was begun with levels = fixed, not None"):
+        TrainingRun(config(None, 4 * EACH), tmp_path, resume=True)
+
+
+def test_levels_in_a_checkpoint_that_are_none_are_refused() -> None:
+    trainer = Trainer(config(fixed))
+    assert trainer.curriculum is not None
+    for given in (None, 3, "nonsense", "[]", "[1]", '[{"numbers": {"melee_damage": 99}, "key": null}]'):
+        with pytest.raises(TrainingError, match=r"levels in rest.pt of the checkpoint"):
+            trainer.curriculum.restore(given)

@@ -1,0 +1,131 @@
+"""Levels that somebody chooses while agents train: what the choice knows, and who plays which."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import NumberError
+from outlast.envs.core.spaces import statistics
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.levels import Level, check_all, decoded, encoded
+from outlast.envs.rollout.policies import hashed
+from outlast.envs.scenarios.scenario import Scenario
+
+from .config import Choose
+from .errors import TrainingError
+from .player import Player
+
+Array = np.ndarray[Any, Any]
+Ended = tuple[int, int, Level, dict[str, Array]]  # step of the rollout, world, what it played, statistics (...) by name
+STREAM = np.uint64(0x6C6576656C)  # "level": sets these draws apart from others of the same world and episode
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """How far a run is, for the function that chooses its levels.
+
+    Attributes:
+        scenario: What is trained, with the observations that the policy needs.
+        steps: Agent-steps that were collected so far.
+        seed: Of the run.
+        rng: A generator of its own for each question, the same whenever the run is at this step.
+        policy: Who has played up to now, as outlast.load_policy returns it.
+        levels: What the function returned last; at first one level of which everything is drawn.
+        played: The levels of the episodes that ended since it was asked last, with all numbers and keys; of a level
+            with a key that was given, an equal one.
+        statistics: Of these episodes, (episodes, ...) by name, see docs/api.md.
+    """
+
+    scenario: Scenario
+    steps: int
+    seed: int
+    rng: np.random.Generator
+    policy: Player
+    levels: Sequence[Level]
+    played: Sequence[Level]
+    statistics: Mapping[str, Array]
+
+
+class Curriculum:
+    """The levels that episodes of a run are drawn from.
+
+    Attributes:
+        levels: What the function returned last; at first one of which everything is drawn.
+    """
+
+    def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
+        """Make one.
+
+        Args:
+            choose: Asked ahead of the first rollout, and after each one.
+            env: Worlds as those that are played in. Raises NumberError where they can have no levels.
+        """
+        self.choose, self.varied = choose, dict(env.scenario.varied)
+        self.levels: Sequence[Level] = (Level(),)
+        env.set_levels(self.levels)
+
+    def ask(self, progress: TrainingProgress) -> None:
+        """Let the function choose the levels of the next rollout. Raises TrainingError for what are none."""
+        self.take(self.choose(progress))
+
+    def take(self, levels: Any) -> None:
+        """Draw from these levels from now on. Raises TrainingError for what are none."""
+        try:
+            check_all(levels, self.varied)
+        except NumberError as error:
+            raise TrainingError(f"what was chosen are no levels: {error}") from None
+        if not levels:
+            raise TrainingError("what was chosen are no levels: there is none; return [Level()] to have all drawn")
+        self.levels = tuple(levels)
+
+    def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
+        """Give levels to worlds whose next episode is about to begin.
+
+        Args:
+            env: The worlds.
+            where: Which of them, bool (worlds,).
+            keys: Their own, uint64 (some worlds, 3), by which levels are drawn. A level without a key is played with
+                that: after one with a key, a world would go on from there, and so would all others that played it.
+        """
+        words = hashed(STREAM, *keys.T)
+        drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
+        dealt = zip((self.levels[k] for k in drawn), keys.tolist(), strict=True)
+        env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
+
+    def state(self) -> str:
+        """What a run goes on with."""
+        return json.dumps(encoded(self.levels))
+
+    def restore(self, given: Any) -> None:
+        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        try:
+            self.take(decoded(json.loads(given)))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise TrainingError(f"levels in rest.pt of the checkpoint are none: {error}") from None
+
+
+def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
+    """Levels and statistics of episodes, in the order in which they ended, whatever lane they are of.
+
+    Args:
+        ended: In any order.
+        env: Worlds as theirs, which say what statistics there are where no episode ended.
+    """
+    ordered = sorted(ended, key=lambda each: each[:2])
+    none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
+    rows = {name: [own[name] for *_, own in ordered] for name in none}
+    found = {name: np.stack(rows[name]) if ordered else values[:0] for name, values in none.items()}
+    return [level for _, _, level, _ in ordered], found
+
+
+def just_ended(env: SurvivalVectorEnv, t: int, done: Array, measured: Mapping[str, Array]) -> list[Ended]:
+    """The episodes that ended in step t of a rollout, before their worlds are reset."""
+    rows = np.flatnonzero(done).tolist()
+    levels = env.levels(done)
+    return [
+        (t, env.first_world + w, level, {name: values[w].copy() for name, values in measured.items()})
+        for w, level in zip(rows, levels, strict=True)
+    ]
