@@ -39,14 +39,16 @@ class Level:
         key: (seed, world, episode), which key the random numbers; None: those of the world that plays it.
 
     Raises:
-        NumberError: A key of something else than three integers from 0 to 2**64 - 1.
+        NumberError: A key of something else than three integers from 0 to 2**64 - 1, or numbers without names.
     """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
     key: tuple[int, int, int] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "numbers", {name: _plain(value) for name, value in dict(self.numbers).items()})
+        if not isinstance(self.numbers, Mapping):
+            raise NumberError(f"numbers = {self.numbers!r:.60}: values by name are needed, as a dict")
+        object.__setattr__(self, "numbers", {str(name): _plain(value) for name, value in self.numbers.items()})
         key: Any = _plain(self.key)
         if key is None:
             return
@@ -129,7 +131,7 @@ def encoded(levels: Iterable[Level]) -> list[dict[str, Any]]:
 
 def decoded(entries: Iterable[Any]) -> list[Level]:
     """Levels out of what `encoded` returned. Raises KeyError, TypeError, ValueError or AttributeError for all else."""
-    return [Level({str(name): value for name, value in each["numbers"].items()}, each["key"]) for each in entries]
+    return [Level(each["numbers"], each["key"]) for each in entries]
 
 
 def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:

@@ -168,6 +168,12 @@ def test_keys_that_are_none_are_refused(key: Any) -> None:
         Level({}, key)
 
 
+@pytest.mark.parametrize("numbers", [5, [3], "abc", None])
+def test_numbers_without_names_are_refused(numbers: Any) -> None:
+    with pytest.raises(NumberError, match="values by name are needed"):
+        Level(numbers)
+
+
 def test_levels_are_made_of_plain_values() -> None:
     radii = (12, 9, 7, 5, 4, 2, 1)
     level = Level({"melee_damage": np.int64(7), "safe_zone_radii": np.array(radii)}, tuple(np.arange(3)))
