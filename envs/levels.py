@@ -112,7 +112,7 @@ def load(path: str | os.PathLike[str], scenario: Scenario) -> list[Level]:
     try:
         content = json.loads(Path(path).read_text())
         if (version := content["version"]) != VERSION:
-            raise ScenarioError(f"version {version!r:.20} of the format, and this outlast reads version {VERSION}")
+            raise ScenarioError(f"it has version {version!r:.20} of the format; this outlast reads version {VERSION}")
         found = decoded(content["levels"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ScenarioError(f"{path} is no file of levels: {error}") from None

@@ -36,7 +36,7 @@ class TrainingProgress:
         levels: What the function returned last; at first one level of which everything is drawn.
         played: The levels of the episodes that ended since it was asked last, with all numbers and keys; of a level
             with a key that was given, an equal one.
-        statistics: Of these episodes, (episodes, ...) by name, see docs/api.md.
+        statistics: Of these episodes, (episodes, ...) by name, as info["statistics"] of SurvivalVectorEnv has them.
     """
 
     scenario: Scenario

@@ -269,7 +269,7 @@ class Trainer:
             tags = {tag: found[own] for tag, own in IMITATION_TAGS.items() if own in found}
             on_rollout(done + each, tags | self.report())
         for lane in self.collector.lanes:
-            lane.teacher = None
+            lane.teacher, lane.played = None, []  # a run that goes on from here knows nothing of these episodes
         return tags | {"imitation/agent_steps": float(done + each)}
 
     def _teacher(self, k: int, env: SurvivalVectorEnv) -> Plain:

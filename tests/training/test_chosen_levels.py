@@ -79,6 +79,14 @@ def test_episodes_are_drawn_from_what_is_chosen() -> None:
     assert first != second
 
 
+def test_episodes_of_imitation_are_not_told() -> None:
+    told: list[int] = []
+    trainer = Trainer(config(lambda progress: told.append(len(progress.played)) or FIXED, warm_start="scripted:1000"))
+    trainer.imitate(lambda done, tags: None)
+    trainer.collect()
+    assert told[0] == 0 < told[1]
+
+
 def test_the_policy_of_the_moment_can_play() -> None:
     trainer = Trainer(config(fixed))
     found: list[TrainingProgress] = []
