@@ -168,7 +168,7 @@ GIVEN: dict[str, tuple[Callable[[Env], Any], type[Exception], str]] = {
     ),
     "no levels": (lambda env: env.set_levels([]), NumberError, "0 levels for 3 worlds: one, or as many, are needed"),
     "two levels": (lambda env: env.set_levels([Level()] * 2), NumberError, "2 levels for 3 worlds"),
-    "a level by itself": (lambda env: env.set_levels(Level()), NumberError, "outlast.Level is needed is needed"),  # type: ignore[arg-type]
+    "a level by itself": (lambda env: env.set_levels(Level()), NumberError, "a list of outlast.Level is needed"),  # type: ignore[arg-type]
     "no level": (lambda env: env.set_levels([Level(), {}, Level()]), NumberError, "outlast.Level is needed"),  # type: ignore[list-item]
     "the last level": (
         lambda env: env.set_levels([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})]),
