@@ -3,10 +3,10 @@
 import dataclasses
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from outlast.ecs import Module
+from outlast.ecs import Module, NumberError
 
 LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
 
@@ -31,6 +31,22 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     found = [f"without {module.name}" for module in before if module.slot() not in here]
     found += [f"with {module.name}" for module in new]
     return found + [f"{_short(name)}={shown(value)}" for name, value in now.items() if value != usual[name]]
+
+
+def by_full_name(find: Callable[[str], tuple[str, str]], given: Mapping[str, Any]) -> dict[str, Any]:
+    """What is given for numbers, by their full names ("agents_count").
+
+    Args:
+        find: Scenario.find_number.
+        given: By any of their names.
+
+    Raises:
+        NumberError: An unknown number, or one by two of its names.
+    """
+    found = {"_".join(find(name)): value for name, value in given.items()}
+    if len(found) < len(given):
+        raise NumberError(f"{', '.join(given)}: one number is given twice, by two of its names")
+    return found
 
 
 def numbers(modules: Iterable[Module]) -> dict[str, Any]:
