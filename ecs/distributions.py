@@ -38,8 +38,9 @@ class Distribution:
             listed = isinstance(value, (tuple, list, np.ndarray)) and len(value) == len(self.values[0])
             return listed and all(map(_is_real, value))
         real = _is_real(value)
-        whole = self.kind != INTEGERS or (real and float(value).is_integer())
-        return bool(real and whole and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
+        if self.kind == INTEGERS:
+            return bool(real and float(value).is_integer() and self.values[0] <= value <= self.values[1])
+        return bool(real and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
 
     def check(self, name: str, value: Any) -> None:
         """NumberError unless the number of that name could be drawn as `value`."""
@@ -98,7 +99,7 @@ def choice(*values: Any) -> Distribution:
         raise NumberError(
             f"choice{values!r:.60} has {len(values)} values: 2 to {MOST} are needed, as in choice(1, 2, 3)"
         )
-    return Distribution(CHOICE, tuple(tuple(each) if isinstance(each, list) else each for each in values))
+    return Distribution(CHOICE, tuple(map(_in_python, values)))
 
 
 def free(value: Any) -> Distribution:
@@ -135,13 +136,19 @@ def from_plain(name: Any, *values: Any) -> Distribution:
 
 
 def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
-    """Both, as they are. NumberError unless they are finite numbers and in order."""
+    """Both. NumberError unless they are finite numbers and in order."""
     for each in (low, high):
         if not _is_real(each):
             raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")
     if not low < high:
         raise NumberError(f"{name}({low!r}, {high!r}): the first must be below the second")
-    return low, high
+    return _in_python(low), _in_python(high)
+
+
+def _in_python(value: Any) -> Any:
+    """A value without numpy's types, which JSON does not have; of several, a tuple."""
+    found = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    return tuple(found) if isinstance(found, list) else found
 
 
 def _same(given: Any, value: Any) -> bool:

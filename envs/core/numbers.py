@@ -12,6 +12,7 @@ from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given, has_one_each
 
 from ..errors import NotResetError
 from ..levels import Level, check_all
+from ..scenarios.changes import by_full_name
 from ..scenarios.scenario import Scenario
 from .validation import world_mask
 
@@ -39,9 +40,7 @@ def change_numbers(
         check_unrecorded: Raises RecordingError while a recording goes on.
     """
     where = world_mask("mask", mask, worlds.count)
-    full = {"_".join(scenario.find_number(str(name))): value for name, value in asked.items()}
-    if len(full) < len(asked):
-        raise NumberError(f"{', '.join(asked)}: two of these are names of one number; give it once")
+    full = by_full_name(scenario.find_number, asked)
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
     others = {name: value for name, value in full.items() if name not in varied}
     if others:

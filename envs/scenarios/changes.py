@@ -3,10 +3,10 @@
 import dataclasses
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from outlast.ecs import Distribution, Module, Roles
+from outlast.ecs import Distribution, Module, NumberError, Roles
 from outlast.ecs.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
 
 LONGEST = 60  # characters that a name adds for all changes (a hash stands for the rest), and a sentence for one
@@ -34,10 +34,33 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     return found + [f"{_short(name)}={shown(value)}" for name, value in now.items() if value != usual[name]]
 
 
+def by_full_name(find: Callable[[str], tuple[str, str]], given: Mapping[str, Any]) -> dict[str, Any]:
+    """What is given for numbers, by their full names ("agents_count").
+
+    Args:
+        find: Scenario.find_number.
+        given: By any of their names.
+
+    Raises:
+        NumberError: An unknown number, or one by two of its names.
+    """
+    found = {"_".join(find(str(name))): value for name, value in given.items()}
+    if len(found) < len(given):
+        raise NumberError(f"{', '.join(given)}: one number is given twice, by two of its names")
+    return found
+
+
 def numbers(modules: Iterable[Module]) -> dict[str, Any]:
     """Every number of these mechanics by its full name, sorted by mechanics."""
     ordered = sorted(modules, key=lambda module: module.name)
     return {f"{m.name}_{item.name}": getattr(m, item.name) for m in ordered for item in dataclasses.fields(m)}
+
+
+def titles(origin: Any, made: Any) -> tuple[str, str]:
+    """The name and the sentence of a scenario that was derived from another one."""
+    changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
+    name, about = (differing(origin, made, changed, short) for short in (True, False))
+    return derived_name(origin.name, name), derived_about(origin.about, about)
 
 
 def differing(origin: Any, made: Any, changed: Sequence[str], short: bool) -> list[str]:

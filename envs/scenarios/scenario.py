@@ -20,7 +20,7 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import as_file_name, changes, derived_about, derived_name, differing, following, numbers
+from .changes import as_file_name, by_full_name, following, numbers, titles
 from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
@@ -161,14 +161,13 @@ class Scenario:
             NumberError: An unknown number, or one that cannot have the values.
         """
         varied = dict(self.varied)
-        for key, distribution in numbers.items():
-            module, name = self.find_number(key)
+        for name, distribution in by_full_name(self.find_number, numbers).items():
             if not isinstance(distribution, Distribution):
                 raise NumberError(
-                    f"{key} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
+                    f"{name} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
                     "one value for all worlds"
                 )
-            varied[f"{module}_{name}"] = distribution
+            varied[name] = distribution
         place(list(self.modules), varied)  # raises what is wrong with a number by itself
         return self._derived(varied=tuple(sorted(varied.items())))
 
@@ -208,7 +207,7 @@ class Scenario:
         for name, each in roles.items():
             if not isinstance(each, Role):
                 raise NumberError(f"{name} = {each!r:.60}: a role is needed, as in {name}=outlast.role(1)")
-            numbers = {"_".join(self.find_number(key)): value for key, value in each.numbers}
+            numbers = by_full_name(self.find_number, dict(each.numbers))
             named.append(dataclasses.replace(each, name=name, numbers=tuple(sorted(numbers.items()))))
         by_role = checked_roles(self.modules, Roles(tuple(named), drawn))
         others = tuple(module for module in self.modules if not isinstance(module, ObserveRoles))
@@ -247,9 +246,7 @@ class Scenario:
         observed = tuple(name for name in made.observed if name in dict(varied))
         by_role = made.by_role and made.by_role.only(known)
         made = dataclasses.replace(made, varied=varied, observed=observed, by_role=by_role)
-        changed = changes(origin.modules, made.modules) + ["ordered"] * (origin.order != made.order)
-        name = derived_name(origin.name, differing(origin, made, changed, short=True))
-        about = derived_about(origin.about, differing(origin, made, changed, short=False))
+        name, about = titles(origin, made)
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
         return made

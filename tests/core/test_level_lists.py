@@ -423,7 +423,7 @@ def test_what_is_no_level_is_refused() -> None:
     for given in ([{"melee_damage": 7}], Level({"melee_damage": 7})):
         with pytest.raises(NumberError, match=r"outlast\.Level is needed"):
             env.set_levels(given)  # type: ignore[arg-type]
-    with pytest.raises(NumberError, match="two of these are names of one number"):
+    with pytest.raises(NumberError, match="one number is given twice"):
         env.set_numbers({"n_agents": 2}, agents_count=3)
     env.close()
 

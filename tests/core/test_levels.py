@@ -363,6 +363,32 @@ def test_what_does_not_vary_is_no_observation() -> None:
         TEAMS.observe_numbers("melee_reach")
 
 
+def test_large_integers_are_themselves() -> None:
+    drawn = integers(999_999_937, 10**9)  # float32 has the even ones of 64 only
+    assert 999_999_937 in drawn
+    assert 999_999_936 not in drawn
+    assert np.int64(10**9) in drawn
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {"motors_ahead": uniform(np.float32(0.1), np.float32(0.3))},
+        {"melee_damage": choice(np.int64(3), 7)},
+        {"melee_blocked": choice(np.bool_(True), False)},
+        {"safe_zone_radii": choice(np.array([9.0, 4.0]), [8, 3])},
+    ],
+)
+def test_values_of_numpy_are_those_of_python_in_files(numbers: dict[str, Any]) -> None:
+    scenario = outlast.variant("ffa_1").vary(**numbers)
+    assert Scenario.from_json(scenario.to_json()) == scenario
+
+
+def test_a_number_is_drawn_in_one_way() -> None:
+    with pytest.raises(NumberError, match="one number is given twice, by two of its names"):
+        outlast.variant("ffa_1").vary(n_agents=integers(2, 3), agents_count=integers(2, 4))
+
+
 def test_deriving_goes_on_as_expected() -> None:
     assert "melee_damage" not in dict(TEAMS.replace(melee_damage=7).varied)
     assert "boxes_count" not in dict(TEAMS.without("boxes").varied)
