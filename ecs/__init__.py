@@ -3,9 +3,10 @@
 Read in this order: component and event (the tables), fields (of observations), access, system, numbers and module
 (functions on them, and their numbers), phase and schedule (their order), kernel_check with abstract_interpreter and
 abstract_values (what systems do, against what they declare), layout with archetype (the memory of a world),
-distributions and varied (numbers that differ from world to world, which draw draws), arguments (what kernels get), tick
-(the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with references (the
-compile cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and
+distributions, varied and given (numbers that differ from world to world, which draw draws), made_once (what numbers
+decide when worlds are made), roles and per_agent (numbers that differ from agent to agent), arguments (what kernels
+get), tick (the code generator), machine_code (numba, and the loader), cache, cache_files and cache_key with
+references (the compile cache), compile_errors, execution, worlds (a batch of worlds) with entity_view, workers (its threads), and
 identity (what tells games apart); then what kernels use: jit, simd, random. The errors are in errors.
 """
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from .component import Array, Observation, Signal
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
+from .given import GIVEN, ONCE, WORD
 from .jit import kernel
 from .random import integer, stream_number, words
-from .varied import GIVEN, KEY, ONCE, WORD, VariedNumber, encode, patches
+from .varied import VariedNumber, encode, patches
 
 ABSENT = np.int64(-1)  # the identity of an entity that is not in this episode
 TO_53_BITS, ULP_53 = np.uint64(11), np.float64(2.0**-53)
@@ -86,6 +87,22 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
 
 
 @kernel
+def take_key(clock: Any, given: Any, start: int) -> None:
+    """Key the random numbers of an episode: as somebody has said, or by the world's own key, which goes on meanwhile.
+
+    given: its column of Given. start: where the keys are in it.
+    """
+    own = start + 4
+    if given[own] != 0:
+        clock.seed[0], clock.world[0], clock.episode[0] = given[own + 1], given[own + 2], given[own + 3] + np.uint64(1)
+        given[own] = given[own + 1] = given[own + 2] = given[own + 3] = 0
+    if given[start] != 0:
+        given[own], given[own + 1], given[own + 2], given[own + 3] = 1, clock.seed[0], clock.world[0], clock.episode[0]
+        clock.seed[0], clock.world[0], clock.episode[0] = given[start + 1], given[start + 2], given[start + 3]
+        given[start] = given[start + 1] = given[start + 2] = given[start + 3] = 0
+
+
+@kernel
 def draw(
     clock: Any,
     entities: Any,
@@ -109,11 +126,7 @@ def draw(
     given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: all of
     its state, as int32 and as uint8. kinds and all that follow: see Plan.
     """
-    keyed = values.size  # where the key is in `given`
-    if given[keyed] != 0:
-        clock.seed[0], clock.world[0], clock.episode[0] = given[keyed + 1], given[keyed + 2], given[keyed + 3]
-        for k in range(keyed, keyed + KEY):
-            given[k] = 0
+    take_key(clock, given, values.size)
     for n in range(kinds.size):
         start, width = spans[n, 0], spans[n, 1]
         if given[start] >> GIVEN:

@@ -20,12 +20,13 @@ from .distributions import Distribution
 from .errors import DeclarationError, NumberError
 from .event import Event, memory_type
 from .fields import Field, placed, width
+from .given import GIVEN_DIM, KEYS, Given
 from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
 from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, GIVEN_DIM, KEY, Given, NumbersView, Varied, differing_modules, place, replaced
+from .varied import DIM, NumbersView, Varied, differing_modules, place, replaced
 
 ALIGN = 64  # bytes: a cache line
 
@@ -107,7 +108,7 @@ class Layout:
         others = sorted(attached | self.singletons.keys(), key=lambda c: (c.__module__, c.__qualname__))
         if self.keyed:
             self.dims[DIM] = sum(number.width for number in self.varied.values())
-            self.dims[GIVEN_DIM] = self.dims[DIM] + KEY
+            self.dims[GIVEN_DIM] = self.dims[DIM] + KEYS
         own = (Clock, *([Given, Varied] if self.keyed else []), Entity)
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)

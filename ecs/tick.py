@@ -27,6 +27,7 @@ from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
 from .event import clear
 from .fields import offset
+from .given import GIVEN_DIM, Given
 from .jit import compiled, kernel, loader, storer
 from .layout import Layout
 from .machine_code import call_address
@@ -36,7 +37,7 @@ from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
 from .system import System
-from .varied import GIVEN_DIM, Given, NumbersView, Varied, VariedNumber
+from .varied import NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}

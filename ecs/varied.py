@@ -7,7 +7,7 @@ state at each reset.
 """
 
 import math
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
@@ -20,22 +20,8 @@ from .errors import NumberError
 from .fields import Field
 from .made_once import is_read, reasons
 
-DIM, GIVEN_DIM = "varied words", "given words"
-GIVEN = np.uint64(32)  # the bit of a word of Given that says that there is one
-ONCE = np.uint64(33)  # the bit that says that it is for one episode
-HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
-KEY = 4  # words at the end of Given: whether there is a key, and the seed, world and episode of it
-NO_LEVELS = "no numbers, walls or roles are drawn here, so seeds decide: reset(seed=[...])"  # see Layout.keyed
+DIM = "varied words"
 CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
-
-
-class Given(Singleton):
-    """The engine's own component of worlds with varied numbers: what is not drawn, as somebody has set it.
-
-    It outlasts episodes. Behind the words of numbers is a key of random numbers, for the next episode.
-    """
-
-    words: Array = column("u8", GIVEN_DIM)  # 0: drawn; else the word, bit 32, and maybe bit 33
 
 
 class Varied(Singleton):
@@ -164,103 +150,6 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
     kernels = module.replace(**{field: value}).value(field)
     real = isinstance(kernels, (float, tuple))
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
-
-
-def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> Array:
-    """Values that somebody sets in some worlds, for their column of Given.
-
-    Args:
-        number: The number.
-        layout: An ecs.layout.Layout that varies it.
-        values: One, or one for each of the worlds.
-        count: How many worlds.
-
-    Returns:
-        uint64 (count, width).
-
-    Raises:
-        NumberError: Another number of values, or one that could not be drawn; of a free number, one that its mechanic
-            does not take.
-    """
-    module = layout.modules[number.module]
-    listed = list(values) if has_one_each(values) else [values] * count
-    if len(listed) != count:
-        raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
-    keys, found = [_plain(value) for value in listed], dict[Any, Array]()
-    for value in keys:
-        if not isinstance(value, Hashable):
-            number.distribution.check(number.name, value)
-    for value in dict.fromkeys(keys):
-        number.distribution.check(number.name, value)
-        if number.distribution.kind == FREE:
-            module.replace(**{number.number: value}).check(layout)
-        found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
-    given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
-    return given
-
-
-def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
-    """Which worlds have words that could not have been drawn: bool (worlds,).
-
-    Args:
-        number: The number.
-        layout: An ecs.layout.Layout that varies it.
-        words: int32 (worlds, width), its own.
-    """
-    module = layout.modules[number.module]
-    if number.distribution.kind == FREE:
-        values, which = np.unique(np.ascontiguousarray(words).view(number.dtype), axis=0, return_inverse=True)
-        fits = np.array([_is_taken(number, layout, tuple(value.tolist())) for value in values], bool)[which.reshape(-1)]
-    elif number.distribution.kind == CHOICE:
-        known = np.array([encode(module, number.number, value) for value in number.distribution.values])
-        fits = (words[:, None] == known).all(2).any(1)
-    else:
-        values = np.ascontiguousarray(words).view(number.dtype)[:, 0]
-        low, high = (number.dtype.type(end) for end in number.distribution.values)
-        fits = (low <= values) & (values <= high)
-    return ~np.asarray(fits)
-
-
-def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bool:
-    """Whether the mechanic takes this value of a free number."""
-    try:
-        layout.modules[number.module].replace(**{number.number: value}).check(layout)
-    except NumberError:
-        return False
-    return True
-
-
-def wrongly_given(layout: Any, words: Array) -> str:
-    """What is wrong with words of Given that come out of a file, which kernels use as indices; empty if nothing is.
-
-    Args:
-        layout: An ecs.layout.Layout with varied numbers.
-        words: uint64 (worlds, words).
-    """
-    for name, number in layout.varied.items():
-        own = words[:, number.words]
-        there, low = (own != 0).any(1), (own & WORD).astype(np.uint32).view(np.int32)
-        flags = own >> GIVEN
-        wrong = (flags[:, :1] != flags).any(1) | ((flags != 1) & (flags != 3)).any(1)
-        wrong[there] |= misfits(number, layout, low[there])
-        if (wrong := wrong & there).any():
-            w = int(wrong.argmax())
-            return f"{name} in world {w} is not of {number.distribution!r:.80}"
-    if (words[:, -KEY] > 1).any():
-        return f"the key of random numbers in world {int((words[:, -KEY] > 1).argmax())} is none"
-    return ""
-
-
-def has_one_each(values: Any) -> bool:
-    """Whether they are one for each of some worlds, and not one value, which a tuple is."""
-    return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
-
-
-def _plain(value: Any) -> Any:
-    """A value as Python has it; what stands for a tuple is one, of floats."""
-    if isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim):
-        return tuple(each.item() if isinstance(each, np.generic) else each for each in value)
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def _check_kind(name: str, kind: type, distribution: Distribution, free: bool) -> None:

@@ -17,6 +17,7 @@ from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
+from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
@@ -25,7 +26,7 @@ from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
 from .tick import Segment, segments
-from .varied import KEY, NO_LEVELS, ONCE, Given, Varied, given_words
+from .varied import Varied
 from .workers import Job, Workers
 
 MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
@@ -184,6 +185,8 @@ class Worlds:
         clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
         clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
         clock.episode[where] = 0
+        if self.layout.keyed:
+            self[Given].words[where, AWAY] = 0
 
     def set_numbers(self, **numbers: Any) -> None:
         """Change numbers of mechanics from the next tick on, in all worlds.
@@ -241,19 +244,16 @@ class Worlds:
             self[Given].words[rows, self.layout.varied[name].words] = given
 
     def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
-        """Key the random numbers of the next episode, so that it is that one; those after it go on from there.
+        """Key the random numbers of the next episode, so that it is that one; those after it have the worlds' own keys.
 
         Args:
-            keys: (seed, world, episode) of the worlds `where`, uint64 (n, 3).
+            keys: (seed, world, episode) of the worlds `where`, uint64 (n, 3). NumberError unless Layout.keyed.
             where: The worlds: mask, indices or slice.
-
-        Raises:
-            NumberError: Episodes of these worlds differ by too little to be levels, see Layout.keyed.
         """
         if not self.layout.keyed:
             raise NumberError(NO_LEVELS)
         rows = np.atleast_1d(np.arange(self.count)[where])
-        self[Given].words[rows, -KEY:] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
+        self[Given].words[rows, KEY] = np.insert(np.asarray(keys, np.uint64), 0, 1, axis=1)
 
     @property
     def changed(self) -> dict[str, int | float]:

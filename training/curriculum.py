@@ -88,7 +88,7 @@ class Curriculum:
             env: The worlds.
             where: Which of them, bool (worlds,).
             keys: Their own, uint64 (some worlds, 3), by which levels are drawn. A level without a key is played with
-                that: after one with a key, a world would go on from there, and so would all others that played it.
+                that, also by a run that goes on in new worlds.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)

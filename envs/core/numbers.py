@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import Clock, NumberError, Worlds
-from outlast.ecs.varied import KEY, NO_LEVELS, ONCE, Given, has_one_each
+from outlast.ecs.given import KEY, NO_LEVELS, ONCE, Given, has_one_each
 
 from ..errors import NotResetError
 from ..levels import Level, check_all
@@ -85,7 +85,7 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     with _restored(worlds):
         waiting = worlds[Given].words[rows]  # of levels that were set before, and not played
         waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
-        waiting[:, -KEY:] = 0
+        waiting[:, KEY] = 0
         worlds[Given].words[rows] = waiting
         for row, level in zip(rows, levels if len(levels) > 1 else [*levels] * len(rows), strict=True):
             worlds.give_numbers(level.numbers, row, once=True)

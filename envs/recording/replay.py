@@ -8,7 +8,7 @@ import numpy as np
 
 from outlast.components import End
 from outlast.ecs import STEP, Clock, EngineError
-from outlast.ecs.varied import GIVEN_DIM, Given, wrongly_given
+from outlast.ecs.given import GIVEN_DIM, Given, wrongly_given
 
 from ..core.agents import counted
 from ..core.lifecycle import check_playable

@@ -50,9 +50,28 @@ def test_a_level_is_the_episode_again() -> None:
     assert other.levels() == env.levels()
     for mine, its in zip(played(env, 0), played(other, 0), strict=True):
         np.testing.assert_array_equal(mine, its)
-    env.reset(), other.reset()  # the episodes behind it are the next ones of that key
-    assert other.levels() == env.levels()
-    env.close(), other.close()
+    own = outlast.make_vec(DUEL, 6, seed=99)  # whose worlds play their own second episode in the meantime
+    own.reset(), own.reset(), own.reset()
+    other.reset()
+    assert other.levels() == own.levels()
+    env.close(), other.close(), own.close()
+
+
+def test_a_level_waits_for_its_world_and_a_seed_ends_it() -> None:
+    """A world that plays levels with keys, several in a row, goes on with its own; a new seed begins anew."""
+    env, own = make(seed=3), make(seed=3)
+    for key in ((7, 0, 1), (8, 1, 4)):
+        env.set_levels([Level(key=key)])
+        env.reset(), own.reset()
+        assert {level.key for level in env.levels()} == {key}
+    env.set_state(env.get_state())
+    env.reset(), own.reset()
+    assert env.levels() == own.levels()
+    env.set_levels([Level(key=(7, 0, 1))])
+    env.reset(), env.reset(seed=5), own.reset(seed=5)
+    env.reset(), own.reset()
+    assert env.levels() == own.levels()
+    env.close(), own.close()
 
 
 def test_levels_are_for_one_episode_of_the_worlds_that_are_meant() -> None:

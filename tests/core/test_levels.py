@@ -10,7 +10,8 @@ import pytest
 import outlast
 from outlast import choice, integers, log_uniform, systems, uniform
 from outlast.ecs import Clock, Component, Entity, NumberError, Observation
-from outlast.ecs.varied import Given, Varied
+from outlast.ecs.given import Given
+from outlast.ecs.varied import Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
 from outlast.envs.scenarios.scenario import Scenario
