@@ -17,7 +17,8 @@ from tests.conftest import COMPILED, draw_actions, scaled
 from tests.helpers import naive_lidar
 from tests.helpers.naive_world import read
 from tests.helpers.random_worlds import PILLARS, RUNS, TEXT, scramble
-from tests.mechanics.test_inner_walls import box2d_world, duel, put
+from tests.mechanics.test_inner_walls import duel, put
+from tests.mechanics.test_sight_lines import Box2DWorld
 
 WORLDS = scaled(60, least=3)
 FEW = scaled(16, least=2)  # that the naive form looks at
@@ -147,13 +148,13 @@ def test_rays_are_box2ds_ray_casts(level: str, targets: str) -> None:
     kinds = {"walls": {*rows(Solid)} - {*rows(Spawned)}, "solids": {*rows(Solid)}, "bodies": {*rows(Body)}}
     hits = grazing = 0
     for w in range(env.num_worlds):
-        world, bodies = box2d_world(env.worlds, w)
+        there = Box2DWorld(env.worlds, w)
         naive = read(env, w)
         for i, e in enumerate(rows(Side).tolist()):
-            eye, me = bodies[e].position, naive.of("agent")[i]
+            eye, me = there.bodies[e].position, naive.of("agent")[i]
             for k, angle in enumerate(naive_lidar.directions(naive, me)):
                 first = _First(kinds[targets] - {e})
-                world.RayCast(first, eye, (eye[0] + 10 * math.cos(angle), eye[1] + 10 * math.sin(angle)))
+                there.world.RayCast(first, eye, (eye[0] + 10 * math.cos(angle), eye[1] + 10 * math.sin(angle)))
                 got, hits = float(observations["lidar"][w, i, k]), hits + (first.fraction < 1)
                 if abs(got - 10 * first.fraction) > 1e-4:
                     low, high = naive_lidar.distance(naive, me, angle)
