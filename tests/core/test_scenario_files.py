@@ -28,8 +28,6 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 @pytest.fixture
 def tag(monkeypatch: pytest.MonkeyPatch) -> Scenario:
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    if "tag" in sys.modules:  # is afterwards what it was: other modules have its classes
-        monkeypatch.setitem(sys.modules, "tag", sys.modules["tag"])
     return named(f"{EXAMPLES}/tag.py:TAG")
 
 
