@@ -40,7 +40,7 @@ def test_bodies_stay_apart_in_random_levels(kind: str) -> None:
         assert checker.resets > 64 or not COMPILED
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="a million world-steps")
 @kinds
 def test_bodies_stay_apart_for_a_million_world_steps(kind: str) -> None:
