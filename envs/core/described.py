@@ -52,7 +52,7 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What the roles are called, by number, as in info["roles"]; none without roles."""
+        """What the roles are called, by number, as in info["roles"] (-1: of who is absent); none without any."""
         return self.scenario.by_role.names if self.scenario.by_role else ()
 
     @property
@@ -66,7 +66,7 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         if self.worlds.layout.varied:
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
         if AgentRoles in self.worlds:
-            info["roles"] = self.worlds[AgentRoles].role.copy()
+            info["roles"] = np.where(info.get("present", True), self.worlds[AgentRoles].role, np.int32(-1))
         return info
 
     def _ended(self, done: Actions) -> dict[str, Any]:

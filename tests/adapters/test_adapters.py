@@ -21,7 +21,7 @@ from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import LEVELS, short
+from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
 
 WORLDS = 64
 SAMPLES = 20
@@ -129,7 +129,7 @@ def reported(name: str, env: Any, info: Any) -> list[bool]:
     return [bool(alive) for alive in np.ravel(info["alive"])]
 
 
-@pytest.mark.parametrize("game", ["ffa_3", *LEVELS])
+@pytest.mark.parametrize("game", ["ffa_3", *EACH_LEVEL])
 @pytest.mark.parametrize("name", [name for name in ALL if name != "aec_env"])
 def test_info_has_the_living_after_every_call(name: str, game: str) -> None:
     """Of all agents, or of the learner. Agents of an AECEnv are the same, one after the other."""

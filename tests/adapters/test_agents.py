@@ -15,9 +15,9 @@ from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
 from outlast.envs.core.agents import counts_vary, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, LEVELS, equal, short
+from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
-KINDS = ("ffa_3", "teams_3", HUNT, *LEVELS)
+KINDS = ("ffa_3", "teams_3", HUNT, *EACH_LEVEL)
 MODES = [mode.value for mode in AutoresetMode]
 WORLDS, SEED = scaled(20, least=2), 5
 STEPS = 65  # enough for every world of short() to end

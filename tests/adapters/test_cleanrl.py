@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import LEVELS, short
+from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip install torch")
 
@@ -25,7 +25,7 @@ def ppo() -> SimpleNamespace:
     return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
 
 
-@pytest.mark.parametrize("variant", ["duel", "teams_3", *LEVELS])
+@pytest.mark.parametrize("variant", ["duel", "teams_3", *EACH_LEVEL])
 def test_updates(ppo: SimpleNamespace, variant: str) -> None:
     """Losses are finite, actor and critic change, and the same seed does the same."""
     agents = 2 if variant == "duel" else 4

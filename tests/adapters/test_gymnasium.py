@@ -21,7 +21,7 @@ from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.agents import alive, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import ALL, HUNT, LEVELS, equal, short
+from tests.helpers.execution_modes import ALL, EACH_LEVEL, HUNT, LEVELS, equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]
@@ -47,7 +47,7 @@ def arrays(result: Any) -> list[np.ndarray[Any, Any]]:
 # ---- the contract
 
 
-@pytest.mark.parametrize("name", [*IDS, *LEVELS])
+@pytest.mark.parametrize("name", [*IDS, *EACH_LEVEL])
 @pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity")
 def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
     """Neither an error nor a warning, pictures included: in tests, every warning is an error.
@@ -64,7 +64,7 @@ def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
 @pytest.mark.parametrize("dead", ["end", "keep"])
 @pytest.mark.parametrize(
     ("name", "learner"),
-    [("teams_3", 0), ("teams_3", 2), ("teams_3", 3), (HUNT, 0), (HUNT, 2), *((name, 1) for name in LEVELS)],
+    [("teams_3", 0), ("teams_3", 2), ("teams_3", 3), (HUNT, 0), (HUNT, 2), (ALL, 1)],
 )
 def test_it_is_an_agent_of_the_batched_environment(name: str, learner: int, dead: str) -> None:
     """The others' actions are noted by the function that gives them, and the world is played again."""

@@ -20,7 +20,7 @@ from outlast.ecs import Entity
 from outlast.envs.adapters import pettingzoo as parallel
 from outlast.envs.core.agents import counts_vary, present
 from tests.conftest import COMPILED, scaled
-from tests.helpers.execution_modes import ALL, COUNTS, HUNT, LEVELS, SHORT
+from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, SHORT
 from tests.helpers.execution_modes import short as scenario
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
@@ -39,9 +39,7 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
 CYCLES = scaled(1000, least=20)
 NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
 both = pytest.mark.parametrize("dead", ["end", "keep"])
-everywhere = pytest.mark.parametrize(
-    "name", [*NAMES, *(pytest.param(scenario(name), id=name) for name in (HUNT, *LEVELS))]
-)
+everywhere = pytest.mark.parametrize("name", [*NAMES, *(pytest.param(scenario(name), id=name) for name in (HUNT, ALL))])
 Env = parallel.SurvivalParallelEnv
 
 
@@ -122,7 +120,7 @@ def test_max_cycles() -> None:
     max_cycles_test(parallel)
 
 
-@pytest.mark.parametrize("name", LEVELS)
+@pytest.mark.parametrize("name", EACH_LEVEL)
 def test_max_cycles_of_levels(name: str) -> None:
     """Nobody dies before; of the agents' numbers of steps it takes the median, so most have to be there."""
     level = scenario(name).replace(agents_health=1000)
@@ -139,14 +137,14 @@ def test_state(name: str) -> None:
     state_test(outlast.aec_env(name, **SHORT), outlast.parallel_env(name, **SHORT), CYCLES)
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *EACH_LEVEL])
 def test_render(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pygame", reason="render_mode='human' needs pygame, which is not installed")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     render_test(lambda **options: outlast.aec_env(scenario(name), **options))
 
 
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *EACH_LEVEL])
 def test_render_without_a_window(name: str) -> None:
     """What their suite asks of pictures and text; drawing changes nothing."""
     for picture in collect_render_results(outlast.aec_env(scenario(name), render_mode="rgb_array")):
@@ -191,7 +189,7 @@ def test_without_pettingzoo_only_this_adapter_is_missing() -> None:
 
 
 @both
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", *EACH_LEVEL])
 def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
     """Observations, rewards, ends and statistics of an episode with deaths; the batch also gets actions of the dead.
 
@@ -240,7 +238,7 @@ def test_whole_episodes_repeat(dead: str) -> None:
 
 
 @both
-@pytest.mark.parametrize("name", [*NAMES, *LEVELS])
+@pytest.mark.parametrize("name", [*NAMES, *EACH_LEVEL])
 def test_everything_lies_in_its_space(name: str, dead: str) -> None:
     env = short(name, dead=dead, seed=1)
     observations, _ = env.reset()

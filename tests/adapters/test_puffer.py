@@ -16,7 +16,7 @@ import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, LEVELS, equal, short
+from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
 with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere), warnings.catch_warnings():
     warnings.simplefilter("ignore")  # and elsewhere, as PufferLib leaves a link in the folder where it is imported
@@ -53,7 +53,7 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 
 
 @needs_puffer
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *EACH_LEVEL])
 def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
     """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
     env = make(name, 1)
@@ -78,7 +78,7 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 
 
 @needs_puffer
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT, *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT, *EACH_LEVEL])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""
     env, batch = make(name, seed=SEED), outlast.make_vec(short(name), WORLDS, seed=SEED, autoreset_mode="SameStep")

@@ -35,7 +35,7 @@ def idle(env):
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT, *execution_modes.LEVELS])
+@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT, *execution_modes.EACH_LEVEL])
 def test_it_is_world_0_of_a_batch(variant, dead):
     """Observations, rewards and ends, with the same actions."""
     scenario = execution_modes.short(variant).replace(ending_limit=25)
@@ -87,7 +87,7 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
     assert mixed
 
 
-@pytest.mark.parametrize("name", ["ffa_3", *execution_modes.LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", *execution_modes.EACH_LEVEL])
 def test_rllib_finds_nothing_wrong(name):
     for dead in ("end", "keep"):
         check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": execution_modes.short(name), "dead": dead}))

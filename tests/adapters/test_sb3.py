@@ -14,7 +14,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import ActionError, NotResetError, PendingError
 from tests.conftest import scaled
-from tests.helpers.execution_modes import HUNT, LEVELS, short
+from tests.helpers.execution_modes import EACH_LEVEL, HUNT, short
 
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
@@ -97,7 +97,7 @@ def test_it_does_what_sb3_makes_of_single_environments() -> None:
     assert {True, False} == set(ends)
 
 
-@pytest.mark.parametrize("name", ["ffa_3", HUNT, *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_3", HUNT, *EACH_LEVEL])
 @pytest.mark.filterwarnings("ignore:Your observation .* has an unconventional shape")
 def test_sb3s_own_checker_finds_nothing(name: str) -> None:
     """In the environment of one agent; but that rows of entities are no vectors, which MultiInputPolicy flattens."""
@@ -105,7 +105,7 @@ def test_sb3s_own_checker_finds_nothing(name: str) -> None:
     checker.check_env(SurvivalEnv(short(name), learner=1, render_mode="rgb_array"))
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *LEVELS])
+@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *EACH_LEVEL])
 def test_spaces_are_those_of_one_agent(name: str) -> None:
     env, batch = make_sb3(short(name), 3, seed=0), make_vec(short(name), 3)
     assert env.num_envs == 3 * batch.num_agents
@@ -120,7 +120,7 @@ def test_spaces_are_those_of_one_agent(name: str) -> None:
         assert env.observation_space.contains(agent(observations, i))
 
 
-@pytest.mark.parametrize("name", ["teams_3", HUNT, *LEVELS])
+@pytest.mark.parametrize("name", ["teams_3", HUNT, *EACH_LEVEL])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seeds and actions; agent i of world w is w * agents + i. Who is absent is dead."""
     scenario = short(name).replace(ending_limit=22)

@@ -15,7 +15,7 @@ from outlast.ecs.varied import Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ScenarioError, StateError
 from outlast.envs.scenarios.scenario import Scenario
-from tests.conftest import COMPILED, draw_actions, scaled
+from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
 from tests.reference.random_numbers import keyed
 
 TEAMS = outlast.variant("teams_4").vary(
@@ -138,7 +138,7 @@ def play(env: SurvivalVectorEnv, chosen: Any, actions: Any) -> Any:
     return own, *(values[chosen] for values in signals), {"present": info["present"][chosen]}
 
 
-@pytest.mark.parametrize("game", GAMES)
+@pytest.mark.parametrize("game", few_by_day(GAMES, ("numbers", "mazes", "floor plans")))
 def test_every_world_is_the_game_that_has_its_numbers(game: str) -> None:
     """Bit for bit, a few of 1024 worlds, of which each has other numbers, counts, walls and roles."""
     compare_with_worlds_alone(GAMES[game], np.linspace(0, WORLDS - 1, SAMPLE).astype(int))

@@ -11,7 +11,7 @@ from outlast.components import Body
 from outlast.ecs import Entity
 from outlast.envs.errors import FaultError
 from outlast.systems import Maze
-from tests.conftest import digest, scaled
+from tests.conftest import digest, few_by_day, scaled
 from tests.digests import SEED, numbered_actions
 
 BATCH = scaled(1024, least=14)
@@ -23,6 +23,7 @@ SHORT: dict[str, Any] = {  # episodes of different lengths, all of them within 8
 HUNT = "one against three"  # unequal teams, with roles
 COUNTS, ROLES, MAZE, ALL = "other counts", "roles that are drawn", "a maze", "other counts, roles and a maze"
 LEVELS = (COUNTS, ROLES, MAZE, ALL)  # what differs from world to world and from episode to episode
+EACH_LEVEL = few_by_day(LEVELS, (ALL,))  # parameters of tests
 PROBABILITY = 0.03  # per tick, of an intervention
 Actions = np.ndarray[Any, Any]
 

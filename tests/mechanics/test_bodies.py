@@ -4,15 +4,16 @@ import math
 
 import pytest
 
+from tests.conftest import few_by_day
 from tests.helpers import naive_mechanics, naive_observations
 from tests.helpers.ambiguity import collecting
 from tests.helpers.naive_world import TOLERANCE
-from tests.helpers.random_worlds import COUNT, KINDS, disagreements, play
+from tests.helpers.random_worlds import COUNT, DAILY, KINDS, disagreements, play
 from tests.reference.episodes import MOTION
 from tests.reference.physics import move
 from tests.reference.random_numbers import scattered
 
-kinds = pytest.mark.parametrize("kind", KINDS)
+kinds = pytest.mark.parametrize("kind", few_by_day(KINDS, DAILY))
 
 
 @kinds

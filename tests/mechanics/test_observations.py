@@ -6,11 +6,12 @@ import pytest
 import outlast
 from outlast.components import ObservationMasks
 from outlast.ecs.simd import SIMD_WIDTH
+from tests.conftest import few_by_day
 from tests.helpers import naive_observations
 from tests.helpers.naive_world import TOLERANCE
-from tests.helpers.random_worlds import KINDS, play
+from tests.helpers.random_worlds import DAILY, KINDS, play
 
-kinds = pytest.mark.parametrize("kind", KINDS)
+kinds = pytest.mark.parametrize("kind", few_by_day(KINDS, DAILY))
 
 
 @kinds
