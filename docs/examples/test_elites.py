@@ -1,8 +1,12 @@
 """Tests of elites.py. Run it: python -m pytest docs/examples/test_elites.py."""
 
+import numba
+import pytest
 from elites import GAME, SIZE, cells_of, fill, text
 
 import outlast
+
+pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="worlds without compiled systems take minutes")
 
 
 def test_levels_lead_to_the_behaviour_that_they_are_kept_for():
