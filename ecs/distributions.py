@@ -99,7 +99,7 @@ def choice(*values: Any) -> Distribution:
         raise NumberError(
             f"choice{values!r:.60} has {len(values)} values: 2 to {MOST} are needed, as in choice(1, 2, 3)"
         )
-    return Distribution(CHOICE, tuple(map(_in_python, values)))
+    return Distribution(CHOICE, tuple(map(in_python, values)))
 
 
 def free(value: Any) -> Distribution:
@@ -142,13 +142,13 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
             raise NumberError(f"{name}({low!r}, {high!r}): two finite numbers are needed")
     if not low < high:
         raise NumberError(f"{name}({low!r}, {high!r}): the first must be below the second")
-    return _in_python(low), _in_python(high)
+    return in_python(low), in_python(high)
 
 
-def _in_python(value: Any) -> Any:
+def in_python(value: Any) -> Any:
     """A value without numpy's types, which JSON does not have; of several, a tuple."""
     found = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-    return tuple(found) if isinstance(found, list) else found
+    return tuple(map(in_python, found)) if isinstance(found, (list, tuple)) else found
 
 
 def _same(given: Any, value: Any) -> bool:

@@ -87,6 +87,15 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
 
 
 @kernel
+def draw_between(values: Any, reals: Any, word: int, real: bool, kind: int, low: float, high: float, key: Any) -> None:
+    """Draw a word between two ends: of `values`, as int32, or, if it is `real`, of `reals`, as float32."""
+    if real:
+        reals[word] = np.float32(between(kind, low, high, key))
+    else:
+        values[word] = np.int32(between(kind, low, high, key))
+
+
+@kernel
 def take_key(clock: Any, given: Any, start: int) -> None:
     """Key the random numbers of an episode: as somebody has said, or by the world's own key, which goes on meanwhile.
 
@@ -140,10 +149,8 @@ def draw(
             first = options[n, 0] + width * integer(key, 0, options[n, 1])
             for k in range(width):
                 values[start + k] = choices[first + k]
-        elif real[n]:
-            reals[start] = np.float32(between(kinds[n], ends[n, 0], ends[n, 1], key))
         else:
-            values[start] = np.int32(between(kinds[n], ends[n, 0], ends[n, 1], key))
+            draw_between(values, reals, start, real[n], kinds[n], ends[n, 0], ends[n, 1], key)
     for p in range(patches.shape[0]):
         word, where = values[patches[p, 0]], patches[p, 1]
         if patches[p, 2] == 4:

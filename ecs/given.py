@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .component import Array, Singleton, column
-from .distributions import CHOICE, FREE
+from .distributions import CHOICE, FREE, in_python
 from .errors import NumberError
 from .varied import VariedNumber, encode
 
@@ -49,14 +49,14 @@ def given_words(number: VariedNumber, layout: Any, values: Any, count: int) -> A
     listed = list(values) if has_one_each(values) else [values] * count
     if len(listed) != count:
         raise NumberError(f"{number.name}: {len(listed)} values for {count} worlds; give one, or as many")
-    keys, found = [_plain(value) for value in listed], dict[Any, Array]()
+    keys, found = [in_python(value) for value in listed], dict[Any, Array]()
     for value in keys:
         if not isinstance(value, Hashable):
             number.distribution.check(number.name, value)
     for value in dict.fromkeys(keys):
         number.distribution.check(number.name, value)
         if number.distribution.kind == FREE:
-            module.replace(**{number.number: value}).check(layout)
+            _check_taken(number, layout, value)
         found[value] = encode(module, number.number, int(value) if number.kind is int else value).view(np.uint32)
     given: Array = np.array([found[value] for value in keys], np.uint64) | HERE
     return given
@@ -84,10 +84,15 @@ def misfits(number: VariedNumber, layout: Any, words: Array) -> Array:
     return ~np.asarray(fits)
 
 
+def _check_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> None:
+    """NumberError unless the mechanic takes this value of a free number."""
+    layout.modules[number.module].replace(**{number.number: value}).check(layout)
+
+
 def _is_taken(number: VariedNumber, layout: Any, value: tuple[float, ...]) -> bool:
-    """Whether the mechanic takes this value of a free number."""
+    """Whether it does."""
     try:
-        layout.modules[number.module].replace(**{number.number: value}).check(layout)
+        _check_taken(number, layout, value)
     except NumberError:
         return False
     return True
@@ -118,10 +123,3 @@ def wrongly_given(layout: Any, words: Array) -> str:
 def has_one_each(values: Any) -> bool:
     """Whether they are one for each of some worlds, and not one value, which a tuple is."""
     return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
-
-
-def _plain(value: Any) -> Any:
-    """A value as Python has it; what stands for a tuple is one, of floats."""
-    if isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim):
-        return tuple(each.item() if isinstance(each, np.generic) else each for each in value)
-    return value.item() if isinstance(value, np.generic) else value

@@ -166,9 +166,9 @@ class Layout:
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
-    def groups(self) -> tuple[int, ...]:
-        """Sizes of the groups into which a module splits the agents by id, as teams; of no groups, ()."""
-        return _groups(self.modules, self.dims.get("agents", 0))
+    def groups(self, agents: int | None = None) -> tuple[int, ...]:
+        """Sizes of the groups into which a module splits so many agents (None: all) by id, as teams; of none, ()."""
+        return _groups(self.modules, self.dims.get("agents", 0) if agents is None else agents)
 
     def groupings(self, agents: int) -> set[tuple[int, ...]]:
         """All that `groups` can be in worlds of so many agents."""

@@ -15,6 +15,7 @@ from .errors import NumberError
 from .layout import Layout
 from .made_once import reasons
 from .module import Module
+from .numbers import owners
 from .system import System
 from .varied import extreme_layouts
 
@@ -33,16 +34,13 @@ def changed_modules(
     Raises:
         NumberError: An unknown number, one that cannot change, or a value that cannot be, alone or with the others.
     """
-    owners = {
-        f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(present) for item in fields(module)
-    }
-    found = list(present)
+    known, found = owners(present), list(present)
     for name, value in numbers.items():
-        if name not in owners:
-            near = difflib.get_close_matches(name, owners, 3)
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 3)
             hint = f"did you mean {' or '.join(near)}? " if near else ""
-            raise NumberError(f"there is no number '{name}' here; {hint}Known: {', '.join(owners)}")
-        k, own = owners[name]
+            raise NumberError(f"there is no number '{name}' here; {hint}Known: {', '.join(known)}")
+        k, own = known[name]
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")

@@ -3,7 +3,8 @@
 Kernels read numbers whenever they run. Tables, the schedule and the memory of systems stay as they are.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,25 @@ def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[s
     scratch = {p.name for system in own.values() for p in system.parameters if p.kind == "scratch"}
     if any(_shape(one.scratch(name, layout.dims)) != _shape(other.scratch(name, layout.dims)) for name in scratch):
         yield "it decides how much memory systems have"
+
+
+def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """In which entries of columns the states of worlds differ.
+
+    Args:
+        places: ecs.layout.Place of all columns.
+        images: uint8 (world_bytes,) each.
+
+    Yields:
+        The column's place, the entry's index in it, and what the states have there, (images,).
+    """
+    stacked = np.stack(images)
+    for where in [each for each in places if each.offset >= 0]:
+        dtype = where.component.columns[where.name].dtype
+        size = dtype.itemsize * math.prod(where.shape)
+        values = stacked[:, where.offset : where.offset + size].copy().view(dtype)
+        for k in np.flatnonzero((values != values[0]).any(0)).tolist():
+            yield where, k, values[:, k]
 
 
 def is_read(layout: Any, k: int, number: str) -> bool:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -98,3 +99,17 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
         least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
         raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))
     return int(value) if whole else float(value)
+
+
+def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
+    """The index of the mechanic and its own name for every number, by full name."""
+    return {
+        f"{module.name}_{item.name}": (k, item.name)
+        for k, module in enumerate(modules)
+        for item in dataclasses.fields(module)
+    }
+
+
+def rule_of(module: Any, field: str) -> Any:
+    """What `number` declared of a mechanic's number."""
+    return next(item.metadata for item in dataclasses.fields(module) if item.name == field)

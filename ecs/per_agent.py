@@ -7,9 +7,8 @@ are written into the state.
 """
 
 import functools
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,15 @@ from numba import types
 from numba.core import cgutils
 
 from .component import Array, Clock, Singleton, column
-from .distributions import CHOICE, INTEGERS, Distribution
-from .draw import between
+from .distributions import CHOICE, Distribution
+from .draw import draw_between
 from .errors import NumberError
 from .jit import intrinsic, kernel
-from .made_once import is_read, reasons
+from .made_once import differences, is_read, reasons
+from .numbers import owners, rule_of
 from .random import integer, stream_number
 from .roles import ANYONE, NEVER, Roles, spread
-from .varied import encode
+from .varied import check_kind, encode
 
 AGENT = "agent"  # the archetype that has roles
 ROLES, ROWS, WORDS = "roles", "role rows", "role words"  # dimensions
@@ -77,7 +77,7 @@ def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
         raise NumberError("roles: this scenario has no agents to have them; add Agents")
     roles.of_agents(len(rows))
     roles = checked_roles(layout.modules, roles)
-    owners = _owners(layout.modules)
+    known = owners(layout.modules)
     found: dict[str, AgentNumber] = {}
     for name in roles.numbers:
         if name in layout.varied:
@@ -85,7 +85,7 @@ def place_numbers(layout: Any, roles: Roles) -> dict[str, AgentNumber]:
                 f"{name} is varied from world to world and differs by role: choose one, as in "
                 f"role({name}=uniform(...)), from which each agent draws"
             )
-        k, field = owners[name]
+        k, field = known[name]
         base = getattr(layout.modules[k], field)
         values = tuple(dict(each.numbers).get(name, base) for each in roles.roles)
         dtype = np.dtype("f4" if isinstance(base, float) else "i4")
@@ -102,17 +102,17 @@ def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
     Raises:
         NumberError: One that is unknown, the same for all agents, or out of its range; as "role NAME: ...".
     """
-    owners = _owners(modules)
-    able = [name for name, (k, field) in owners.items() if _metadata(modules[k], field).get("per_agent")]
+    known = owners(modules)
+    able = [name for name, (k, field) in known.items() if rule_of(modules[k], field).get("per_agent")]
     found = []
     for each in roles.roles:
         values = dict[str, Any]()
         for name, value in each.numbers:
             if name not in able:
-                what = "is the same for all agents, as its mechanic declares it" if name in owners else "does not exist"
-                known = ", ".join(sorted(able)) or "none"
-                raise NumberError(f"role {each.name}: the number {name} {what}; a role can have: {known}")
-            k, field = owners[name]
+                what = "is the same for all agents, as its mechanic declares it" if name in known else "does not exist"
+                others = ", ".join(sorted(able)) or "none"
+                raise NumberError(f"role {each.name}: the number {name} {what}; a role can have: {others}")
+            k, field = known[name]
             try:
                 probes = _probes(name, value, type(getattr(modules[k], field)))
                 own = [getattr(modules[k].replace(**{field: probe}), field) for probe in probes]
@@ -123,21 +123,11 @@ def checked_roles(modules: Sequence[Any], roles: Roles) -> Roles:
     return replace(roles, roles=tuple(found))
 
 
-def _owners(modules: Sequence[Any]) -> dict[str, tuple[int, str]]:
-    """The index of the mechanic and its own name for every number, by full name."""
-    return {f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(modules) for item in fields(module)}
-
-
-def _metadata(module: Any, field: str) -> Any:
-    return next(item.metadata for item in fields(module) if item.name == field)
-
-
 def _probes(name: str, value: Any, kind: type) -> tuple[Any, ...]:
-    """What stands for all values of a number. NumberError for a distribution of floats of which an int is drawn."""
+    """What stands for all values of a number. NumberError for a distribution of which this type is not drawn."""
     if not isinstance(value, Distribution):
         return (value,)
-    if kind is int and value.kind not in (INTEGERS, CHOICE):
-        raise NumberError(f"{name} = {value}: it is of type int, so take integers or choice")
+    check_kind(name, kind, value)
     return value.probes()
 
 
@@ -290,17 +280,14 @@ def _patches(layout: Any, number: AgentNumber) -> list[tuple[int, int, int]]:
         if reason := next(reasons(forms[0], form, number.module, systems=False), ""):
             raise NumberError(f"{number.name} cannot differ by role: {reason}")
     here = {(each.component, each.name): each.offset for each in layout.places}
-    images, found = np.stack([form.initial_image for form in forms]), []
-    for where in [each for each in forms[0].places if each.offset >= 0]:
-        dtype = where.component.columns[where.name].dtype
-        size = dtype.itemsize * math.prod(where.shape)
-        there = images[:, where.offset : where.offset + size].copy().view(dtype)
-        for k in np.flatnonzero((there != there[0]).any(0)).tolist():
-            same = dtype == number.dtype and there[:, k].tolist() == np.array(probes).astype(dtype).tolist()
-            if not same or where.shape != (layout.dims["rows"],) or k not in layout.spans[AGENT]:
-                what = f"{where.component.__name__}.{where.name}"
-                raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
-            found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
+    found = []
+    for where, k, values in differences(forms[0].places, [form.initial_image for form in forms]):
+        dtype = values.dtype
+        same = dtype == number.dtype and values.tolist() == np.array(probes).astype(dtype).tolist()
+        if not same or where.shape != (layout.dims["rows"],) or k not in layout.spans[AGENT]:
+            what = f"{where.component.__name__}.{where.name}"
+            raise NumberError(f"{number.name} cannot differ by role: {what} is computed from it")
+        found.append((number.start + k, here[where.component, where.name] + k * dtype.itemsize, dtype.itemsize))
     if not (found or is_read(layout, number.module, number.field)):
         raise NumberError(f"{number.name} cannot differ by role: no system of its mechanic gets it")
     return found
@@ -349,10 +336,8 @@ def assign(
             own = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(i), streams[n])
             if kinds[n, r] == CHOICE:
                 values[word] = choices[options[n, r, 0] + integer(own, 0, options[n, r, 1])]
-            elif real[n]:
-                reals[word] = np.float32(between(kinds[n, r], ends[n, r, 0], ends[n, r, 1], own))
             else:
-                values[word] = np.int32(between(kinds[n, r], ends[n, r, 0], ends[n, r, 1], own))
+                draw_between(values, reals, word, real[n], kinds[n, r], ends[n, r, 0], ends[n, r, 1], own)
     for p in range(patches.shape[0]):
         state[patches[p, 1] >> 2] = values[patches[p, 0]]
 

@@ -8,7 +8,7 @@ state at each reset.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -18,7 +18,8 @@ from .component import Array, Observation, Singleton, column
 from .distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
 from .errors import NumberError
 from .fields import Field
-from .made_once import is_read, reasons
+from .made_once import differences, is_read, reasons
+from .numbers import owners, rule_of
 
 DIM = "varied words"
 CORNERS = 64  # combinations of extreme values, at most; of more, all lowest, all highest, and each one by itself
@@ -93,8 +94,7 @@ class VariedNumber:
         """
         values: Array = words[self.words if self.kind is tuple else self.start].view(self.dtype)
         if self.kind is str:
-            choices = next(item.metadata["choices"] for item in fields(module) if item.name == self.number)
-            return np.array(choices)[values]
+            return np.array(rule_of(module, self.number)["choices"])[values]
         return values.astype(bool) if self.kind is bool else values.T
 
 
@@ -109,18 +109,14 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
     Raises:
         NumberError: There is no such number, or it cannot have the values.
     """
-    owners = {
-        f"{module.name}_{item.name}": (k, item.name) for k, module in enumerate(modules) for item in fields(module)
-    }
+    known, start = owners(modules), 0
     found: dict[str, VariedNumber] = {}
-    start = 0
     for name in sorted(distributions):
-        if name not in owners:
-            raise NumberError(f"there is no number '{name}' to vary; known: {', '.join(owners)}")
-        k, field = owners[name]
+        if name not in known:
+            raise NumberError(f"there is no number '{name}' to vary; known: {', '.join(known)}")
+        k, field = known[name]
         kind, distribution = type(getattr(modules[k], field)), distributions[name]
-        free = next(item.metadata.get("free", False) for item in fields(modules[k]) if item.name == field)
-        _check_kind(name, kind, distribution, free)
+        check_kind(name, kind, distribution, rule_of(modules[k], field).get("free", False))
         widths = {encode(modules[k], field, value).size for value in distribution.probes()}
         if len(widths) > 1:
             raise NumberError(f"{name} = {distribution}: tuples of one length are needed, as they size memory")
@@ -152,7 +148,8 @@ def encode(module: Any, field: str, value: Any) -> np.ndarray[Any, Any]:
     return np.atleast_1d(np.array(kernels, np.float32).view(np.int32) if real else np.array(kernels, np.int32))
 
 
-def _check_kind(name: str, kind: type, distribution: Distribution, free: bool) -> None:
+def check_kind(name: str, kind: type, distribution: Distribution, free: bool = False) -> None:
+    """NumberError unless a number of this type can be drawn so. free: whether it is declared to be."""
     allowed = {float: (UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
     if distribution.kind == FREE and not free:
         raise NumberError(
@@ -190,8 +187,9 @@ def with_values(layout: Any, values: Mapping[VariedNumber, Any]) -> Any:
 
 
 def extreme_layouts(layout: Any) -> list[Any]:
-    """Layouts with the extreme values of varied numbers, and of those that differ by role; without these, its like."""
-    there = [with_values(layout, values) for values in corners([*layout.varied.values()])]
+    """Layouts with the extreme values of varied numbers, and of those that differ by role; without these, itself."""
+    numbers = [*layout.varied.values()]
+    there = [with_values(layout, values) for values in corners(numbers)] if numbers else [layout]
     return [form for each in there for form in each.forms]
 
 
@@ -261,7 +259,7 @@ def _with_room(layout: Any, fewer: Any) -> Array:
 def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]]:
     """Those of one number."""
     probes, k = number.distribution.probes(), number.module
-    by_agent = next(f.metadata["per_agent"] for f in fields(layout.modules[k]) if f.name == number.number)
+    by_agent = rule_of(layout.modules[k], number.number)["per_agent"]
     if shared := [name for name in number.archetypes if layout.archetypes[name].count > max(probes)]:
         raise NumberError(f"{number.name} cannot vary: it is not the only count of the entities {shared[0]!r}")
     images, found = [layout.initial_image], list[tuple[int, int, int]]()
@@ -270,18 +268,12 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
         if reason := next(reasons(layout, there, k, systems=not by_agent), ""):  # systems take what agents have
             raise NumberError(f"{number.name} cannot vary: {reason}")
         images.append(_with_room(there, _without_room(layout, {number: value})))
-    compared = np.stack(images)
-    for where in [each for each in layout.places if each.offset >= 0]:
-        dtype = where.component.columns[where.name].dtype
-        size = dtype.itemsize * math.prod(where.shape)
-        values = compared[:, where.offset : where.offset + size].copy().view(dtype)
-        for i in np.flatnonzero((values != values[0]).any(0)):
-            if number.kind is tuple or dtype.itemsize not in (1, 4) or not _is_number(values[1:, i], number, probes):
-                column = f"{where.component.__name__}.{where.name}"
-                raise NumberError(
-                    f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it"
-                )
-            found.append((number.start, where.offset + int(i) * dtype.itemsize, dtype.itemsize))
+    for where, i, values in differences(layout.places, images):
+        width = values.dtype.itemsize
+        if number.kind is tuple or width not in (1, 4) or not _is_number(values[1:], number, probes):
+            column = f"{where.component.__name__}.{where.name}"
+            raise NumberError(f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it")
+        found.append((number.start, where.offset + i * width, width))
     if not (found or number.archetypes or number.dims or is_read(layout, k, number.number)):
         raise NumberError(f"{number.name} cannot vary: no system of {layout.modules[k].name} gets it")
     return found

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs import NumberError
-from outlast.ecs.distributions import FREE, Distribution
+from outlast.ecs.distributions import FREE, Distribution, in_python
 
 from .errors import ScenarioError
 from .scenarios.scenario import Scenario
@@ -48,8 +48,8 @@ class Level:
     def __post_init__(self) -> None:
         if not isinstance(self.numbers, Mapping):
             raise NumberError(f"numbers = {self.numbers!r:.60}: values by name are needed, as a dict")
-        object.__setattr__(self, "numbers", {str(name): _plain(value) for name, value in self.numbers.items()})
-        key: Any = _plain(self.key)
+        object.__setattr__(self, "numbers", {str(name): in_python(value) for name, value in self.numbers.items()})
+        key: Any = in_python(self.key)
         if key is None:
             return
         if type(key) is not tuple or len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
@@ -152,10 +152,3 @@ def check(level: Level, varied: Mapping[str, Distribution]) -> None:
         if name not in varied:
             raise NumberError(f"{name} does not vary here; these do: {', '.join(varied) or 'none'}")
         varied[name].check(name, value)
-
-
-def _plain(value: Any) -> Any:
-    """A value without NumPy, and a tuple for what lists several."""
-    if isinstance(value, (np.generic, np.ndarray)):
-        value = value.tolist()
-    return tuple(map(_plain, value)) if isinstance(value, (list, tuple)) else value

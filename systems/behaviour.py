@@ -66,8 +66,10 @@ def average(means: Array, i: int, value: Any, count: int) -> None:
 
 
 @kernel
-def visit(track: Array, i: int, x: Any, y: Any, cells: int) -> None:
-    """Agent `i` is at (x, y), in shares of the room from its lower left corner; outside of it there is no cell."""
+def arrive(track: Array, i: int, body: Array, floor: Array, e: int, cells: int) -> None:
+    """Note where agent `i` is, of row `e`, and that it visits the cell there; outside of the room there is none."""
+    track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
+    x, y = body.x[e] / floor.size[0] + HALF, body.y[e] / floor.size[floor.size.size - 1] + HALF
     if ZERO <= x < ONE and ZERO <= y < ONE:
         cell = int(y * cells) * cells + int(x * cells)
         track.cells[i] += not track.visited[i, cell]
@@ -111,9 +113,7 @@ def begin(
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
-            track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
-            height = floor.size[floor.size.size - 1]
-            visit(track, i, body.x[e] / floor.size[0] + HALF, body.y[e] / height + HALF, cells)
+            arrive(track, i, body, floor, e, cells)
 
 
 @Behaviour.system(Phase.RECORD)
@@ -136,9 +136,7 @@ def follow(
         x, y = body.x[e] - track.x[i], body.y[e] - track.y[i]
         if track.here[i]:
             travelled.distance_travelled[i] += np.sqrt(x * x + y * y)
-        track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
-        height = floor.size[floor.size.size - 1]
-        visit(track, i, body.x[e] / floor.size[0] + HALF, body.y[e] / height + HALF, cells)
+        arrive(track, i, body, floor, e, cells)
         travelled.cells_visited[i] = track.cells[i] / cells**2
 
 
@@ -202,10 +200,8 @@ def strike(
             average(aggression.strikes_landed, i, landed, aggression.strikes[i])
 
 
-@Behaviour.system(Phase.SPAWN, after=Health, needs=ItemUsed)
-def examine(
-    condition: Write[Condition], health: Read[Health], agents: Rows[Side, Health], heals: RowIndex[Heal]
-) -> None:
+@Behaviour.system(Phase.SPAWN, after=Health, needs=(ItemUsed, Heal))
+def examine(condition: Write[Condition], health: Read[Health], agents: Rows[Side, Health]) -> None:
     """The hit points with which the agents start."""
     for i in range(agents.size):
         condition.start[i] = condition.last[i] = health.points[agents[i]]

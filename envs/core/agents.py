@@ -38,8 +38,7 @@ def fewest_agents(worlds: Worlds) -> int:
 def fewest_sides(worlds: Worlds) -> int:
     """How many sides have an agent in every world, whatever is drawn: the last of unequal teams may have none."""
     agents = fewest_agents(worlds)
-    sizes = next((found for module in worlds.modules if (found := module.groups(agents))), ())
-    if not sizes:
+    if not (sizes := worlds.layout.groups(agents)):
         return min(worlds.dims["sides"], agents)
     starts = np.cumsum((0, *sizes[:-1]))
     return int(((np.array(sizes) > 0) & (starts < agents)).sum())

@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from outlast.ecs.given import KEY, NO_LEVELS, ONCE, Given, has_one_each
 
 from ..errors import NotResetError
 from ..levels import Level, check_all
-from ..scenarios.changes import by_full_name
+from ..scenarios.changes import by_full_name, numbers
 from ..scenarios.scenario import Scenario
 from .validation import world_mask
 
@@ -21,10 +20,7 @@ Array = np.ndarray[Any, Any]
 
 def current_numbers(worlds: Worlds) -> dict[str, Any]:
     """All numbers by name; those that vary as arrays (worlds, ...), those that differ by role as (worlds, agents)."""
-    plain = {
-        f"{module.name}_{item.name}": getattr(module, item.name) for module in worlds.modules for item in fields(module)
-    }
-    return plain | worlds.numbers() | worlds.agent_numbers()
+    return numbers(worlds.modules) | worlds.numbers() | worlds.agent_numbers()
 
 
 def change_numbers(
@@ -58,7 +54,7 @@ def change_numbers(
 
 def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
     """The levels of the episodes that worlds are in: see SurvivalVectorEnv.levels."""
-    clock, numbers = worlds[Clock], worlds.numbers()
+    clock, varied = worlds[Clock], worlds.numbers()
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
     if not clock.episode[rows].all():
         raise NotResetError("levels() before reset(): they are those of the episodes that worlds are in")
@@ -66,7 +62,7 @@ def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
         Level(
             {
                 name: tuple(values[w].tolist()) if values.ndim > 1 else values[w].item()
-                for name, values in numbers.items()
+                for name, values in varied.items()
             },
             (int(clock.seed[w, 0]), int(clock.world[w, 0]), int(clock.episode[w, 0])),
         )

@@ -9,7 +9,7 @@ from outlast.ecs import Array, kernel
 from .aabb import aabbs_hit_by_ray, aabbs_near_point
 from .blocks import alive_bits, first_row
 from .points import to_local
-from .rays import NO_HIT, ray_box, raycast_entity
+from .rays import NO_HIT, raycast_entity
 
 PASSES = 4  # over all blocks, where bodies are held back from several
 ZERO = np.float32(0)
@@ -27,19 +27,8 @@ def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
     """Whether the centre of body `e` came into rectangle `o`, or through it, in this tick."""
     if centre_inside(body, shape, e, o):
         return True
-    hit = ray_box(
-        before.x[e],
-        before.y[e],
-        body.x[e] - before.x[e],
-        body.y[e] - before.y[e],
-        body.x[o],
-        body.y[o],
-        body.cosine[o],
-        body.sine[o],
-        shape.half_width[o],
-        shape.half_height[o],
-    )
-    return bool(hit < NO_HIT)
+    x, y = before.x[e], before.y[e]
+    return bool(raycast_entity(body, shape, x, y, body.x[e] - x, body.y[e] - y, o) < NO_HIT)
 
 
 @kernel

@@ -13,7 +13,8 @@ from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH
 
 from .aabb import ALONG_X, ALONG_Y, aabbs_near_point, compute_aabbs
 from .blocks import first_row
-from .points import gap_circle_box, to_local
+from .broad_phase import gap
+from .points import to_local
 
 X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # of an area; ENTRY: how many numbers
 ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1
@@ -44,19 +45,8 @@ def apart(body: Array, shape: Array, e: int, o: int) -> bool:
         far = shape.radius[e] + shape.radius[o] + MARGIN
         return bool(x * x + y * y >= far * far)
     if shape.radius[e] > ZERO or shape.radius[o] > ZERO:
-        c, r = (e, o) if shape.radius[e] > ZERO else (o, e)
-        gap = gap_circle_box(
-            body.x[c],
-            body.y[c],
-            shape.radius[c],
-            body.x[r],
-            body.y[r],
-            body.cosine[r],
-            body.sine[r],
-            shape.half_width[r],
-            shape.half_height[r],
-        )
-        return bool(gap >= MARGIN)
+        circle, box = (e, o) if shape.radius[e] > ZERO else (o, e)
+        return bool(gap(body, shape, circle, box) >= MARGIN)
     for k in range(4):
         owner = e if k < 2 else o
         c, s = body.cosine[owner], body.sine[owner]
