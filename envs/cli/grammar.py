@@ -5,7 +5,7 @@ import difflib
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 WIDEST = 110  # columns of help: longer lines are hard to read
@@ -50,6 +50,22 @@ class Parser(argparse.ArgumentParser):
         return [
             (title, found[title]) for title in dict.fromkeys([*made, *self._titles.values(), *found]) if title in found
         ]
+
+    def words(self, options: argparse.Namespace, leave_out: Collection[str] = ()) -> list[str]:
+        """The words of a command line that give these options, as far as they are not as usual; no arguments.
+
+        Args:
+            options: What was parsed. The `str` of each value is parsed to the same value.
+            leave_out: Options that are not wanted, by their `dest`.
+        """
+        found: list[str] = []
+        for action in self._actions:
+            value = getattr(options, action.dest, action.default)
+            if action.option_strings and action.dest not in leave_out and value != action.default:
+                flag = action.option_strings[-1]
+                for each in value if isinstance(value, list) else [value]:
+                    found += [flag] if action.nargs in (0, "?") and each == action.const else [f"{flag}={each}"]
+        return found
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """As argparse's, but nothing is left over: what is unknown is an error of the command that got it."""

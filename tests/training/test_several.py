@@ -15,7 +15,9 @@ from outlast.training.errors import TrainingError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
+from outlast.envs.cli.main import parser  # noqa: E402
 from outlast.training import checkpoint  # noqa: E402
+from outlast.training.cli import train  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
 TINY = ("--preset", "original", "--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
@@ -47,6 +49,25 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys: pytest.
     assert "ffa_1-original-1: 2,048 agent-steps of them" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
     assert names(tmp_path / "ffa_1-original-0") == [checkpoint.NAME.format(n) for n in (1024, 2048)]
+
+
+def test_every_option_reaches_every_run() -> None:
+    """Words of options that differ from the usual in every option give the same options again."""
+    (command,) = (each.choices["train"] for each in parser()._actions if isinstance(each.choices, dict))
+    given = """
+        --layout=maze --set=n_agents=3 --set=melee_damage=4 --vary=melee_reach=uniform(1,2) --without=heals --with=Maze
+        --import=a.py --roles=r.json --save-scenario=s.json --preset=paper --steps=7 --ppo=gamma=0.5 --anneal=a=1:2
+        --policies=side --memory=3 --critic=state --dead=drop --warm-start=scripted --opponents=self:2,past
+        --prioritised --snapshots=4 --worlds=8 --rollout=512 --every=9 --film --quiet --out=o --resume --seed 3
+        --device=cuda --threads=2 --processes=2 --jobs=2 --halves --ray
+    """
+    options = command.parse_args(["ffa_1", *given.split()])
+    usual = command.parse_args(["ffa_1"])
+    assert [name for name in vars(usual) if getattr(usual, name) == getattr(options, name)] == ["variant", "run"]
+    again = command.parse_args(["ffa_1", *command.words(options, leave_out=train.OWN)])
+    different = {name for name in vars(usual) if getattr(again, name) != getattr(options, name)}
+    assert different == set(train.OWN) - {"variant"}
+    assert command.words(usual) == []
 
 
 def test_the_same_run_twice_is_refused(tmp_path: Path) -> None:

@@ -1,26 +1,23 @@
 """outlast train: train the agents of one or several variants; several runs are processes side by side."""
 
 import argparse
+import functools
 import itertools
 import logging
 import os
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
 
-from .. import log_file
 from ..annealing import parse_anneal
+from ..children import RESUME, STOPPED, ChildRun, side_by_side
 from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
@@ -28,21 +25,6 @@ from ..live_view import LiveView
 from ..presets import DEAD, PRESETS
 from ..workload import Workload
 
-SINGLE = (
-    "preset",
-    "steps",
-    "worlds",
-    "rollout",
-    "policies",
-    "snapshots",
-    "processes",
-    "memory",
-    "critic",
-    "dead",
-    "device",
-    "every",
-    "warm_start",
-)  # options with one value each
 GROUPS = {
     "what is learned": (
         *("--preset", "--steps", "--seed", "--ppo", "--anneal", "--policies", "--memory", "--critic", "--dead"),
@@ -53,11 +35,11 @@ GROUPS = {
     "output": ("--out", "--every", "--resume", "--film", "--quiet"),
     "machine": ("--device", "--threads", "--processes", "--jobs", "--ray", "--halves"),
 }  # of help
-REPEATED = ("set", "with", "without", "import", "ppo", "anneal")
-FLAGS = ("prioritised", "halves")
-POLL = 0.5  # seconds
-STOPPED = 130  # the exit status after Ctrl-C
-RESUME = "stopped: go on with --resume"
+OWN = ("variant", "seed", "out", "resume", "quiet", "jobs", "save_scenario")  # that each of several runs has for itself
+NUMBERS = (
+    *("preset", "steps", "worlds", "rollout", "policies", "prioritised", "snapshots", "memory", "critic", "dead"),
+    *("device", "processes", "halves", "every", "warm_start"),
+)  # options that TrainingConfig takes as they are
 logger = logging.getLogger("outlast")
 
 
@@ -118,15 +100,15 @@ def add(commands: Any) -> None:
     command.add_argument("--film", action="store_true", help="make a short film at each checkpoint, beside it")
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.arrange(GROUPS)
-    command.set_defaults(run=run)
+    command.set_defaults(run=functools.partial(run, command))
 
 
-def run(options: argparse.Namespace) -> int:
+def run(command: Parser, options: argparse.Namespace) -> int:
     """Train; the exit status."""
     chosen, settings = [scenario(options, name) for name in options.variant], parse_hyperparameters(options.ppo)
     parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
     if len(options.variant) * len(options.seed) > 1:
-        return _train_several(options, list(zip(options.variant, chosen, strict=True)), settings)
+        return _train_several(command, options, list(zip(options.variant, chosen, strict=True)), settings)
     return _train_one(options, chosen[0], settings)
 
 
@@ -156,99 +138,52 @@ def _train_one(options: argparse.Namespace, chosen: Scenario, settings: dict[str
 
 def _config(options: argparse.Namespace, chosen: Scenario, own: int, settings: dict[str, Any]) -> TrainingConfig:
     """What the options ask for, of one scenario and one seed. Raises TrainingError."""
-    numbers = {name: getattr(options, name) for name in (*SINGLE, *FLAGS)}
+    numbers = {name: getattr(options, name) for name in NUMBERS}
     numbers["opponents"] = parse_mixture(options.opponents, OPPONENTS)
     numbers["anneal"] = parse_anneal(options.anneal)
     return TrainingConfig(chosen, seed=own, settings=settings, threads=options.threads or 0, **numbers)
 
 
-class Job:
-    """One of several runs, in a process group of its own, so that Ctrl-C reaches it once: from this process.
-
-    It stops and saves, too, when this process ends without a word: see outlast.training.job.
-    """
-
-    def __init__(self, options: argparse.Namespace, variant: str, name: str, seed: int) -> None:
-        self.name = f"{name}-{options.preset}-{seed}"
-        self.folder = (options.out or Path("runs")) / self.name
-        self.words = [sys.executable, "-m", "outlast.training.job", "train", variant, "--quiet"]
-        self.words += ["--out", str(self.folder), "--seed", str(seed), "--threads", str(options.threads or 1)]
-        for name in SINGLE:
-            if value := getattr(options, name):
-                self.words += [f"--{name.replace('_', '-')}", str(value)]
-        self.words += [
-            "--opponents",
-            options.opponents,
-            *(f"--{name}" for name in (*FLAGS, "film") if getattr(options, name)),
-        ]
-        if options.ray is not None:
-            self.words += ["--ray", *filter(None, [options.ray])]
-        for name in REPEATED:
-            self.words += [word for text in getattr(options, name) for word in (f"--{name}", text)]
-        if options.resume and self.folder.exists():  # one that had not begun begins
-            self.words.append("--resume")
-
-    def start(self) -> None:
-        """Begin, or go on."""
-        pipe, out = subprocess.PIPE, subprocess.STDOUT
-        self.process = subprocess.Popen(
-            self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True
-        )
-
-    def stop(self) -> None:
-        """Let it save and end."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-
-    def steps(self) -> int:
-        """Agent-steps done, by its log."""
-        return log_file.last_step(self.folder / log_file.NAME)
-
-    def report(self) -> int:
-        """Print the last line of its output; its exit status."""
-        with self.process as process:  # `communicate` would close its input first, which interrupts it
-            output = process.stdout.read().strip().splitlines() if process.stdout else []
-            process.wait()
-        tqdm.write(f"{self.name}: {(output or ['ended without a word'])[-1]}")
-        return int(process.returncode)
-
-
 def _train_several(
-    options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]], settings: dict[str, Any]
+    command: Parser, options: argparse.Namespace, chosen: Sequence[tuple[str, Scenario]], settings: dict[str, Any]
 ) -> int:
-    """Train every variant with every seed; the exit status: 0 if all went well, 130 if they were stopped.
+    """Train every variant with every seed; the exit status, see side_by_side.
 
-    A run that fails is reported, and the others go on. Ctrl-C lets all of them save; `--resume` goes on with them, and
-    begins those that had not begun. Raises TrainingError, before anything begins, if two runs would be the same.
-    chosen: names, as the user gave them, and their scenarios.
+    `--resume` goes on with runs that were stopped, and begins those that had not begun.
+
+    Args:
+        command: Whose options these are.
+        options: All of them.
+        chosen: Names, as the user gave them, and their scenarios.
+        settings: Of PPO.
+
+    Raises:
+        TrainingError: Two runs would be the same; nothing has begun then.
     """
-    pairs = itertools.product(chosen, options.seed)
-    waiting = [Job(options, variant, scenario.file_name, seed) for (variant, scenario), seed in pairs]
-    if len({job.name for job in waiting}) < len(waiting):
-        raise TrainingError(f"{', '.join(job.name for job in waiting)}: name each variant and each seed once")
-    at_once, running = options.jobs or max(1, (os.cpu_count() or 1) // options.processes), list[Job]()
-    jobs, statuses = list(waiting), list[int]()
-    works = [Workload.of(_config(options, scenario, seed, settings)) for _, scenario in chosen for seed in options.seed]
+    pairs, folder = list(itertools.product(chosen, options.seed)), options.out or Path("runs")
+    common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if options.threads is None else [])]
+    runs = [
+        ChildRun(
+            folder / f"{scenario.file_name}-{options.preset}-{seed}",
+            [variant, "--seed", str(seed), *common],
+            resume=options.resume,
+        )
+        for (variant, scenario), seed in pairs
+    ]
+    if len({run.name for run in runs}) < len(runs):
+        raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
+    at_once = options.jobs or max(1, (os.cpu_count() or 1) // options.processes)
+    works = [Workload.of(_config(options, scenario, seed, settings)) for (_, scenario), seed in pairs]
     total = sum(work.total for work in works)
-    about = f"{len(jobs)} runs, {min(at_once, len(jobs))} at a time, {total:,} agent-steps; the first: {works[0]}"
-    begun = sum(job.steps() for job in jobs) if options.resume else 0
+    about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
+    begun = sum(run.steps() for run in runs) if options.resume else 0
     view = LiveView(begun, total, quiet=options.quiet, about=about)
+
+    def progress(text: str) -> None:
+        view.update(sum(run.steps() for run in runs), total, {})
+        view.now(text)
+
     try:
-        while waiting or running:
-            while waiting and len(running) < at_once:
-                running.append(waiting.pop(0))
-                running[-1].start()
-            time.sleep(POLL)
-            for job in [job for job in running if job.process.poll() is not None]:
-                running.remove(job)
-                statuses.append(job.report())
-            view.update(sum(job.steps() for job in jobs), total, {})
-            view.now(f"{len(running)} running, {len(waiting)} waiting")
-    except KeyboardInterrupt:
-        for job in running:
-            job.stop()
-        statuses += [STOPPED, *(job.report() for job in running)]
-        logger.warning(RESUME)
+        return side_by_side(runs, at_once, progress)
     finally:
         view.close()
-    return STOPPED if STOPPED in statuses else max(statuses, default=0)
