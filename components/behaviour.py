@@ -49,6 +49,7 @@ class Aggression(Statistic):
 
     strikes: Array = column("i4", "agents")
     strikes_landed: Array = column("f8", "agents", low=0, high=1)  # share of them that hit an enemy
+    damage_dealt: Array = column("i4", "agents")  # hit points that it took from enemies
 
 
 class Care(Statistic):

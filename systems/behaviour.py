@@ -18,6 +18,7 @@ from outlast.components import (
     Floor,
     Heal,
     Health,
+    Hit,
     ItemGiven,
     ItemUsed,
     ObservationMasks,
@@ -198,6 +199,15 @@ def strike(
             landed = target >= 0 and index[target] >= 0 and side.side[target] != side.side[me]
             aggression.strikes[i] += 1
             average(aggression.strikes_landed, i, landed, aggression.strikes[i])
+
+
+@Behaviour.system(Phase.RECORD, after="behaviour.strike")
+def deal(aggression: Write[Aggression], hits: Read[Hit], side: Read[Side], index: RowIndex[Side]) -> None:
+    """The damage that agents did to enemies in this tick."""
+    for k in range(hits.count[0]):
+        me, target = hits.agent[k], hits.target[k]
+        if me >= 0 and index[me] >= 0 and index[target] >= 0 and side.side[target] != side.side[me]:
+            aggression.damage_dealt[index[me]] += hits.amount[k]
 
 
 @Behaviour.system(Phase.SPAWN, after=Health, needs=(ItemUsed, Heal))

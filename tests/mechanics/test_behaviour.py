@@ -24,7 +24,8 @@ WORLDS, LIMIT = scaled(60, least=3), scaled(140, least=25)
 CELLS, NEED = 5, 0.7
 KEYS = (
     "ticks_alive", "distance_travelled", "cells_visited", "enemy_distance", "mate_distance", "enemy_in_view",
-    "outside_zone", "strikes", "strikes_landed", "heals_in_need", "heals_given", "boxes_between",
+    "outside_zone", "strikes", "strikes_landed", "damage_dealt", "heals_in_need",
+    "heals_given", "boxes_between",
 )  # fmt: skip
 DENSE: dict[str, Any] = {  # much happens, and nobody dies of the zone at once
     "room_size": 11.0, "safe_zone_radii": (5.0, 3.0), "safe_zone_stand": 20, "safe_zone_shrink": 20, "n_agents": 4,
@@ -50,7 +51,7 @@ SCENARIOS: dict[str, Scenario] = {
     "no melee": FFA.without("melee"),
 }
 MATES, BOXES = {"mate_distance"}, {"boxes_between"}
-STRIKES = {"strikes", "strikes_landed"}
+STRIKES = {"strikes", "strikes_landed", "damage_dealt"}
 ZERO = {  # what does not occur there
     "ffa": MATES,
     "all is seen": MATES,
@@ -82,6 +83,7 @@ class NaiveAgent:
     outside: list[bool] = field(default_factory=list)
     landed: list[bool] = field(default_factory=list)
     ticks: int = 0
+    damage: int = 0
     in_need: int = 0
     given: int = 0
     between: int = 0
@@ -92,7 +94,7 @@ class NaiveAgent:
 
         shares = [*map(mean, (self.enemies, self.mates, self.seen, self.outside))]
         cells = len(self.visited) / CELLS**2 if self.ticks else 0.0
-        counts = [self.in_need, self.given, self.between]
+        counts = [self.damage, self.in_need, self.given, self.between]
         found = [self.ticks, math.fsum(self.ways), cells, *shares, len(self.landed), mean(self.landed), *counts]
         return dict(zip(KEYS, found, strict=True))
 
@@ -132,10 +134,14 @@ class NaiveBehaviour:
 
     def tick(self, observations: dict[str, Any], events: dict[str, Any]) -> None:
         mine = {name: rows[rows["world"] == self.w] for name, rows in events.items()}
+        sides = side(self.env.worlds, self.w)
         for strike in mine.get("strike", ()):
             agent, target = self.agents[strike["agent"]], self.agents.get(strike["target"])
-            sides = side(self.env.worlds, self.w)
             agent.landed.append(target is not None and sides[target.number] != sides[agent.number])
+        for hit in mine.get("hit", ()):
+            agent, target = self.agents.get(hit["agent"]), self.agents.get(hit["target"])
+            if agent is not None and target is not None and sides[target.number] != sides[agent.number]:
+                agent.damage += hit["amount"]
         heals = self.env.worlds.span("heal") if "heal" in self.env.worlds.layout.spans else range(0)
         for use in mine.get("item_used", ()):
             agent = self.agents[use["agent"]]
@@ -277,6 +283,15 @@ def test_strikes_land_on_enemies_only() -> None:
         found = step(env, STRIKE, IDLE, STRIKE, IDLE)
     assert found["strikes"] == [3, 0, 3, 0]
     assert found["strikes_landed"] == [0, 0, 1, 0]
+    env.close()
+
+
+def test_damage_is_what_enemies_lost() -> None:
+    env = placed((0, 0), (10, 0), (11.5, 0), (11.5, 9), scenario=FAR.replace(melee_damage=4))
+    for _ in range(3):
+        found = step(env, IDLE, STRIKE)
+    assert found["damage_dealt"] == [0, 12, 0, 0]
+    assert env.worlds[Health].points[0, 2] == 100 - 12
     env.close()
 
 
