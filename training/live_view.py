@@ -34,7 +34,14 @@ class LiveView:
     """
 
     def __init__(
-        self, done: int, total: int, *, quiet: bool = False, file: TextIO | None = None, about: str = ""
+        self,
+        done: int,
+        total: int,
+        *,
+        quiet: bool = False,
+        file: TextIO | None = None,
+        about: str = "",
+        unit: str = "agent-steps",
     ) -> None:
         """Show that it begins.
 
@@ -44,13 +51,14 @@ class LiveView:
             quiet: Whether nothing at all is shown.
             file: Where to; None: standard error.
             about: A line to begin with: what is going to be done.
+            unit: What is counted, if it is something else than agent-steps.
         """
         self.file: TextIO = sys.stderr if file is None else file
         if about and not quiet:
             print(about, file=self.file, flush=True)
-        self.done, self.total, self.tags = done, total, dict[str, float]()
+        self.done, self.total, self.tags, self.unit = done, total, dict[str, float](), unit
         self.plain = not quiet and not self.file.isatty()
-        self.block = None if quiet or self.plain else _Block(self.file, done, total)
+        self.block = None if quiet or self.plain else _Block(self.file, done, total, unit)
         self.begun, self.start = done, time.monotonic()
         self.printed, self.printed_at = done, -math.inf  # of the lines of a log: agent-steps, seconds
 
@@ -88,7 +96,7 @@ class LiveView:
         """One line of a log."""
         self.printed, self.printed_at = self.done, time.monotonic()
         seconds, steps = self.printed_at - self.start, self.done - self.begun
-        parts = [f"{large(self.done)} of {large(self.total)} agent-steps"]
+        parts = [f"{large(self.done)} of {large(self.total)} {self.unit}"]
         if steps > 0 and seconds > 0:
             left = max(0, self.total - self.done) * seconds / steps
             parts.append(f"{large(steps / seconds)}/s, {tqdm.format_interval(left)} left")
@@ -102,11 +110,11 @@ class LiveView:
 class _Block(tqdm):  # type: ignore[misc]  # mypy does not follow it
     """A bar of tqdm with lines below it. The cursor rests at its beginning, where messages can push it down."""
 
-    def __init__(self, file: TextIO, done: int, total: int) -> None:
+    def __init__(self, file: TextIO, done: int, total: int, unit: str) -> None:
         self.groups: list[tuple[str, list[Figure]]] = []
         self.height = 0  # lines that were drawn last
         self.closing = False
-        super().__init__(file=file, initial=done, total=total, unit=" steps", unit_scale=True)
+        super().__init__(file=file, initial=done, total=total, unit=f" {unit.removeprefix('agent-')}", unit_scale=True)
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """Draw everything, in as many rows and columns as the terminal has. tqdm calls it, too."""

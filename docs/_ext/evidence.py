@@ -13,7 +13,7 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
-from outlast.training.paper.claims import sentences
+from outlast.training.paper.claims import claims_table, findings
 from outlast.training.paper.end_values import markdown
 from outlast.training.paper.results import group_runs, load_runs
 from outlast.training.plots.plot import compare
@@ -94,7 +94,7 @@ def deviations() -> str:
 
 
 def trained(folder: str = ".") -> str:
-    """Figures, end values, checks of the paper's claims and films of the results in docs/results or a folder there."""
+    """Figures, end values and films of the results in docs/results or a folder there."""
     parts = []
     for group in group_runs(load_runs([DOCS / "results" / folder])):
         place = Path("training", folder)
@@ -102,9 +102,15 @@ def trained(folder: str = ".") -> str:
         filmed = (DOCS / film).exists()
         parts += [f"### {group.variant}"] * filmed
         parts.append(f"![Learning curves of {group.variant}: ours and the paper's]({place / group.name}.png)")
-        parts += [markdown(group), sentences(group)]
+        parts.append(markdown(group))
         parts += [f"![An episode of {group.variant} after training]({film})"] * filmed
     return "\n\n".join(parts)
+
+
+def claimed(preset: str = "original") -> str:
+    """What the paper says, measured in the results of a preset in docs/results."""
+    groups = group_runs(load_runs([DOCS / "results"]))
+    return claims_table(list(findings([group for group in groups if group.preset == preset])))
 
 
 def compared_runs() -> str:

@@ -20,8 +20,9 @@ from outlast.training.averages import average, smooth
 from outlast.training.cli import plot
 from outlast.training.curves import Curves, format_curves
 from outlast.training.errors import TrainingError
-from outlast.training.paper.claims import claims
+from outlast.training.paper.claims import FFA, TEAMS, claims_table, findings
 from outlast.training.paper.curves import published_curves
+from outlast.training.paper.report import report
 from outlast.training.paper.results import RunGroup, group_runs, load_runs
 
 matplotlib = pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
@@ -34,9 +35,11 @@ from outlast.training.paper import figures  # noqa: E402
 PLAN = {"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}}
 
 
-def keep(folder: Path, name: str, seed: int = 0, factor: float = 1.0, points: int = 1000, **plan: Any) -> Path:
-    """The paper's own curves, times a factor, as a result of ours."""
-    theirs = published_curves(name)
+def keep(
+    folder: Path, name: str, seed: int = 0, factor: float = 1.0, points: int = 1000, *, variant: str = "", **plan: Any
+) -> Path:
+    """The paper's own curves, times a factor, as a result of ours; `variant`: of another game."""
+    theirs, name = published_curves(name), variant or name
     values = {tag: (factor * value[:points]).astype(np.float32) for tag, value in theirs.values.items()}
     about = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
     path = folder / f"{name}-{about['plan']['preset']}-{seed}.csv"  # type: ignore[index]
@@ -136,39 +139,56 @@ def test_the_table_has_the_ends_of_both(tmp_path: Path) -> None:
     assert rows["ffa_4", "kills", "1"]["within 15%"] == ""
     text = (tmp_path / "out/ends.md").read_text()
     assert "| episode length | 404 ± 23 | 485 ± 27 | 444 to 525 | +20% | no | 532 at 3.6 M | 639 at 3.6 M |" in text
-    assert "- Differs: returns and episode length end at most 20% from the paper's (asked: 15%)." in text
-    assert "- Agrees: returns and episode length end at most 10% from the paper's (asked: 15%)." in text
+    assert (
+        "| Afterwards it decreases significantly. | teams_2 | what is left of the peak at the end | ≤ 0.900 | 0.758 |"
+        in text
+    )
 
 
 def test_it_is_too_early_for_unfinished_runs(tmp_path: Path) -> None:
     shown = group(keep(tmp_path, "ffa_2", points=305))  # the rollout that ends after 10 million is missing
-    text = plot.report([shown])
+    text = report([shown])
     assert "seed 0. Unfinished: seed 0 (10.0 million agent-steps)." in text
     assert "| 1,049 ± 74 | 1,047 ± 74 | −0% | too early |" in text
-    assert not list(claims(shown))
-    assert list(claims(group(keep(tmp_path, "ffa_2", points=306))))
+    assert not list(findings([shown]))
+    assert list(findings([group(keep(tmp_path, "ffa_2", points=306))]))
+
+
+def test_claims_hold_for_the_paper(tmp_path: Path) -> None:
+    """Ours are the paper's own curves here, of one seed as they are and of another with fewer points."""
+    paths = [keep(tmp_path, name, seed, points=306) for name in (*FFA, *TEAMS) for seed in (0, 1)]
+    found = list(findings(group_runs(load_runs(paths))))
+    assert len(found) == sum(not np.isnan(each.paper) for each in found) > 35
+    assert all(each.ours == (each.paper, each.paper) and each.holds for each in found)
+    numbers = "kills at the end | ≤ 0.050 | 0.006 | 0.006 | 0.006 to 0.006 | yes, 2 of 2 seeds |"
+    assert f"| Kills almost vanish. | ffa_2 | {numbers}" in claims_table(found)
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "holds"),
+    ("text", "name", "spoil", "expected"),
     [
-        ("ffa_1", {}, [True]),
-        ("ffa_2", {}, [True, True]),
-        ("ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.03}, [True, False]),
-        ("ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.01}, [True, True]),
-        ("teams_2", {}, [True, True]),
-        ("teams_2", {"rollout/reward1": 380.0}, [True, False]),
-        ("teams_2", {"rollout/reward1": 300.0}, [False, False]),
+        ("Kills almost vanish.", "ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.03}, 0.06),
+        ("Kills almost vanish.", "ffa_2", {"rollout/kills0": 0.03, "rollout/kills1": 0.01}, 0.04),
+        ("Afterwards it decreases significantly.", "teams_2", {"rollout/reward0": 380.0, "rollout/reward1": 380.0}, 1),
+        ("Boxes placed increase slowly.", "teams_4", {"rollout/boxes_placed": 0.5}, 1),
+        ("Agents do not attack an opponent in range.", "ffa_3", {"behaviour/attack_near": 0.4}, 0.4),
+        ("Agents do not attack an opponent in range.", "ffa_3", {"behaviour/attack_near": 0.1}, 0.1),
     ],
 )
-def test_claims_hold_for_the_paper_and_fail_for_others(
-    tmp_path: Path, name: str, spoil: dict[str, float], holds: list[bool]
+def test_claims_fail_for_other_curves(
+    tmp_path: Path, text: str, name: str, spoil: dict[str, float], expected: float
 ) -> None:
     """spoil: curves that stay at one height."""
     (run,) = group(keep(tmp_path, name)).runs
     flat = {tag: np.full(len(run.curves.steps), value, np.float32) for tag, value in spoil.items()}
     spoilt = replace(run, curves=Curves(run.curves.steps, run.curves.values | flat))
-    assert [claim.holds for claim in claims(RunGroup((spoilt,)))] == holds
+    (found,) = (each for each in findings([RunGroup((spoilt,))]) if each.claim.text == text)
+    assert found.mean == pytest.approx(expected)
+    assert found.holds == (expected in (0.04, 0.1) or text.startswith("Boxes"))
+
+
+def test_claims_say_nothing_of_other_games(tmp_path: Path) -> None:
+    assert not list(findings([group(keep(tmp_path, "ffa_2", variant="ffa_2+bounty"))]))
 
 
 # ---- the command

@@ -1,17 +1,13 @@
 """outlast plot: curves and end values of runs, compared with each other or with the paper's. Needs no PyTorch."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.errors import install
-
 from ..errors import TrainingError
 from ..files import write_files
-from ..paper.claims import sentences
-from ..paper.end_values import csv_table, markdown
-from ..paper.results import RunGroup, files_to_keep, group_runs, load_runs
+from ..paper.report import figures_and_tables, report
+from ..paper.results import files_to_keep, group_runs, load_runs
 from ..plots.comparison import AXES
 from ..plots.plot import FORMS, plot
 
@@ -84,19 +80,3 @@ def _beside_the_paper(options: argparse.Namespace) -> int:
     print(report(groups))
     print("\n".join(str(path) for path in contents))
     return 0
-
-
-def report(groups: Sequence[RunGroup]) -> str:
-    """All tables and the checks of the paper's claims, in Markdown."""
-    parts = (part for group in groups for part in (markdown(group), sentences(group)) if part)
-    return "\n\n".join(parts) + "\n"
-
-
-def figures_and_tables(groups: Sequence[RunGroup], form: str) -> dict[str, bytes]:
-    """The contents of all files, by name: the figures, and the table in Markdown and CSV."""
-    try:
-        from ..paper.figures import picture
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
-    figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
-    return {**figures, "ends.md": report(groups).encode(), "ends.csv": csv_table(groups).encode()}

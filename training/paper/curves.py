@@ -11,6 +11,22 @@ BOXES = Quantity("boxes placed", "rollout/boxes_placed")
 QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)
 
 
+def behaviour(name: str) -> Quantity:
+    """What agents do, as our runs log it; see training.columns."""
+    return Quantity(name, f"behaviour/{name}")
+
+
+SEEN = (
+    *map(behaviour, ("attack_near", "attack_far", "near", "heals_given", "heals_held", "zone_distance")),
+    *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
+)  # that the paper has no curves of: what claims about behaviour are measured by
+
+
+def is_kept(tag: str) -> bool:
+    """Whether it is one that kept results have."""
+    return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
+
+
 def is_known(tag: str) -> bool:
     """Whether it is one of the paper's quantities."""
     return any(quantity.has(tag) for quantity in QUANTITIES)

@@ -19,7 +19,7 @@ from ..curves import NEEDED, Curves, Logged, curves_of_log, format_curves, read_
 from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
 from ..presets import ROLLOUT, preset
-from .curves import PAPER_STEPS, is_known, published_curves
+from .curves import PAPER_STEPS, is_kept, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
@@ -32,7 +32,7 @@ logger = logging.getLogger("outlast")
 
 @dataclass(frozen=True)
 class RunResult(Logged):
-    """A run: its folder or kept file, and curves of the paper's quantities.
+    """A run: its folder or kept file, and curves of the paper's quantities and of what agents did.
 
     variant: with ablations. plan: that of run.json. changed: numbers of the scenario other than the paper's.
     """
@@ -171,7 +171,9 @@ def _of_folder(folder: Path) -> RunResult:
     try:
         name = variant(scenario["name"]).name
         changed = _changed(name, plan.get("preset"), scenario["numbers"])
-        return _checked(RunResult(folder, name, plan, changed, curves_of_log(folder / log_file.NAME, is_known)))
+        curves = curves_of_log(folder / log_file.NAME, is_known, every=True)
+        kept = Curves(curves.steps, {tag: values for tag, values in curves.values.items() if is_kept(tag)})
+        return _checked(RunResult(folder, name, plan, changed, kept))
     except ScenarioError as error:
         raise TrainingError(f"{folder} is no run of the paper's: {error}; leave out --paper") from error
 
@@ -200,7 +202,7 @@ def _checked(result: RunResult) -> RunResult:
     """The result, if it can be named, compared and drawn. Raises TrainingError."""
     tags, missing = result.curves.values.keys(), [tag for tag in NEEDED if tag not in result.curves.values]
     wrong = f"{result.origin} does not hold the curves of a run"
-    if missing or not all(map(is_known, tags)):
+    if missing or not all(map(is_kept, tags)):
         raise TrainingError(f"{wrong}: it has " + (f"no {missing[0]}" if missing else "others than the paper's"))
     if not run_header.is_plan(result.plan) or type(result.plan.get("seed")) is not int:
         raise TrainingError(f"{wrong}: its plan is none")

@@ -1,0 +1,128 @@
+"""outlast paper: what it plans, trains, measures and writes; called again, it goes on."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from outlast.envs.cli.main import main, parser
+from outlast.training.paper import experiments
+from outlast.training.paper.experiments import PARTS, expected_seconds, seconds_table
+
+for library in ("torch", "tensorboard", "matplotlib"):
+    pytest.importorskip(library, reason=f"needs {library}: outlast[train,plot]")
+
+from outlast.training.paper import mended  # noqa: E402
+from tests.training.test_run import outlast_train  # noqa: E402
+
+
+def outlast_paper(*arguments: object) -> int:
+    return main(["paper", *map(str, arguments), "--quiet"])
+
+
+def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every command that it names is one that `outlast train` understands; seeds come one after the other."""
+    assert outlast_paper("--plan") == 0
+    about, *lines = capsys.readouterr().out.splitlines()
+    assert about.startswith(f"{len(lines)} runs, ")
+    commands = [line.partition("  #")[0].split()[1:] for line in lines]
+    assert len({" ".join(words) for words in commands}) == len(lines) == 8 * 3 + 16 * 3 + 21 * 2
+    seeds = [options.seed[0] for options in map(parser().parse_args, commands)]
+    assert seeds == sorted(seeds)
+
+
+def test_a_part_a_game_and_seeds_are_chosen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outlast_paper("original", "--only", "teams_2", "ffa_1", "--seeds", 2, "--first", 3, "--plan") == 0
+    lines = capsys.readouterr().out.splitlines()[1:]
+    asked = [(name, seed) for seed in (3, 4) for name in ("ffa_1", "teams_2")]
+    for line, (name, seed) in zip(lines, asked, strict=True):
+        assert line.startswith(f"outlast train {name} --preset original ")
+        assert f"--seed {seed} " in line
+        assert ("--worlds 4 " in line) == (name == "teams_2")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["orginal"], "there is no part 'orginal'; known: original, text, mended"),
+        (["original", "--only", "ffa_2+bounty"], r"--only ffa_2\+bounty: there is no such game among ffa_1, ffa_2"),
+    ],
+)
+def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert outlast_paper(*words) == 2
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table of seconds that is written is the one that is read."""
+    (one, other) = experiments.experiments(["original"])[:2]
+    folder = tmp_path / "run"
+    short = ("--set", "safe_zone_damage=50", "--set", "safe_zone_stand=5", "--worlds", "8", "--rollout", "512")
+    assert outlast_train("ffa_1", "--steps", "2048", *short, "--out", str(folder), "--quiet") == 0
+    table = seconds_table([(one, [folder]), (other, [])])
+    assert table.startswith("part,game,preset,seconds\noriginal,ffa_1,original,")
+    assert table.count("\n") == 2
+    monkeypatch.setattr(experiments, "files", lambda package: tmp_path)
+    (tmp_path / experiments.SECONDS).write_text("part,game,preset,seconds\noriginal,ffa_1,original,123\n")
+    assert expected_seconds([one, other]) == ([123.0, other.steps / experiments.GUESS], False)
+    assert expected_seconds([one]) == ([123.0], True)
+
+
+@pytest.mark.nightly
+def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiments, "MENDED_STEPS", 8192)
+    small = (
+        "--worlds",
+        "16",
+        "--rollout",
+        "1024",
+        "--every",
+        "2048",
+        "--with",
+        "Behaviour",
+        "--opponents",
+        "self,scripted",
+    )
+    monkeypatch.setattr(experiments, "POOL", small)
+    monkeypatch.setattr(mended, "EPISODES", 64)
+    words = ("mended", "--only", "ffa_2+bounty", "teams_2+bounty", "--out", tmp_path)
+    assert outlast_paper(*words) == 0
+    assert sorted(path.name for path in (tmp_path / "runs/mended").iterdir()) == [
+        f"{game}-fast-{seed}" for game in ("ffa_2+bounty", "teams_2+bounty") for seed in (0, 1)
+    ]
+    table = (tmp_path / "mended/measured.md").read_text()
+    assert table.count("\n") == 4
+    assert "| teams_2+bounty | 2 |" in table
+    for name in ("ffa_2+bounty.gif", "ffa_2/curves.png", "teams_2/curves.png", "ffa_2+bounty-fast-1.zip"):
+        assert (tmp_path / "mended" / name).stat().st_size > 1000
+    evaluation = tmp_path / "mended/measured/ffa_2+bounty-fast-0/evaluation.json"
+    played: Any = json.loads(evaluation.read_text())
+    assert played["policies"][1]["policy"].endswith("steps_0000004096.zip")
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*") if path.is_file()}
+    before[evaluation] = evaluation.stat().st_mtime_ns
+    assert outlast_paper(*words) == 0
+    assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing is trained or measured twice
+
+
+@pytest.mark.nightly
+def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiments, "PAPER_STEPS", 4096)
+    monkeypatch.setattr(experiments, "FEW_WORLDS", ("--worlds", "4", "--rollout", "512", "--ppo", "n_epochs=1"))
+    words = ("text", "--only", "teams_2", "--seeds", 1, "--out", tmp_path)
+    assert outlast_paper(*words) == 0
+    names = [f"teams_2-{name}" for name in ("paper", "scaled")]
+    for name in names:
+        for end in (".png", ".gif", "-0.csv", "-0.zip"):
+            assert (tmp_path / "text" / f"{name}{end}").exists()
+    text = (tmp_path / "text/ends.md").read_text()
+    assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
+    assert (tmp_path / "seconds.csv").read_text().count("text,teams_2,") == 2
+
+
+def test_parts_are_named_in_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["paper", "--help"])
+    text = capsys.readouterr().out
+    assert all(f"  {part} " in text for part in PARTS)

@@ -1,0 +1,128 @@
+"""outlast paper: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
+
+import argparse
+import logging
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from outlast.envs.cli.options import nonnegative, positive
+from outlast.envs.errors import install
+
+from ..children import ChildRun, side_by_side
+from ..errors import TrainingError
+from ..live_view import LiveView
+from ..paper.experiments import PARTS, Experiment, expected_seconds, experiments
+
+logger = logging.getLogger("outlast")
+Plan = list[tuple[Experiment, int]]  # with a seed
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    examples = [
+        ("paper --plan", "what would be trained, and how long that takes"),
+        ("paper original --out reproduction", "the eight experiments; again, to go on after Ctrl-C"),
+        ("paper original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
+    ]
+    text = "the paper's experiments, and those past it: train, measure, draw"
+    description = (
+        "Train everything in docs/paper.md, and write its figures, tables and films. Called again, it goes on."
+    )
+    parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
+    command = commands.add_parser(
+        "paper", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
+    )
+    command.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)} (default: all)")
+    command.add_argument(
+        "--only", nargs="+", default=[], metavar="GAME", help="these games of them: ffa_2 (default: all)"
+    )
+    text = "runs of each experiment, with seeds from 0 on (default: 3, of mended games 2)"
+    command.add_argument("--seeds", type=positive, metavar="N", help=text)
+    command.add_argument(
+        "--first", type=nonnegative, default=0, metavar="SEED", help="seed of the first run (default 0)"
+    )
+    command.add_argument("--out", type=Path, default=Path("paper"), help="folder for all of it (default paper)")
+    command.add_argument("--jobs", type=positive, help="runs at a time (default: cores)")
+    command.add_argument("--plan", action="store_true", help="say what would be done, and do nothing")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.arrange(
+        {
+            "what is done": ("parts", "--only", "--seeds", "--first", "--plan"),
+            "output": ("--out", "--quiet"),
+            "machine": ("--jobs",),
+        }
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it; the exit status."""
+    chosen = _chosen(options)
+    plan = _plan(chosen, options)
+    seconds, known = expected_seconds([experiment for experiment, _ in plan])
+    jobs = options.jobs or os.cpu_count() or 1
+    hours = sum(seconds) / jobs / 3600
+    timed = "as timed on one core of an AMD EPYC (Zen 5)" if known else "some of them never timed, so this is a guess"
+    about = f"{len(plan)} runs, {jobs} at a time: about {hours:.1f} hours, {timed}"
+    if options.plan:
+        print(about)
+        for (experiment, seed), each in zip(plan, seconds, strict=True):
+            print(f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h")
+        return 0
+    try:
+        from ..paper.output import write_part
+    except ModuleNotFoundError as error:
+        raise TrainingError(f"this needs {error.name}: {install('train,plot')}") from error
+    if status := _train(plan, seconds, options, about, jobs):
+        return status
+    for part in PARTS:
+        if own := [each for each in chosen if each.part == part]:
+            with tqdm(unit="step", disable=options.quiet, desc=f"figures and tables of {part}") as bar:
+                for made in write_part(part, own, options.out, bar.update):
+                    tqdm.write(str(made))
+    return 0
+
+
+def _chosen(options: argparse.Namespace) -> list[Experiment]:
+    """The experiments that are asked for. Raises TrainingError."""
+    for part in options.parts:
+        if part not in PARTS:
+            raise TrainingError(f"there is no part '{part}'; known: {', '.join(PARTS)}")
+    chosen = experiments(options.parts or PARTS)
+    games = list(dict.fromkeys(each.game for each in chosen))
+    if unknown := [game for game in options.only if game not in games]:
+        raise TrainingError(f"--only {unknown[0]}: there is no such game among {', '.join(games)}")
+    return [each for each in chosen if each.game in (options.only or games)]
+
+
+def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:
+    """All runs, the first seed of every experiment ahead of the second."""
+    counts = [options.seeds or each.seeds for each in chosen]
+    rounds = range(options.first, options.first + max(counts))
+    return [(each, seed) for seed in rounds for each, count in zip(chosen, counts) if seed - options.first < count]
+
+
+def _train(plan: Plan, seconds: Sequence[float], options: argparse.Namespace, about: str, jobs: int) -> int:
+    """Train what is not trained yet; the exit status. Progress is counted in the seconds that were expected."""
+    runs = [ChildRun(each.folder(options.out, seed), each.words(seed), resume=True) for each, seed in plan]
+    weights = [each / experiment.steps for (experiment, _), each in zip(plan, seconds, strict=True)]
+    waiting = [run for run, (experiment, _) in zip(runs, plan, strict=True) if run.steps() < experiment.steps]
+    total = round(sum(seconds))
+
+    def done() -> int:
+        return round(sum(weight * run.steps() for weight, run in zip(weights, runs, strict=True)))
+
+    view = LiveView(min(done(), total), total, quiet=options.quiet, about=about, unit="core-seconds")
+
+    def progress(text: str) -> None:
+        view.update(min(done(), total), total, {})
+        view.now(text)
+
+    try:
+        return side_by_side(waiting, jobs, progress)
+    finally:
+        view.close()

@@ -1,0 +1,133 @@
+"""What `outlast paper` trains: the paper's eight experiments, its method as the text has it, and its games mended."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from outlast.envs.scenarios.variants import VARIANTS
+
+from ..errors import TrainingError
+from ..plots.panels import hours
+from ..plots.runs import load
+from .curves import PAPER_STEPS
+
+PARTS = {
+    "original": "the eight variants with the authors' networks and numbers",
+    "text": "the same as the paper's text describes it: what is hidden is left out (presets paper and scaled)",
+    "mended": "games without the flaws that the paper names, against a pool of opponents",
+}
+SECONDS = "seconds.csv"  # how long runs took, beside this file
+GUESS = 20_000  # agent-steps a second of a run that nobody has timed
+FEW_WORLDS = ("--worlds", "4")  # of teams: with many, what the paper saw of them does not come out (docs/paper.md)
+MENDED_STEPS = 50_000_000
+POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
+SINGLE = {
+    "ffa_2": ("health_cap", "bounty", "rivalry", "steering"),
+    "teams_2": ("health_cap", "team_share", "bounty", "rivalry", "steering"),
+}  # games in which each flaw is mended by itself
+TOGETHER = {
+    "ffa_2": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
+    "ffa_3": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
+    "teams_2": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
+    "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
+}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run for each of several seeds.
+
+    Attributes:
+        part: One of PARTS.
+        game: The name of a variant, with ablations.
+        preset: Of networks and numbers.
+        options: Of `outlast train`, beside these and the seed.
+    """
+
+    part: str
+    game: str
+    preset: str
+    options: tuple[str, ...] = ()
+
+    @property
+    def steps(self) -> int:
+        """Agent-steps of a run."""
+        return MENDED_STEPS if self.part == "mended" else PAPER_STEPS
+
+    @property
+    def seeds(self) -> int:
+        """How many runs there are, unless somebody asks for another number."""
+        return 2 if self.part == "mended" else 3
+
+    def words(self, seed: int) -> list[str]:
+        """Arguments and options of `outlast train` for a run."""
+        own = ("--steps", str(self.steps), "--seed", str(seed), "--threads", "1")
+        return [self.game, "--preset", self.preset, *self.options, *own]
+
+    def folder(self, out: Path, seed: int) -> Path:
+        """Of a run."""
+        return out / "runs" / self.part / f"{self.game}-{self.preset}-{seed}"
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """By which its time is known."""
+        return self.part, self.game, self.preset
+
+
+def experiments(parts: Iterable[str]) -> list[Experiment]:
+    """Those of some parts."""
+    every = [
+        *_trained_as("original", "original"),
+        *_trained_as("text", "paper"),
+        *_trained_as("text", "scaled"),
+        *_mended(),
+    ]
+    wanted = set(parts)
+    return [each for each in every if each.part in wanted]
+
+
+def _trained_as(part: str, preset: str) -> Iterator[Experiment]:
+    for name in VARIANTS:
+        yield Experiment(part, name, preset, FEW_WORLDS if name.startswith("teams") else ())
+
+
+def _mended() -> Iterator[Experiment]:
+    for game, together in TOGETHER.items():
+        for mended in ("", *SINGLE.get(game, ()), *together):
+            yield Experiment("mended", "+".join(filter(None, (game, mended))), "fast", POOL)
+
+
+def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
+    """How long a run of each takes on one core of the machine that SECONDS is of; and whether all were timed there."""
+    known = _timed()
+    return [known.get(each.key, each.steps / GUESS) for each in chosen], all(each.key in known for each in chosen)
+
+
+def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]]) -> str:
+    """SECONDS out of runs: for each experiment the mean over those of its folders in which something was logged."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["part", "game", "preset", "seconds"])
+    for experiment, folders in timed:
+        if every := [seconds for folder in folders if (seconds := _seconds(folder))]:
+            rows.writerow([*experiment.key, round(sum(every) / len(every))])
+    return text.getvalue()
+
+
+def _timed() -> dict[tuple[str, str, str], float]:
+    file = files(__package__).joinpath(SECONDS)
+    rows = csv.DictReader(io.StringIO(file.read_text(encoding="utf-8")))
+    return {(row["part"], row["game"], row["preset"]): float(row["seconds"]) for row in rows}
+
+
+def _seconds(folder: Path) -> float:
+    """How long a run has taken, by its log; 0 if there is none."""
+    try:
+        (run,) = load([folder])
+    except TrainingError:
+        return 0.0
+    elapsed = hours(run)
+    return 0.0 if elapsed is None else 3600 * float(elapsed[-1])

@@ -1,0 +1,122 @@
+"""What emerges in mended games: each run's policy plays itself, its own past and the scripted one, and is measured."""
+
+import contextlib
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.scenarios.naming import resolve
+from outlast.systems import Behaviour
+
+from .. import checkpoint
+from ..averages import interval
+from ..errors import TrainingError
+from ..evaluation.contenders import contenders
+from ..evaluation.evaluation import Evaluation
+from ..evaluation.report import write_tables
+from ..files import read_text
+from ..tables import markdown_table, number
+
+EPISODES = 640  # of each pairing
+LAST, HALF, SCRIPTED = "last", "half", "scripted"
+TABLES = "evaluation.json"
+BY_SIDES, BY_AGENTS = 2, 0  # what to multiply a figure by for a sum over all agents: both roles; so many agents
+SELF_PLAY = {
+    "length": ("ticks", 1),
+    "kills": ("kills", BY_SIDES),
+    "damage_dealt": ("damage", BY_AGENTS),
+    "strikes_landed": ("strikes that land", 1),
+    "heals_used": ("heals used", 1),
+    "heals_in_need": ("in need", BY_AGENTS),
+    "heals_given": ("given", BY_SIDES),
+    "boxes_between": ("boxes between", BY_AGENTS),
+    "mate_distance": ("m to a mate", 1),
+    "enemy_distance": ("m to an enemy", 1),
+}  # of an episode in which a policy plays itself, by figure: what it is called, and how it is summed
+HEADS = (
+    "game",
+    "seeds",
+    f"wins against {SCRIPTED}",
+    "against itself at half time",
+    *(name for name, _ in SELF_PLAY.values()),
+)
+Figures = dict[str, dict[str, float]]  # mean and error by name
+
+
+def measure(game: str, run: Path, out: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
+    """Let the policy of a run play, and write the tables of that, unless they are there.
+
+    Args:
+        game: The name of what it was trained in.
+        run: Its folder; its past is the checkpoint after half of its steps.
+        out: Folder for the tables.
+        progress: Called with how many more episodes have ended.
+
+    Raises:
+        TrainingError: The run has a single checkpoint.
+    """
+    saved = checkpoint.checkpoints(run)
+    if len(saved) < 2:
+        raise TrainingError(f"{run} has {len(saved)} checkpoints: its policy has no past to play against; train on")
+    chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})
+    if _complete(out, [contender.text for contender in chosen]):
+        return
+    evaluation = Evaluation(resolve(game).with_(Behaviour()), chosen, episodes=EPISODES)
+    with contextlib.closing(evaluation):
+        evaluation.play(progress)
+        write_tables(evaluation, out)
+
+
+def table(measured: Mapping[str, Sequence[Path]]) -> str:
+    """What was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
+
+    Args:
+        measured: Folders of `measure` by game, one for each seed.
+    """
+    return markdown_table(
+        HEADS, [_row(game, [_read(folder) for folder in folders]) for game, folders in measured.items()]
+    )
+
+
+def _row(game: str, seeds: Sequence[dict[str, Any]]) -> list[str]:
+    cells = [game, str(len(seeds))]
+    cells += [_cell([_figures(one, LAST, other)["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)]
+    for name, (_, times) in SELF_PLAY.items():
+        own = [_figures(one, LAST, LAST) for one in seeds]
+        agents = [one["scenario"]["numbers"]["agents_count"] for one in seeds]
+        there = [(times or count) * each[name]["mean"] for each, count in zip(own, agents, strict=True) if name in each]
+        cells.append(_cell(there) if there else "")
+    return cells
+
+
+def _cell(values: Sequence[float]) -> str:
+    low, high = interval(values)
+    mean = sum(values) / len(values)
+    return number(mean) if math.isnan(low) else f"{number(mean)} ({number(low)} to {number(high)})"
+
+
+def _figures(evaluation: dict[str, Any], policy: str, against: str) -> Figures:
+    """Of a policy against another one, or itself."""
+    for pairing in evaluation["pairings"]:
+        if sorted(pairing["policies"]) == sorted((policy, against)):
+            found: Figures = pairing["figures"][pairing["policies"].index(policy)]
+            return found
+    raise TrainingError(f"{policy} has not played against {against}")
+
+
+def _complete(folder: Path, texts: Sequence[str]) -> bool:
+    """Whether these policies have played all of it."""
+    if not (folder / TABLES).exists():
+        return False
+    found = _read(folder)
+    return bool(found["complete"]) and [policy["policy"] for policy in found["policies"]] == list(texts)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = json.loads(read_text(folder / TABLES))
+        return found
+    except ValueError as error:
+        raise TrainingError(f"{folder / TABLES} is no evaluation: {error}") from error
