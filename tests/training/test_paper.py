@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from outlast.envs.cli.main import main, parser
-from outlast.training.paper import experiments
-from outlast.training.paper.experiments import PARTS, expected_seconds, seconds_table
+from outlast.training.reproduction import experiments
+from outlast.training.reproduction.experiments import PARTS, expected_seconds, seconds_table
 
 for library in ("torch", "tensorboard", "matplotlib"):
     pytest.importorskip(library, reason=f"needs {library}: outlast[train,plot]")
 
-from outlast.training.paper import mended  # noqa: E402
+from outlast.training.reproduction import mended  # noqa: E402
 from tests.training.test_run import outlast_train  # noqa: E402
 
 

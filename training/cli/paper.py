@@ -15,7 +15,7 @@ from outlast.envs.errors import install
 from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
 from ..live_view import LiveView
-from ..paper.experiments import PARTS, Experiment, expected_seconds, experiments
+from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
 
 logger = logging.getLogger("outlast")
 Plan = list[tuple[Experiment, int]]  # with a seed
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
             print(f"outlast train {' '.join(experiment.words(seed))}  # {each / 3600:.1f} h")
         return 0
     try:
-        from ..paper.output import write_part
+        from ..reproduction.output import write_part
     except ModuleNotFoundError as error:
         raise TrainingError(f"this needs {error.name}: {install('train,plot')}") from error
     if status := _train(plan, seconds, options, about, jobs):

@@ -5,22 +5,20 @@ Where the paper says "close to 0" or "significantly", the range is ours; it hold
 test checks. What the paper saw by looking at policies has no curve of its own: there, ours are measured alone.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..averages import interval, smooth
-from ..curves import Array, Curves, Quantity
+from ..averages import interval
+from ..curves import Curves, Quantity
 from ..tables import markdown_table, number
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, behaviour, published_curves
+from .measures import Runs, at, curve, end, grows, left, over, part, peak, peak_at, together
 from .results import RunGroup
 
-Runs = Mapping[str, Curves]  # a run of each variant, by its name
 FFA, TEAMS = tuple(f"ffa_{k}" for k in range(1, 5)), tuple(f"teams_{k}" for k in range(1, 5))
-SUMMED = (KILLS,)  # over sides; of others, the mean
 HEADS = ("claim", "of", "measured", "asked", "the paper", "outlast", "95 %", "holds")
-MILLION = 1e6
 
 
 @dataclass(frozen=True)
@@ -121,70 +119,6 @@ def _listed(variants: Sequence[str]) -> str:
     """The variants of a claim: "all", "ffa", "teams_1, teams_4"."""
     names = {(*FFA, *TEAMS): "all", FFA: "ffa", TEAMS: "teams"}
     return names.get(tuple(variants), ", ".join(variants))
-
-
-def curve(runs: Runs, variant: str, quantity: Quantity) -> Array:
-    """A quantity of all sides of a run, (points,): of kills the sum, of others the mean. NaN where it is not there."""
-    curves = runs[variant]
-    own = [curves.values[tag] for tag in curves.tags(quantity)]
-    if not own:
-        return np.full(len(curves.steps), np.nan)
-    combined: Array = np.asarray((np.sum if quantity in SUMMED else np.mean)(own, 0, dtype=np.float64))
-    return combined
-
-
-def part(values: Array, first: float, last: float) -> float:
-    """The mean of a part of a curve, from one share of its points to another; NaNs are left out."""
-    count = len(values)
-    there = values[round(first * count) : max(round(first * count) + 1, round(last * count))]
-    there = there[np.isfinite(there)]
-    return float(there.mean()) if len(there) else float("nan")
-
-
-def end(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """The mean of the last tenth."""
-    return part(curve(runs, variant, quantity), 0.9, 1.0)
-
-
-def peak(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """The maximum of the moving average."""
-    return float(np.nanmax(smooth(curve(runs, variant, quantity)), initial=np.nan))
-
-
-def peak_at(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """Where that is, in millions of agent-steps."""
-    averages = smooth(curve(runs, variant, quantity))
-    return float(runs[variant].steps[np.nanargmax(averages)]) / MILLION
-
-
-def left(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """What is left of the peak at the end, as a share."""
-    return over(end(runs, variant, quantity), peak(runs, variant, quantity))
-
-
-def at(runs: Runs, variant: str, quantity: Quantity, millions: float) -> float:
-    """The moving average after so many agent-steps."""
-    where = int(np.searchsorted(runs[variant].steps, millions * MILLION))
-    averages = smooth(curve(runs, variant, quantity))
-    return float(averages[min(where, len(averages) - 1)])
-
-
-def grows(runs: Runs, variant: str, quantity: Quantity) -> float:
-    """The last third over the first third."""
-    values = curve(runs, variant, quantity)
-    return over(part(values, 2 / 3, 1), part(values, 0, 1 / 3))
-
-
-def together(runs: Runs, variant: str, one: Quantity, other: Quantity) -> float:
-    """The correlation of the moving averages of two quantities."""
-    averages = np.stack([smooth(curve(runs, variant, each)) for each in (one, other)])
-    there = averages[:, np.isfinite(averages).all(0)]
-    return float(np.corrcoef(there)[0, 1]) if there.std(1).all() else float("nan")
-
-
-def over(one: float, other: float) -> float:
-    """One over the other; NaN where that is 0."""
-    return one / other if other else float("nan")
 
 
 def _over(

@@ -10,9 +10,9 @@ from pathlib import Path
 from outlast.envs.scenarios.variants import VARIANTS
 
 from ..errors import TrainingError
+from ..paper.curves import PAPER_STEPS
 from ..plots.panels import hours
 from ..plots.runs import load
-from .curves import PAPER_STEPS
 
 PARTS = {
     "original": "the eight variants with the authors' networks and numbers",

@@ -8,11 +8,11 @@ import outlast
 
 from .. import checkpoint
 from ..files import write_files
+from ..paper.report import figures_and_tables
+from ..paper.results import files_to_keep, group_runs, load_runs, policy_only
 from ..plots.plot import plot
 from . import mended
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
-from .report import figures_and_tables
-from .results import files_to_keep, group_runs, load_runs, policy_only
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
