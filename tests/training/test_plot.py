@@ -16,7 +16,7 @@ import pytest
 
 from outlast import load_policy, make_vec, variant
 from outlast.envs.cli.grammar import Parser
-from outlast.training.averages import average, smooth
+from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
 from outlast.training.curves import Curves, format_curves
 from outlast.training.errors import TrainingError
@@ -152,6 +152,16 @@ def test_it_is_too_early_for_unfinished_runs(tmp_path: Path) -> None:
     assert "| 1,049 ± 74 | 1,047 ± 74 | −0% | too early |" in text
     assert not list(findings([shown]))
     assert list(findings([group(keep(tmp_path, "ffa_2", points=306))]))
+
+
+def test_presets_stand_beside_each_other(tmp_path: Path) -> None:
+    """Ours are the paper's own curves here, of the second preset half of them; of three seeds an interval."""
+    paths = [keep(tmp_path, "teams_4", seed, 1 + 0.1 * seed, preset="paper") for seed in (0, 1, 2)]
+    text = report(group_runs(load_runs(paths)), group_runs(load_runs([keep(tmp_path, "teams_4", factor=0.5)])))
+    assert text.startswith("| variant | at the end | the paper | preset `original` | preset `paper` |\n")
+    assert "| teams_4 | episode length | 594 | 297 | 653 (" in text
+    kills = sum(end_value(published_curves("teams_4").values[f"rollout/kills{side}"]).mean for side in (0, 1))
+    assert f"| teams_4 | kills | {kills:.3f} | {kills / 2:.3f} | {1.1 * kills:.3f} (" in text
 
 
 def test_claims_hold_for_the_paper(tmp_path: Path) -> None:

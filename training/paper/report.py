@@ -4,29 +4,70 @@ from collections.abc import Sequence
 
 from outlast.envs.errors import install
 
+from ..averages import interval
 from ..errors import TrainingError
+from ..tables import markdown_table, number
 from .claims import claims_table, findings
-from .end_values import csv_table, markdown
+from .curves import KILLS
+from .end_values import csv_table, markdown, rows
 from .results import RunGroup
 
+PAPER = "the paper"
 
-def report(groups: Sequence[RunGroup]) -> str:
-    """The end values of all groups, then the paper's claims, for each preset, in Markdown."""
+
+def side_by_side(groups: Sequence[RunGroup]) -> str:
+    """End values of every preset of every variant beside each other, in Markdown; of sides, the mean, of kills the sum.
+
+    With 95 % intervals over seeds.
+    """
+    presets = list(dict.fromkeys(group.preset for group in groups))
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for group in groups:
+        for quantity in dict.fromkeys(row.quantity for row in rows(group)):
+            own = [row for row in rows(group) if row.quantity == quantity]
+            sides = 1 if quantity == KILLS else len(own)
+            each = [sum(row.ours[k].mean for row in own) / sides for k in range(len(group.ended))]
+            line = cells.setdefault((group.variant, quantity.name), {})
+            line[group.preset] = _with_interval(each)
+            if own[0].theirs:
+                line[PAPER] = number(sum(row.theirs.mean for row in own if row.theirs) / sides)
+    heads = ("variant", "at the end", PAPER, *(f"preset `{name}`" for name in presets))
+    lines = [[*key, *(line.get(name, "") for name in (PAPER, *presets))] for key, line in sorted(cells.items())]
+    return markdown_table(heads, lines)
+
+
+def _with_interval(values: Sequence[float]) -> str:
+    """Mean and interval over seeds."""
+    low, high = interval(values)
+    mean = number(sum(values) / len(values))
+    return mean if len(values) < 2 else f"{mean} ({number(low)} to {number(high)})"
+
+
+def report(groups: Sequence[RunGroup], beside: Sequence[RunGroup] = ()) -> str:
+    """End values of all presets beside each other, of all groups, then the paper's claims for each, in Markdown."""
     parts = [markdown(group) for group in groups]
+    if len({group.preset for group in (*beside, *groups)}) > 1:
+        parts.insert(0, side_by_side([*beside, *groups]))
     for name in dict.fromkeys(group.preset for group in groups):
         if found := list(findings([group for group in groups if group.preset == name])):
             parts.append(f"What the paper says, and runs of preset `{name}`:\n\n{claims_table(found)}")
     return "\n\n".join(parts) + "\n"
 
 
-def figures_and_tables(groups: Sequence[RunGroup], form: str) -> dict[str, bytes]:
+def figures_and_tables(groups: Sequence[RunGroup], form: str, beside: Sequence[RunGroup] = ()) -> dict[str, bytes]:
     """The contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
-    Raises TrainingError without matplotlib.
+    Args:
+        groups: What is drawn and reported.
+        form: Of the figures: "png" or "svg".
+        beside: Runs with other presets, to compare with in the table of all presets.
+
+    Raises:
+        TrainingError: There is no matplotlib.
     """
     try:
         from .figures import picture
     except ModuleNotFoundError as error:
         raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
-    return {**figures, "ends.md": report(groups).encode(), "ends.csv": csv_table(groups).encode()}
+    return {**figures, "ends.md": report(groups, beside).encode(), "ends.csv": csv_table(groups).encode()}

@@ -16,6 +16,7 @@ from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
+FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 
 
@@ -41,9 +42,10 @@ def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progre
     """Results to keep, figures, tables, and a film of each variant."""
     runs = load_runs(folder for each in chosen for folder in _folders(each, out))
     yield from _written(files_to_keep(runs, out / part))
-    yield from _written(
-        {out / part / name: content for name, content in figures_and_tables(group_runs(runs), "png").items()}
-    )
+    kept = [out / FIRST / path.name for path in sorted((out / FIRST).glob("*.csv")) if part != FIRST]
+    beside = [run for run in load_runs(kept) if run.variant in {each.game for each in chosen}]
+    files = figures_and_tables(group_runs(runs), "png", group_runs(beside))
+    yield from _written({out / part / name: content for name, content in files.items()})
     progress(1)
     for each in chosen:
         yield _film(each.game, _folders(each, out)[0], out / part / f"{each.game}-{each.preset}.gif")
