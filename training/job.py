@@ -1,6 +1,7 @@
 """A run as a child of `outlast train`: python -m outlast.training.job train ... It ends, and saves, with its parent."""
 
 import _thread
+import signal
 import sys
 import threading
 
@@ -8,7 +9,11 @@ from outlast.envs.cli.main import main
 
 
 def end_with_parent() -> None:
-    """Interrupt this process, as Ctrl-C does, when the parent has ended in whatever way: standard input is its pipe."""
+    """Interrupt this process, as Ctrl-C does, when the parent has ended in whatever way: standard input is its pipe.
+
+    Shells let background commands and their children ignore SIGINT; here it would leave runs that nobody can stop.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
         sys.stdin.buffer.read()

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -82,10 +82,13 @@ def test_one_run_has_no_jobs(tmp_path: Path) -> None:
 
 
 @contextlib.contextmanager
-def two_runs(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
-    """A command that trains two runs, which have logged something; and their logs."""
+def two_runs(
+    folder: Path, prepare: Callable[[], object] | None = None
+) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
+    """A command that trains two runs, which have logged something; and their logs. prepare: called in its process."""
     words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(folder), *TINY]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, preexec_fn=prepare) as process:
         logs = [folder / f"{name}-original-0/log.csv" for name in ("ffa_1", "ffa_2")]
         deadline = time.monotonic() + 200
         while not all(log.exists() and log.read_text().count("\n") > 1 for log in logs):
@@ -97,8 +100,8 @@ def two_runs(folder: Path) -> Iterator[tuple["subprocess.Popen[str]", list[Path]
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
-    with two_runs(tmp_path) as (process, logs):
-        process.kill()
+    with two_runs(tmp_path, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) as (process, logs):
+        process.kill()  # one that a script has begun in the background
     deadline = time.monotonic() + 100
     while not all(names(log.parent) for log in logs):  # a run that is killed has no checkpoint so early
         assert time.monotonic() < deadline
