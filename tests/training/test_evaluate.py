@@ -116,6 +116,9 @@ def test_a_match_is_as_counted_in_a_plain_loop(name: str) -> None:
     assert figures["attack_near"][..., 1] == pytest.approx(expected["chances"])
     assert expected["chances"].sum() > 0
     assert set(expected["wins"].ravel()) >= {0, 1}
+    for key, first in (("wins_first", 0), ("wins_second", 1)):  # side 0 is role 0's in even worlds and episodes
+        shown = np.add.outer(range(worlds), range(each))[..., None] % 2 == [first, 1 - first]
+        assert np.array_equal(figures[key], np.stack([expected["wins"] * shown, shown], -1)), key
     first, last = match.results.spans[0, 0]
     assert (first, last >= values["length"][0, 0, 0]) == (0, True)
 
@@ -232,6 +235,15 @@ def test_errors_are_the_scatter_of_ratings() -> None:
         found.append(ratings)
         estimated.append(errors)
     assert np.mean(estimated, 0) == pytest.approx(np.std(found, 0), rel=4 / math.sqrt(2 * tables))
+
+
+def test_ratings_of_several_tables_are_those_of_each() -> None:
+    wins, draws = np.random.default_rng(0).integers(0, 50, (2, 6, 4, 4)).astype(float)
+    wins[3, 0, 1:] = wins[3, 1:, 0] = draws[3, 0] = draws[3, :, 0] = 0
+    wins[3, 0, 1] = 40  # always wins, and met one only
+    draws += draws.swapaxes(1, 2)
+    expected = [elo(*tables) for tables in zip(wins, draws, strict=True)]
+    assert np.stack(elo(wins, draws), 1) == pytest.approx(np.array(expected), abs=1e-6)
 
 
 def test_a_player_that_always_wins_has_a_rating_and_a_wide_error() -> None:
