@@ -21,7 +21,7 @@ COLUMNS = {
     "life": Column("ticks", "to whose end its longest-lived side has a living member"),
     "return": Column(
         "reward",
-        "of one of its agents in an episode; the mean over its agents. It does not say who is better: a long game"
+        "of one of its agents in an episode; the mean over its agents. Alone it does not say who is better: a long game"
         " rewards both sides",
     ),
     "kills": Column("", "by its sides in an episode"),

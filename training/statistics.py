@@ -184,7 +184,7 @@ def _resampled(scores: Scores, reps: int, generator: np.random.Generator) -> dic
     return drawn
 
 
-def _checked(scores: Scores) -> list[Array]:
+def _checked(scores: Any) -> list[Array]:
     """The scores of each task, float64 (..., runs). Raises TrainingError."""
     if not isinstance(scores, Mapping):
         cure = "of an array (runs, tasks): dict(enumerate(array.T))"

@@ -77,6 +77,14 @@ def test_the_interval_of_single_runs_is_of_games_alone() -> None:
     assert (found.wins.low[0, 1], found.wins.high[0, 1]) == pytest.approx((0.75 - half, 0.75 + half), abs=0.006)
 
 
+def test_who_wins_every_game_may_lose_others() -> None:
+    wins = np.array([[0.0, 20], [0, 0]])
+    found = rate_groups([PolicyGroup("a", (0,), True), PolicyGroup("b", (1,), False)], wins, np.zeros((2, 2)), 0)
+    assert found.wins.value[0, 1] == found.wins.high[0, 1] == 1
+    assert 0.8 < found.wins.low[0, 1] < 0.95
+    assert found.ratings.low[0] + 50 < found.ratings.value[0] == pytest.approx(found.ratings.high[0])
+
+
 def test_intervals_cover_what_other_seeds_achieve() -> None:
     """Of 8 runs whose chances against one opponent scatter: 95 % intervals hold the mean in most of cases."""
     rng, inside, tables = np.random.default_rng(0), 0, 100
@@ -106,7 +114,7 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
     assert "over games of these very policies" in text
     assert "\nfast: a, b\n95 % intervals over training seeds and games" in text
     assert text.index("Elo of groups") < text.index("wins of group, against") < text.index("\nc: one run: its error is")
-    assert "that of games alone, and says nothing of other seeds" in text
+    assert "its error is of games alone, and says nothing of other seeds" in text
     report.write_tables(evaluation, tmp_path)
     rows = (tmp_path / "groups.csv").read_text().splitlines()
     assert rows[0] == "group,runs,against,figure,value,low,high"

@@ -103,12 +103,16 @@ def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, re
 
 
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
-    """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew."""
+    """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
+
+    They are drawn from those that were played and, as in `elo`, half a game won and half a game lost: else who won all
+    of 20 games would win all others for certain.
+    """
     won, drawn = np.zeros((2, reps, *wins.shape))
     for i, j in np.argwhere(np.triu(wins + wins.T + draws, 1) > 0):
         results = np.array([wins[i, j], draws[i, j], wins[j, i]])
-        games = generator.multinomial(int(results.sum()), results / results.sum(), reps)
-        won[:, i, j], drawn[:, i, j], won[:, j, i] = games.T
+        chances = (results + np.array([0.5, 0, 0.5])) / (results.sum() + 1)
+        won[:, i, j], drawn[:, i, j], won[:, j, i] = generator.multinomial(int(results.sum()), chances, reps).T
         drawn[:, j, i] = drawn[:, i, j]
     return won, drawn
 

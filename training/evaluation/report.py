@@ -108,29 +108,38 @@ def _wins(evaluation: Played) -> str:
 
 
 def _groups(evaluation: Played) -> Iterator[str]:
-    """Tables of groups of runs, and of what the errors of single runs say nothing."""
+    """Tables of groups of runs, and of which policies errors say nothing about other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
     except TrainingError as error:
         yield f"no groups of training seeds: {error}"
         return
     if found is not None:
-        labels = [contender.label for contender in evaluation.chosen]
-        rows = [
-            (group.label, str(len(group.members)) if group.trained else "-", f"{value:.0f}", f"[{low:.0f}, {high:.0f}]")
-            for group, value, low, high in zip(found.groups, *found.ratings, strict=True)
-        ]
-        several = [group for group in groups if len(group.members) > 1]
-        who = [f"{group.label}: {', '.join(labels[k] for k in group.members)}" for group in several]
-        yield "\n".join(
-            [_table(("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), rows), *who, OVER_SEEDS]
-        )
-        names = [group.label for group in found.groups]
-        cells = [[_between(*ends) for ends in zip(*row, strict=True)] for row in zip(*found.wins, strict=True)]
-        yield _table(("wins of group, against", *names), [(name, *row) for name, row in zip(names, cells, strict=True)])
+        yield _group_ratings(evaluation, found)
+        yield _group_wins(found)
     if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
-        errors = "one run: its error is" if len(alone) == 1 else "one run each: their errors are"
-        yield f"{', '.join(alone)}: {errors} that of games alone, and says nothing of other seeds"
+        one, each = "one run: its error is of games alone, and says", "one run each: errors are of games alone, and say"
+        yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
+
+
+def _group_ratings(evaluation: Played, found: Groups) -> str:
+    rows = [
+        (group.label, str(len(group.members)) if group.trained else "-", f"{value:.0f}", f"[{low:.0f}, {high:.0f}]")
+        for group, value, low, high in zip(found.groups, *found.ratings, strict=True)
+    ]
+    several = [group for group in found.groups if len(group.members) > 1]
+    who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
+    table = _table(("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), rows)
+    return "\n".join([table, *who, OVER_SEEDS])
+
+
+def _group_wins(found: Groups) -> str:
+    names = [group.label for group in found.groups]
+    rows = [
+        (name, *(_between(*ends) for ends in zip(*three, strict=True)))
+        for name, *three in zip(names, *found.wins, strict=True)
+    ]
+    return _table(("wins of group, against", *names), rows)
 
 
 def _between(value: float, low: float, high: float) -> str:
