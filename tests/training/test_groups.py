@@ -99,8 +99,8 @@ def test_intervals_cover_what_other_seeds_achieve() -> None:
 
 
 def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: Path) -> None:
-    for name, preset, seed in (("a", "fast", 0), ("b", "fast", 1), ("c", "scaled", 0)):
-        config = TrainingConfig(variant("ffa_2"), preset, worlds=4, rollout=256, seed=seed)
+    for name, worlds, seed in (("a", 4, 0), ("b", 4, 1), ("c", 8, 0)):
+        config = TrainingConfig(variant("ffa_2"), "fast", worlds=worlds, rollout=256, seed=seed)
         checkpoint.write_checkpoint(tmp_path / f"{name}.zip", resume.capture(Trainer(config), config.header()))
     quick = variant("ffa_2").replace(safe_zone_damage=50, safe_zone_stand=5)
     chosen = contenders([*(tmp_path / f"{name}.zip" for name in "abc"), "noop"])
@@ -112,20 +112,20 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
     evaluation.close()
     text = str(evaluation)
     assert "over games of these very policies" in text
-    assert "\nfast: a, b\n95 % intervals over training seeds and games" in text
+    assert "\nworlds=4: a, b\n95 % intervals over training seeds and games" in text
     assert text.index("Elo of groups") < text.index("wins of group, against") < text.index("\nc: one run: its error is")
     assert "its error is of games alone, and says nothing of other seeds" in text
     report.write_tables(evaluation, tmp_path)
     rows = (tmp_path / "groups.csv").read_text().splitlines()
     assert rows[0] == "group,runs,against,figure,value,low,high"
     assert [row.split(",")[:4] for row in rows[1:5]] == [
-        ["fast", "2", "", "elo"],
-        ["fast", "2", "c", "wins"],
-        ["fast", "2", "noop", "wins"],
+        ["worlds=4", "2", "", "elo"],
+        ["worlds=4", "2", "c", "wins"],
+        ["worlds=4", "2", "noop", "wins"],
         ["c", "1", "", "elo"],
     ]
     kept = json.loads((tmp_path / "evaluation.json").read_text())["groups"]
-    assert (len(kept), kept[0]["group"], kept[0]["figure"]) == (9, "fast", "elo")
+    assert (len(kept), kept[0]["group"], kept[0]["figure"]) == (9, "worlds=4", "elo")
 
 
 def test_without_seeds_there_are_no_groups_and_of_one_run_twice_the_report_says_why() -> None:
