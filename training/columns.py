@@ -15,9 +15,15 @@ class Column(NamedTuple):
 # "Its" is of the policy of the row, which plays one side of two; of more sides, every other one.
 COLUMNS = {
     "wins": Column("share", "of episodes that it wins, as one of its sides outlives all others; a draw counts half"),
+    "wins_first": Column("share", "the same, of the episodes in which it plays the first side"),
+    "wins_second": Column("share", "the same, of those in which its opponent plays the first side"),
     "length": Column("ticks", "of an episode; the same for both"),
     "life": Column("ticks", "to whose end its longest-lived side has a living member"),
-    "return": Column("reward", "of one of its agents in an episode; the mean over its agents"),
+    "return": Column(
+        "reward",
+        "of one of its agents in an episode; the mean over its agents. Alone it does not say who is better: a long game"
+        " rewards both sides",
+    ),
     "kills": Column("", "by its sides in an episode"),
     "deaths_TYPE": Column("", "of its agents in an episode by that type of damage: melee, zone"),
     "first_death": Column("ticks", "until the first agent dies, of episodes in which one does; the same for both"),

@@ -23,8 +23,9 @@ def add(commands: Any) -> None:
         ("evaluate teams_2 runs/teams_2-fast-0/steps_0010000000.zip scripted --out duel --film", "with films"),
     ]
     description = "Let every policy play every other one and itself; print win rates, ratings and what agents do."
+    description += " Runs that differ by their seeds only are rated as one group, too, with intervals over seeds."
     text, columns = "let policies play against each other, and rate them", "\n".join(explained())
-    epilog = f"columns, with their standard errors:\n{columns}"
+    epilog = f"columns, with their standard errors over games:\n{columns}"
     command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
     add_scenario(command)
     text = "random, noop, scripted, FILE.zip; folder of a run, or around several: the newest checkpoint of each"

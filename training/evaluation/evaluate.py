@@ -52,7 +52,8 @@ def evaluate(
 
     Returns:
         The evaluation: `print` shows its tables; `estimates(policy, against)` has means and standard errors of each
-        column, `ratings()` the Elo ratings. Its worlds are closed.
+        column, `ratings()` the Elo ratings; these errors are over games. `groups()` has ratings of groups of runs that
+        differ by seeds only, with intervals over seeds and games. Its worlds are closed.
 
     Raises:
         ScenarioError: There is no such scenario.

@@ -1,5 +1,6 @@
 """Cross-play: every policy against every other and itself, with standard errors."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ from outlast.envs.scenarios.scenario import Scenario
 
 from ..errors import TrainingError
 from .contenders import Contender
+from .groups import Groups, group_policies, rate_groups
 from .matches import Match
 from .pairing import Estimates, Pairing
 from .ratings import elo, linked
@@ -76,6 +78,11 @@ class Evaluation:
         """Episodes of each pairing."""
         return self.each * self.worlds
 
+    @property
+    def complete(self) -> bool:
+        """Whether all pairings have been played."""
+        return len(self.pairings) == len(self.pairs)
+
     def play_pair(self, pair: tuple[int, int], progress: Callable[[int], None] = lambda episodes: None) -> Pairing:
         """Play a pairing; it is kept in `pairings` once it is complete. progress: see Match.play."""
         words = np.random.SeedSequence([self.seed, *pair]).generate_state(1 + ROLES, np.uint64) >> np.uint64(1)
@@ -91,13 +98,24 @@ class Evaluation:
 
     def ratings(self) -> tuple[Array, Array] | None:
         """Elo ratings and their standard errors, see ratings.elo; None until a chain of games joins all policies."""
-        wins, draws = np.zeros((2, len(self.chosen), len(self.chosen)))
-        for pairing in self.pairings:
-            i, j = pairing.pair
-            if i != j:
-                wins[i, j], draws[i, j], wins[j, i] = pairing.won_drawn_lost()
-                draws[j, i] = draws[i, j]
+        wins, draws = self._games()
         return elo(wins, draws) if len(self.chosen) > 1 and linked(wins + wins.T + draws) else None
+
+    def groups(self) -> Groups | None:
+        """Ratings and wins of groups of runs that differ by their seeds only, with intervals over seeds and games.
+
+        None where no such group has several runs, where it is the only one, and until all pairings are complete.
+
+        Raises:
+            TrainingError: Two of the policies are the same run, or runs of one seed.
+        """
+        return self._groups if self.complete else None
+
+    @functools.cached_property
+    def _groups(self) -> Groups | None:
+        grouped = group_policies(self.chosen)
+        several = len(self.chosen) > len(grouped) > 1
+        return rate_groups(grouped, *self._games(), self.seed) if several else None
 
     def estimates(self, policy: str, against: str) -> Estimates:
         """Mean and standard error of each column, of a policy against another one: see training.columns.
@@ -122,6 +140,16 @@ class Evaluation:
     def close(self) -> None:
         """Close the worlds."""
         self.env.close()
+
+    def _games(self) -> tuple[Array, Array]:
+        """Games that each policy won against each, and that were drawn, (policies, policies); against itself none."""
+        wins, draws = np.zeros((2, len(self.chosen), len(self.chosen)))
+        for pairing in self.pairings:
+            i, j = pairing.pair
+            if i != j:
+                wins[i, j], draws[i, j], wins[j, i] = pairing.won_drawn_lost()
+                draws[j, i] = draws[i, j]
+        return wins, draws
 
     def _check(self) -> None:
         self.env.reset()

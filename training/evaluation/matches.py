@@ -108,7 +108,10 @@ class Match:
     def _enter(self, rows: Array, where: AgentIndices, statistics: dict[str, Array]) -> None:
         mine = self.role[rows][:, None] == np.arange(ROLES)[:, None]  # (rows, roles, agents)
         life = (self.metrics.totals["life"][rows][:, None] * mine).max(2)
-        self.results.enter(where, "wins", wins(life))
+        won, first = wins(life), role_of(0, rows, self.done[rows])[:, None] == np.arange(ROLES)
+        self.results.enter(where, "wins", won)
+        self.results.enter(where, "wins_first", won * first, first)
+        self.results.enter(where, "wins_second", won * ~first, ~first)
         self.results.enter(where, "life", life)
         sides = np.arange(self.base_env.worlds.dims["sides"])
         by_side = role_of(sides, rows[:, None], self.done[rows, None])[:, None] == np.arange(ROLES)[:, None]

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,12 +12,17 @@ import numpy as np
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
+from ..errors import TrainingError
 from ..files import write_files
 from .contenders import Contender
+from .groups import Groups, group_policies
 from .pairing import Array, Estimates, Pairing
 
-RESULTS = ("wins", "length", "life", "return", "kills")  # and deaths by damage type
+RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
 FIRST = ("policy", "against")
+INTERVAL = ("value", "low", "high")
+OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
+OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
 
 
 class Played(Protocol):
@@ -38,15 +43,22 @@ class Played(Protocol):
     def episodes(self) -> int:
         """Of each pairing."""
 
+    @property
+    def complete(self) -> bool:
+        """Whether all pairings have been played."""
+
     def ratings(self) -> tuple[Array, Array] | None:
         """Elo ratings and their standard errors."""
+
+    def groups(self) -> Groups | None:
+        """Ratings and wins of groups of runs. Raises TrainingError."""
 
 
 def text(evaluation: Played) -> str:
     """All tables under a heading. Of incomplete evaluations, what is complete."""
     if not evaluation.pairings:
         return "no pairing is complete"
-    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation)]
+    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation), *_groups(evaluation)]
     names = list(evaluation.pairings[0].results.figures)
     results = [*RESULTS, *(name for name in names if name.startswith("deaths_"))]
     parts += [_figures(evaluation, results), _figures(evaluation, [name for name in names if name not in results])]
@@ -59,16 +71,21 @@ def _heading(evaluation: Played) -> str:
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
     lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
     lines += [f"{chosen.label}: {chosen.text}" for chosen in evaluation.chosen if chosen.text != chosen.label]
+    lines += [OVER_GAMES]
     return "\n".join(lines)
 
 
 def write_tables(evaluation: Played, folder: Path) -> list[Path]:
-    """Write evaluation.json with everything, figures.csv and ratings.csv with the numbers. Raises TrainingError."""
+    """Write evaluation.json with everything; figures.csv, ratings.csv and groups.csv with the numbers.
+
+    Raises TrainingError.
+    """
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
     contents = {
         folder / "evaluation.json": json.dumps(_json(_everything(evaluation)), indent=1, allow_nan=False) + "\n",
         folder / "figures.csv": _csv((*FIRST, "figure", "mean", "error"), figures),
         folder / "ratings.csv": _csv(("policy", "elo", "error"), _rated(evaluation)),
+        folder / "groups.csv": _csv(("group", "runs", "against", "figure", *INTERVAL), _group_rows(evaluation)),
     }
     write_files({path: content.encode() for path, content in contents.items()})
     return list(contents)
@@ -88,6 +105,65 @@ def _wins(evaluation: Played) -> str:
         (label, *(_cell(*rates.get((i, j), (np.nan, 0))) for j in range(len(labels)))) for i, label in enumerate(labels)
     ]
     return _table(("wins of, against", *labels), rows)
+
+
+def _groups(evaluation: Played) -> Iterator[str]:
+    """Tables of groups of runs, and of which policies errors say nothing about other seeds."""
+    try:
+        groups, found = group_policies(evaluation.chosen), evaluation.groups()
+    except TrainingError as error:
+        yield f"no groups of training seeds: {error}"
+        return
+    if found is not None:
+        yield _group_ratings(evaluation, found)
+        yield _group_wins(found)
+    if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
+        one, each = "one run: its error is of games alone, and says", "one run each: errors are of games alone, and say"
+        yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
+
+
+def _group_ratings(evaluation: Played, found: Groups) -> str:
+    rows = [
+        (group.label, str(len(group.members)) if group.trained else "-", f"{value:.0f}", f"[{low:.0f}, {high:.0f}]")
+        for group, value, low, high in zip(found.groups, *found.ratings, strict=True)
+    ]
+    several = [group for group in found.groups if len(group.members) > 1]
+    who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
+    table = _table(("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), rows)
+    return "\n".join([table, *who, OVER_SEEDS])
+
+
+def _group_wins(found: Groups) -> str:
+    names = [group.label for group in found.groups]
+    rows = [
+        (name, *(_between(*ends) for ends in zip(*three, strict=True)))
+        for name, *three in zip(names, *found.wins, strict=True)
+    ]
+    return _table(("wins of group, against", *names), rows)
+
+
+def _between(value: float, low: float, high: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.3f} [{low:.3f}, {high:.3f}]"
+
+
+def _group_rows(evaluation: Played) -> list[tuple[Any, ...]]:
+    """The rows of groups.csv; none where there is no table of groups."""
+    try:
+        found = evaluation.groups()
+    except TrainingError:
+        found = None  # the report says why
+    if found is None:
+        return []
+    rows: list[tuple[Any, ...]] = []
+    for g, group in enumerate(found.groups):
+        first = (group.label, len(group.members) if group.trained else 0)
+        rows.append((*first, "", "elo", *(float(ends[g]) for ends in found.ratings)))
+        rows += [
+            (*first, other.label, "wins", *(float(ends[g, h]) for ends in found.wins))
+            for h, other in enumerate(found.groups)
+            if g != h
+        ]
+    return rows
 
 
 def _figures(evaluation: Played, names: Sequence[str]) -> str:
@@ -146,9 +222,13 @@ def _everything(evaluation: Played) -> dict[str, Any]:
         "seed": evaluation.seed,
         "worlds": evaluation.worlds,
         "episodes": evaluation.episodes,
-        "complete": len(evaluation.pairings) == len(evaluation.pairs),
+        "complete": evaluation.complete,
         "policies": [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen],
         "ratings": [dict(zip(("policy", "elo", "error"), row, strict=True)) for row in _rated(evaluation)],
+        "groups": [
+            dict(zip(("group", "runs", "against", "figure", *INTERVAL), row, strict=True))
+            for row in _group_rows(evaluation)
+        ],
         "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
     }
 

@@ -59,17 +59,21 @@ def load(places: Iterable[Path]) -> list[Run]:
     return results.read_runs(places, lambda path: _of_folder(path) if path.is_dir() else _of_kept(path))
 
 
-def _of_folder(folder: Path) -> Run:
-    header = run_header.read_run_folder(folder)
+def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
+    """The run that a header describes, with its curves. Raises TrainingError if its plan is none."""
     scenario, plan = header["scenario"], header["plan"]
     if type(plan.get("seed")) is not int or not run_header.is_plan(plan):
-        raise TrainingError(f"{folder} does not hold a run: its plan is none")
+        raise TrainingError(f"{origin} does not hold a run: its plan is none")
     try:
         preset(plan.get(PRESET))
     except ScenarioError as error:
-        raise TrainingError(f"{folder} does not hold a run: {error}") from error
-    curves = curves_of_log(folder / log_file.NAME, is_known, every=True)
-    return Run(folder, scenario["name"], current(scenario["numbers"], NUMBERS), plan, curves)
+        raise TrainingError(f"{origin} does not hold a run: {error}") from error
+    return Run(origin, scenario["name"], current(scenario["numbers"], NUMBERS), plan, curves)
+
+
+def _of_folder(folder: Path) -> Run:
+    header = run_header.read_run_folder(folder)
+    return run_of(folder, header, curves_of_log(folder / log_file.NAME, is_known, every=True))
 
 
 def _of_kept(path: Path) -> Run:

@@ -1,0 +1,130 @@
+"""Policies in groups of runs that differ by their seeds only: ratings and wins, with intervals over seeds and games."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..curves import Curves
+from ..plots.groups import group_runs
+from ..plots.runs import Run, run_of
+from ..statistics import Estimate, percentile_interval
+from .contenders import Contender
+from .ratings import elo
+
+Array = np.ndarray[Any, Any]
+
+REPS = 2000  # resamplings: each takes a fit of all ratings
+AGE = "agent_steps"  # what checkpoints of one run differ in
+
+
+@dataclass(frozen=True)
+class PolicyGroup:
+    """Policies that differ by the seeds of their training only; or a single other one.
+
+    Attributes:
+        label: What sets it apart, see plots.groups.Group; of a policy that is no run, its own label.
+        members: The indices of its policies.
+        trained: Whether they are runs.
+    """
+
+    label: str
+    members: tuple[int, ...]
+    trained: bool
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What groups achieve, each as one player that draws one of its runs for every game.
+
+    Attributes:
+        groups: In order of their first policies.
+        ratings: Elo, of mean 1000 over groups: value, low and high are float64 (groups,).
+        wins: Share of games that the first wins against the second, a draw counting half: float64 (groups, groups)
+            each; NaN of a group against itself.
+    """
+
+    groups: list[PolicyGroup]
+    ratings: Estimate
+    wins: Estimate
+
+
+def group_policies(chosen: Sequence[Contender]) -> list[PolicyGroup]:
+    """The groups of policies. Raises TrainingError if two are the same run, or runs of one seed."""
+    runs = {k: run for k, contender in enumerate(chosen) if (run := _run(contender)) is not None}
+    found = [PolicyGroup(each.label, (k,), False) for k, each in enumerate(chosen) if k not in runs]
+    for group in group_runs(list(runs.values())) if runs else []:
+        members = tuple(k for k, run in runs.items() if any(run is other for other in group.runs))
+        found.append(PolicyGroup(group.label if len(members) > 1 else chosen[members[0]].label, members, True))
+    return sorted(found, key=lambda group: group.members)
+
+
+def _run(contender: Contender) -> Run | None:
+    """The run that a policy is of; runs of other lengths are other ones. None if it does not say how it was trained."""
+    if contender.player is None or not contender.player.header["plan"]:
+        return None
+    header = contender.player.header
+    header = {**header, "plan": {**header["plan"], AGE: header["steps"]}}
+    return run_of(Path(contender.text), header, Curves(np.array([header["steps"]]), {}))
+
+
+def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: int, reps: int = REPS) -> Groups:
+    """Ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
+
+    Each resampling draws as many runs as a group has from it, with replacement, and the games of each pairing anew. The
+    wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh no more. Of
+    a group of one run, nothing but games is drawn anew: its interval says nothing of other seeds.
+
+    Args:
+        groups: At least two, which hold all policies.
+        wins: Games that each policy won against each, (policies, policies).
+        draws: Games that were drawn.
+        seed: The same seed, the same intervals.
+        reps: How many resamplings.
+    """
+    generator, own = np.random.default_rng(seed), np.zeros((1, len(groups), len(wins)))
+    for g, group in enumerate(groups):
+        own[0, g, group.members] = 1 / len(group.members)
+    drawn = np.concatenate([_drawn(group, len(wins), generator, reps) for group in groups], 1)
+    found = _of_groups(own, wins[None], draws[None])
+    again = _of_groups(drawn, *_replayed(wins, draws, generator, reps))
+    ratings, shares = (Estimate(one[0], *percentile_interval(many)) for one, many in zip(found, again, strict=True))
+    return Groups(list(groups), ratings, shares)
+
+
+def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, reps: int) -> Array:
+    """How much each policy counts in a group when its runs are drawn anew, (reps, 1, policies)."""
+    count = len(group.members)
+    weights = np.zeros((reps, 1, policies))
+    weights[:, 0, group.members] = generator.multinomial(count, [1 / count] * count, reps) / count
+    return weights
+
+
+def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
+    """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
+
+    They are drawn from those that were played and, as in `elo`, half a game won and half a game lost: else who won all
+    of 20 games would win all others for certain.
+    """
+    won, drawn = np.zeros((2, reps, *wins.shape))
+    for i, j in np.argwhere(np.triu(wins + wins.T + draws, 1) > 0):
+        results = np.array([wins[i, j], draws[i, j], wins[j, i]])
+        chances = (results + np.array([0.5, 0, 0.5])) / (results.sum() + 1)
+        won[:, i, j], drawn[:, i, j], won[:, j, i] = generator.multinomial(int(results.sum()), chances, reps).T
+        drawn[:, j, i] = drawn[:, i, j]
+    return won, drawn
+
+
+def _of_groups(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
+    """Ratings (reps, groups) and shares of wins (reps, groups, groups) of groups that are mixtures of policies.
+
+    weights: (reps, groups, policies), 1 in total of each group.
+    """
+    across = weights.transpose(0, 2, 1)
+    won, drawn = weights @ wins @ across, weights @ draws @ across
+    games = won + won.transpose(0, 2, 1) + drawn
+    games[:, np.eye(games.shape[1], dtype=bool)] = np.nan
+    shares = (won + drawn / 2) / games
+    return elo(won, drawn)[0], shares
