@@ -2,10 +2,24 @@
 
 from collections.abc import Iterable, Sequence
 
+from .statistics import interval
+
 
 def number(value: float) -> str:
     """A number with as many digits as mean something."""
     return f"{value:,.{decimals(value)}f}"
+
+
+def spread(values: Sequence[float]) -> str:
+    """The 95 % bootstrap interval of a mean over runs, see statistics.interval; empty of a single run."""
+    ends = interval(values)
+    return "" if ends is None else f"{number(ends[0])} to {number(ends[1])}"
+
+
+def with_spread(values: Sequence[float]) -> str:
+    """The mean over runs, and that interval: "653 (594 to 713)"."""
+    mean, ends = number(sum(values) / len(values)), spread(values)
+    return f"{mean} ({ends})" if ends else mean
 
 
 def decimals(value: float) -> int:

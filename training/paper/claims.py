@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..averages import interval
 from ..curves import Curves, Quantity
-from ..tables import markdown_table, number
+from ..tables import markdown_table, number, spread
 from .curves import BOXES, HEALS, KILLS, LENGTH, RETURN, behaviour, published_curves
 from .measures import Runs, at, curve, end, grows, left, over, part, peak, peak_at, together
 from .results import RunGroup
@@ -74,21 +73,11 @@ class Finding:
     @property
     def cells(self) -> list[str]:
         """Of the table."""
-        claim, (low, high) = self.claim, interval(self.ours)
-        seeds = sum(map(claim.holds, self.ours))
+        claim, seeds = self.claim, sum(map(self.claim.holds, self.ours))
         verdict = ("yes" if self.holds else "no") + f", {seeds} of {len(self.ours)} seeds" * (len(self.ours) > 1)
-        spread = "" if np.isnan(low) else f"{number(low)} to {number(high)}"
         theirs = "" if np.isnan(self.paper) else number(self.paper)
-        return [
-            claim.text,
-            _listed(claim.variants),
-            claim.what,
-            claim.asked,
-            theirs,
-            number(self.mean),
-            spread,
-            verdict,
-        ]
+        numbers = [claim.asked, theirs, number(self.mean), spread(self.ours)]
+        return [claim.text, _listed(claim.variants), claim.what, *numbers, verdict]
 
 
 def findings(groups: Sequence[RunGroup]) -> Iterator[Finding]:

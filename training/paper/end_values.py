@@ -10,13 +10,13 @@ import numpy as np
 
 from ..averages import EndValue, MovingAverage, average, end_value
 from ..curves import Quantity
-from ..tables import decimals, markdown_table, number
+from ..tables import decimals, markdown_table, number, spread
 from .curves import LENGTH, QUANTITIES, RETURN
 from .results import RunGroup
 
 TOLERANCE = 0.15  # difference from the paper's end value that still agrees, of returns and lengths
 WITHIN = f"within {TOLERANCE:.0%}"
-HEADS = ("", "the paper", "outlast", "seeds", "apart", WITHIN, "peak in the paper", "peak in outlast")
+HEADS = ("", "the paper", "outlast", "95 %", "apart", WITHIN, "peak in the paper", "peak in outlast")
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,11 @@ def title(group: RunGroup) -> str:
 def _cells(group: RunGroup) -> Iterator[list[str]]:
     for row in rows(group):
         name = row.quantity.name + (f", {side_name(group)} {row.side}" if row.side >= 0 else "")
-        each = [one.mean for one in row.ours]
         yield [
             name,
             with_deviation(row.theirs.mean, row.theirs.deviation) if row.theirs else "",
             with_deviation(row.mean, row.deviation),
-            f"{number(min(each))} to {number(max(each))}" if len(each) > 1 else "",
+            spread([one.mean for one in row.ours]),
             "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
             verdict(group, row),
             _peak(row.their_curve),

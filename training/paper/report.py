@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from outlast.envs.errors import install
 
-from ..averages import interval
 from ..errors import TrainingError
-from ..tables import markdown_table, number
+from ..tables import markdown_table, number, with_spread
 from .claims import claims_table, findings
 from .curves import KILLS
 from .end_values import csv_table, markdown, rows
@@ -28,19 +27,12 @@ def side_by_side(groups: Sequence[RunGroup]) -> str:
             sides = 1 if quantity == KILLS else len(own)
             each = [sum(row.ours[k].mean for row in own) / sides for k in range(len(group.ended))]
             line = cells.setdefault((group.variant, quantity.name), {})
-            line[group.preset] = _with_interval(each)
+            line[group.preset] = with_spread(each)
             if own[0].theirs:
                 line[PAPER] = number(sum(row.theirs.mean for row in own if row.theirs) / sides)
     heads = ("variant", "at the end", PAPER, *(f"preset `{name}`" for name in presets))
     lines = [[*key, *(line.get(name, "") for name in (PAPER, *presets))] for key, line in sorted(cells.items())]
     return markdown_table(heads, lines)
-
-
-def _with_interval(values: Sequence[float]) -> str:
-    """Mean and interval over seeds."""
-    low, high = interval(values)
-    mean = number(sum(values) / len(values))
-    return mean if len(values) < 2 else f"{mean} ({number(low)} to {number(high)})"
 
 
 def report(groups: Sequence[RunGroup], beside: Sequence[RunGroup] = ()) -> str:

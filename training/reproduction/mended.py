@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,13 +10,12 @@ from outlast.envs.scenarios.naming import resolve
 from outlast.systems import Behaviour
 
 from .. import checkpoint
-from ..averages import interval
 from ..errors import TrainingError
 from ..evaluation.contenders import contenders
 from ..evaluation.evaluation import Evaluation
 from ..evaluation.report import write_tables
 from ..files import read_text
-from ..tables import markdown_table, number
+from ..tables import markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
@@ -82,19 +80,13 @@ def table(measured: Mapping[str, Sequence[Path]]) -> str:
 
 def _row(game: str, seeds: Sequence[dict[str, Any]]) -> list[str]:
     cells = [game, str(len(seeds))]
-    cells += [_cell([_figures(one, LAST, other)["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)]
+    cells += [with_spread([_figures(one, LAST, other)["wins"]["mean"] for one in seeds]) for other in (SCRIPTED, HALF)]
     for name, (_, times) in SELF_PLAY.items():
         own = [_figures(one, LAST, LAST) for one in seeds]
         agents = [one["scenario"]["numbers"]["agents_count"] for one in seeds]
         there = [(times or count) * each[name]["mean"] for each, count in zip(own, agents, strict=True) if name in each]
-        cells.append(_cell(there) if there else "")
+        cells.append(with_spread(there) if there else "")
     return cells
-
-
-def _cell(values: Sequence[float]) -> str:
-    low, high = interval(values)
-    mean = sum(values) / len(values)
-    return number(mean) if math.isnan(low) else f"{number(mean)} ({number(low)} to {number(high)})"
 
 
 def _figures(evaluation: dict[str, Any], policy: str, against: str) -> Figures:
