@@ -77,7 +77,7 @@ def film(
         game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             outlast.Recording, or the path of one, which is replayed and compared with its digests.
         out: NAME.webm, .apng, .mp4 or .gif; without an ending a folder of numbered PNGs.
-        policy: "scripted", if nothing else is given, "random", "noop", the path of a saved policy (FILE.zip), or a
+        policy: The name of one, "scripted" if nothing else is given, the path of a saved policy (FILE.zip), or a
             function from the observations to the actions of all worlds.
         others: Who plays all sides but one, which changes from world to world and episode to episode: a policy, or
             several with weights, "scripted:0.5,FILE.zip:0.5" or {policy: weight}.

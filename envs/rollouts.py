@@ -65,9 +65,9 @@ def rollout(
         game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             environment of make_vec: all of its worlds are reset, and it stays open; it decides `worlds`, `seed`,
             `threads`, `interpret` and numbers, which are refused then.
-        policy: "random", "noop", "scripted", the path of a saved policy (FILE.zip), or a function from the observations
-            to the actions of all worlds. If that has a method `reset`, it gets the worlds in which an episode begins,
-            bool (worlds,), before it acts there.
+        policy: A name, as "random" or "scripted", the path of a saved policy (FILE.zip), or a function from the
+            observations to the actions of all worlds. If that has a method `reset`, it gets the worlds in which an
+            episode begins, bool (worlds,), before it acts there.
         steps: Take so many steps of every world instead, and count the episodes that end in them: their means lean
             towards short episodes, as long ones are more likely to be cut off.
         progress: Called after every step with the summary so far, the one that is returned.

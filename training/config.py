@@ -36,7 +36,7 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     """What policies are before PPO begins.
 
     Args:
-        text: "scripted" or "scripted:2e6": what has learned to do as that policy does, in so many agent-steps.
+        text: One of TEACHERS, "scripted" or "scripted:2e6": what has learned to do as it does, in so many agent-steps.
             "FILE.zip:2e6": likewise, whatever networks that file has. "FILE.zip": the weights in it. "": random.
 
     Returns:

@@ -35,7 +35,15 @@ if TYPE_CHECKING:
     from .envs.levels import Level
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
-    from .envs.rollout.policies import noop_policy, random_policy, scripted_policy
+    from .envs.rollout.policies import (
+        camper_policy,
+        healer_policy,
+        hoarder_policy,
+        hunter_policy,
+        noop_policy,
+        random_policy,
+        scripted_policy,
+    )
     from .envs.rollouts import rollout
     from .envs.scenarios.floor_plan import FloorPlan
     from .envs.web.play.call import play
@@ -60,6 +68,7 @@ __all__ = [
     "SurvivalMultiAgentEnv",
     "SurvivalVectorEnv",
     "aec_env",
+    "camper_policy",
     "choice",
     "components",
     "draw",
@@ -68,6 +77,9 @@ __all__ = [
     "evaluate",
     "film",
     "free",
+    "healer_policy",
+    "hoarder_policy",
+    "hunter_policy",
     "integers",
     "levels",
     "load_policy",
@@ -100,9 +112,13 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "Level": "envs.levels",
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
+    "camper_policy": "envs.rollout.policies",
     "draw": "envs.rendering.rgb",
     "evaluate": "training.evaluation.evaluate",
     "film": "envs.films",
+    "healer_policy": "envs.rollout.policies",
+    "hoarder_policy": "envs.rollout.policies",
+    "hunter_policy": "envs.rollout.policies",
     "load_policy": "training.player",
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",

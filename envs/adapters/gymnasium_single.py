@@ -50,9 +50,9 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     ## Arguments
     * scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
     * learner: Index of the agent that learns.
-    * others: "noop", "random", "scripted", FILE.zip that `outlast train` saved, a function (observations) -> actions,
-      or weights of these, of which one is drawn for each episode: {"scripted": 2, play: 1}, "scripted:2,random:1"; see
-      opponents.Opponents.
+    * others: The name of a policy, as "scripted", FILE.zip that `outlast train` saved, a function (observations) ->
+      actions, or weights of these, of which one is drawn for each episode: {"scripted": 2, play: 1},
+      "scripted:2,random:1"; see opponents.Opponents.
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".

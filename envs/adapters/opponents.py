@@ -35,7 +35,7 @@ class Opponents:
         agent_indices: Which agents of a world it plays, a list or a slice.
 
     Args:
-        others: "noop", "random", "scripted" (envs.rollout.policies describes them), FILE.zip that `outlast train`
+        others: The name of a policy, as "scripted" (envs.rollout.policies has all), FILE.zip that `outlast train`
             saved, or a function (observations) -> actions. Or a mixture: weights by these, as {"scripted": 2, play: 1},
             or a text, "scripted:2,runs/a.zip:1".
         base_env: The worlds.

@@ -14,6 +14,7 @@ from outlast.envs.cli import main as cli
 from outlast.envs.cli import options
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.overview import SECTIONS, summaries
+from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import run
 
 
@@ -120,7 +121,7 @@ LINES = {
     f"{FEW} --set room_size=1e30": "",
     f"{FEW} --set agents_count": "NUMBER=VALUE is needed",
     f"{FEW} --episodes 3": "not allowed with argument --steps",
-    f"{FEW} --policy nobody": "nobody: did you mean noop? random, noop, scripted or a saved policy",
+    f"{FEW} --policy nobody": f"nobody: did you mean noop? {', '.join(POLICIES)} or a saved policy",
     f"{FEW} --policy nowhere.zip": "nowhere.zip",
     f"{FEW} --others scripted:x": "the weight of scripted is 'x'",
     f"{FEW} --csv a.parquet": "episodes are written as NAME.csv",

@@ -41,7 +41,7 @@ def test_other_names_can_be_allowed() -> None:
 
 
 REFUSED = {
-    "": "nothing: random, noop, scripted or a saved policy, FILE.zip, is needed",
+    "": f"nothing: {', '.join(POLICIES)} or a saved policy, FILE.zip, is needed",
     "random,": "nothing: random",
     "scriptd:2": "scriptd: did you mean scripted",
     ".zip": "zip: random, noop",

@@ -218,7 +218,7 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", "--policy", "best"))
-    assert "best: random, noop, scripted or a saved policy, FILE.zip, is needed" in capsys.readouterr().err
+    assert f"best: {', '.join(POLICIES)} or a saved policy, FILE.zip, is needed" in capsys.readouterr().err
 
 
 def test_without_torch_the_message_names_the_cure() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from outlast.envs.cli.options import add_scenario, positive, scenario, seed
 from outlast.envs.errors import install
+from outlast.envs.rollout.policies import POLICIES
 
 from ..columns import explained
 from ..errors import TrainingError
@@ -28,7 +29,7 @@ def add(commands: Any) -> None:
     epilog = f"columns, with their standard errors over games:\n{columns}"
     command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
     add_scenario(command)
-    text = "random, noop, scripted, FILE.zip; folder of a run, or around several: the newest checkpoint of each"
+    text = f"{', '.join(POLICIES)}, FILE.zip; folder of a run, or around several: the newest checkpoint of each"
     command.add_argument("policies", nargs="+", metavar="POLICY", help=text)
     command.add_argument("--episodes", type=positive, default=1000, help="of each pairing, at least (default 1000)")
     command.add_argument("--worlds", type=positive, default=64, help="at once (default 64)")

@@ -39,7 +39,7 @@ def evaluate(
 
     Args:
         scenario: A Scenario, or the name of one: "ffa_2", "mygame.py:arena".
-        policies: "random", "noop", "scripted"; paths of checkpoints; folders of runs, or around several, for the newest
+        policies: Names, as "scripted"; paths of checkpoints; folders of runs, or around several, for the newest
             checkpoint of each; functions (observations) -> actions of all agents of all worlds. Perhaps by label.
         episodes: Of each pairing, at least.
         worlds: Worlds at once; each plays as many episodes.
