@@ -4,7 +4,7 @@ All of it can be stopped at any moment, and goes on where it was: what is in the
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +29,7 @@ from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import suite
 from .tasks import Game, Task, check_training_seed, response_steps
 
+RATES = {"fast": 120_000, "original": 12_000, "paper": 12_000, "scaled": 12_000}  # agent-steps of a core's second
 TRAINED = "trained"  # the folder of a run
 STEPS = "steps"
 Progress = Callable[[int, str], None]  # agent-steps of training that are done, or as much work; and what is being done
@@ -110,6 +111,16 @@ class Entry:
         """How much of `work` is done, by what is in the folder."""
         logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in (TRAINED, BEST))
         return logs + len(list(self.folder.glob("*.rec"))) * self.match_work
+
+
+def estimate(entries: Iterable[Entry]) -> float:
+    """About how many seconds of one core entries take that have not begun, on a machine like that of docs/performance.md."""
+    seconds = 0.0
+    for entry in entries:
+        trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
+        rest = entry.work - (Workload.of(entry.config()).total if entry.agent.kind == PRESET else 0)
+        seconds += trained + rest / RATES[FAST]
+    return seconds
 
 
 class EntryRun:
@@ -212,6 +223,9 @@ class EntryRun:
             yield
         finally:
             seconds: dict[str, Any] = self.result.content["seconds"]
-            for key, spent in ((f"{name} wall", time.perf_counter() - wall), (f"{name} cpu", time.process_time() - cpu)):
+            for key, spent in (
+                (f"{name} wall", time.perf_counter() - wall),
+                (f"{name} cpu", time.process_time() - cpu),
+            ):
                 seconds[key] = round(seconds.get(key, 0.0) + spent, 2)
             self.result.write()

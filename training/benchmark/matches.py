@@ -118,7 +118,9 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path)
     known = [policy for policy in pair if policy is not None]
     with _worlds(game, known, games, recording) as env, tempfile.TemporaryDirectory() as folder:
         again = Path(folder, "again.rec")
-        script = _Script(recording, env, [None if each is None else _act(game, k, each, env) for k, each in enumerate(pair)])
+        script = _Script(
+            recording, env, [None if each is None else _act(game, k, each, env) for k, each in enumerate(pair)]
+        )
         with record(env, again):
             match = Match(env, script.acts(), 1, game.seed)
             script.number = lambda: match.records + 1
@@ -168,7 +170,9 @@ def _compare(path: Path, there: Recording, here: Recording) -> None:
     """Raise RecordingError where two recordings differ in a tick."""
     for number, (one, two) in enumerate(itertools.zip_longest(there.tick_records(), here.tick_records())):
         if one is None or two is None or not _same(one, two):
-            raise RecordingError(f"{path}: tick {number} is the first that is not as it is when the match is played again")
+            raise RecordingError(
+                f"{path}: tick {number} is the first that is not as it is when the match is played again"
+            )
 
 
 def _same(one: TickRecord, two: TickRecord) -> bool:

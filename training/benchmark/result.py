@@ -135,7 +135,9 @@ def find(places: Path) -> list[Result]:
     """The results in a folder and all folders in it, in order of their paths. Raises TrainingError if there is none."""
     found = [read(path) for path in sorted(places.rglob(NAME))]
     if not found:
-        raise TrainingError(f"there is no {NAME} in {places}, nor in folders in it: make one by `outlast benchmark run`")
+        raise TrainingError(
+            f"there is no {NAME} in {places}, nor in folders in it: make one by `outlast benchmark run`"
+        )
     return found
 
 
@@ -161,7 +163,9 @@ def wrong_with_result(content: Content) -> str:
     wrong = [key for key, is_valid in valid.items() if not is_valid(content[key])]
     if wrong:
         return f"its {wrong[0]} cannot be {content[wrong[0]]!r:.80}"
-    faults = (f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match)))
+    faults = (
+        f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
+    )
     return next(faults, "")
 
 

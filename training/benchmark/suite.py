@@ -16,7 +16,8 @@ from .matches import digest
 from .result import DIGEST, Content, are_finite, read_json
 from .tasks import PROTOCOL, Task
 
-STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
+PROTOCOL_STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
+STYLES = tuple(name for name in PROTOCOL_STYLES if name in POLICIES)
 FOLDER = Path(__file__).parent / "anchors"
 
 
@@ -48,7 +49,7 @@ def suite(task: Task, folder: Path | None = None) -> list[Member]:
     """
     place = (folder or FOLDER) / f"{task.name}.json"
     if not place.exists():
-        return [Member(name) for name in STYLES if name in POLICIES]
+        return [Member(name) for name in STYLES]
     content = read_json(place, _wrong)
     if other := difference(content["fingerprint"], fingerprint(task.games[0].scenario)):
         raise TrainingError(f"{place}: its ratings are of another game {other}")

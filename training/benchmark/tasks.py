@@ -5,6 +5,7 @@ pins what each game is.
 """
 
 import difflib
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -70,11 +71,11 @@ class Task:
 
 def task_of(name: str) -> Task:
     """The task of that name. Raises TrainingError, which lists all."""
-    if name not in TASKS:
-        near = difflib.get_close_matches(name, TASKS, 1)
+    if name not in tasks():
+        near = difflib.get_close_matches(name, tasks(), 1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(TASKS)}")
-    return TASKS[name]
+        raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(tasks())}")
+    return tasks()[name]
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
@@ -108,7 +109,6 @@ def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | No
         described = scenario.with_(Behaviour()).titled_as(scenario)  # it measures, and changes nothing
         games.append(Game(name_of_game, described, tuple(given.items()), seed))
     return Task(f"{name}-v1", about, trained, tuple(games))
-
 
 
 def _variants() -> Iterator[Task]:
@@ -171,4 +171,7 @@ def _generalisation() -> Iterator[Task]:
     )
 
 
-TASKS = {task.name: task for tasks in (_variants(), _mended(), _generalisation()) for task in tasks}
+@functools.cache
+def tasks() -> dict[str, Task]:
+    """All tasks, by name."""
+    return {task.name: task for found in (_variants(), _mended(), _generalisation()) for task in found}
