@@ -1,4 +1,4 @@
-"""Anchors: frozen checkpoints with ratings that stay, made once for each version of a task by whoever ships the benchmark."""
+"""Anchors: frozen checkpoints with ratings that stay, made once for each version of a task."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -40,7 +40,7 @@ def make(
     places: Sequence[Path],
     folder: Path,
     games: int,
-    progress: Callable[[int, int], None] = lambda done, all: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
     """Rate checkpoints and styles by a round robin, and write what the suite reads; goes on where it was stopped.
 

@@ -11,7 +11,7 @@ from ..evaluation.contenders import Contender
 from . import result
 from .agents import Made
 from .matches import digest, play
-from .result import DIGEST, POLICY, Content, Result, read_json, wrong_with_match, write_json
+from .result import DIGEST, POLICY, Content, Result, read_json, write_json, wrong_with_match
 from .tasks import PROTOCOL, Task, task_of
 
 NAME = "cross.json"

@@ -1,8 +1,9 @@
-"""An entry: an agent of a seed in a task. It is trained, plays the suite and itself, and a best response to it is trained.
+"""An entry: an agent of a seed in a task, which is trained, plays itself and the suite, and gets a best response.
 
 All of it can be stopped at any moment, and goes on where it was: what is in the folder is whole.
 """
 
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -12,9 +13,11 @@ from typing import Any
 
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.storage.atomic_write import is_temporary, remove
 
 from .. import checkpoint, log_file, run_header
-from ..config import FAST, OPPONENTS, SELF as OWN, TrainingConfig
+from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
+from ..config import SELF as OWN
 from ..errors import TrainingError
 from ..evaluation.contenders import Contender
 from ..files import write_files
@@ -23,10 +26,10 @@ from ..presets import preset
 from ..run import TrainingRun
 from ..workload import Workload
 from . import result
-from .agents import FILE, FUNCTION, PRESET, Agent, Made
+from .agents import FUNCTION, PRESET, Agent, Made
 from .matches import digest, play
 from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
-from .suite import suite
+from .suite import STYLES, suite
 from .tasks import Game, Task, check_training_seed, response_steps
 
 RATES = {"fast": 120_000, "original": 12_000, "paper": 12_000, "scaled": 12_000}  # agent-steps of a core's second
@@ -114,7 +117,7 @@ class Entry:
 
 
 def estimate(entries: Iterable[Entry]) -> float:
-    """About how many seconds of one core entries take that have not begun, on a machine like that of docs/performance.md."""
+    """About how many seconds of one core entries take as a whole, on a machine like that of docs/performance.md."""
     seconds = 0.0
     for entry in entries:
         trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
@@ -130,14 +133,16 @@ class EntryRun:
         """Begin, or go on with what is in the folder. Raises TrainingError if that is another agent's."""
         self.entry, self.progress = entry, progress
         agent, task = entry.agent, entry.task
-        fresh = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
+        begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
+        fresh = json.loads(json.dumps(begun))
         there = entry.folder / NAME
         self.result = result.read(there) if there.exists() else Result(entry.folder, fresh)
         for key in ("task", "agent", "source", "options", "seed", "budget", "games", "fingerprints"):
             if (kept := self.result.content[key]) != (mine := fresh[key]):
-                raise TrainingError(
-                    f"{there} is of {key} {kept!r:.80}, not {mine!r:.80}: choose another name for the agent, or another --out"
-                )
+                wrong = f"{there} is of {key} {kept!r:.80}, not {mine!r:.80}"
+                raise TrainingError(f"{wrong}: choose another name for the agent, or another --out")
+        for path in filter(is_temporary, list(entry.folder.glob(".*"))):  # of a process that was killed
+            remove(path)
 
     def run(self) -> Result:
         """Do all of it that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
@@ -157,7 +162,7 @@ class EntryRun:
             return
         if entry.agent.kind == FUNCTION:
             made = Made(entry.agent.name, entry.agent.source, entry.seed)
-            content["policy"] = {"digest": digest(made.file), STEPS: None, "of_task": False}
+            content["policy"] = {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
         else:
             path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
             content["policy"] = self._keep(path, POLICY)
@@ -171,10 +176,14 @@ class EntryRun:
         kept = self.entry.folder / name
         write_files({kept: policy_only(path)})
         header, _ = run_header.read_checkpoint(kept, (), (STEPS, "scenario", "preset"))
-        check_training_seed(header.get("plan", {}).get("seed", 0))
+        plan = header.get("plan", {})
+        check_training_seed(plan.get("seed", 0))
         trained_in = preset(header["preset"]).scenario(self.entry.task.scenario)
         of_task = not difference(header["scenario"], fingerprint(trained_in))
-        return {"digest": digest(kept), STEPS: header[STEPS], "of_task": of_task}
+        opponents = parse_mixture(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
+        teacher, _ = parse_warm_start(plan.get("warm_start", ""))
+        met = [name for name in STYLES if name in (*opponents, teacher)]
+        return {"digest": digest(kept), STEPS: header[STEPS], "of_task": of_task, "met": met}
 
     def _train(self, config: TrainingConfig, name: str) -> Path:
         """Train, or go on; the newest checkpoint."""
@@ -191,7 +200,7 @@ class EntryRun:
         return Contender(agent.name, str(self.entry.folder / POLICY))
 
     def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
-        """Play a match, and enter it. other: against whom, if not itself or a member of the suite; known: its digest."""
+        """Play a match, and enter it. other, known: who is neither itself nor of the suite, and its digest."""
         if other is None and name != SELF:
             member = next(member for member in suite(self.entry.task) if member.name == name)
             other, known = member.contender(), member.digest

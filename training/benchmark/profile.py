@@ -1,7 +1,7 @@
 """The figure of performance profiles: which share of seeds and tasks scores more than a threshold. Needs matplotlib."""
 
-import json
 import hashlib
+import json
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure

@@ -191,7 +191,7 @@ def _is_policy(given: Any) -> bool:
     if given is None:
         return True
     trained, known = given["steps"] is None or _is_count(given["steps"]), isinstance(given["of_task"], bool)
-    return DIGEST.fullmatch(given["digest"]) is not None and trained and known
+    return DIGEST.fullmatch(given["digest"]) is not None and trained and known and all(map(is_word, given["met"]))
 
 
 def _is_count(given: Any) -> bool:

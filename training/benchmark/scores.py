@@ -1,7 +1,7 @@
 """Scores: everything that is said of agents in tables, from results alone; the same results give the same bytes.
 
-The score of an entry is its mean win rate against the suite, draws as half, every opponent counting the same; in tasks of
-generalisation that in the games outside of training. It is from 0 to 1 in every task, so that tasks can be compared.
+The score of an entry is its mean win rate against the suite, draws as half, every opponent counting the same; in tasks
+of generalisation that in the games outside of training. It is from 0 to 1 in every task, so that tasks can be compared.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -104,8 +104,9 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
     own = [entry.against[TRAINED, SELF]["figures"][0] for entry in entries]
     return {
         "seeds": [entry.content["seed"] for entry in entries],
-        "steps": [(entry.content["policy"] or {}).get("steps") for entry in entries],
+        "steps": [entry.content["policy"]["steps"] for entry in entries],
         "of_task": all(_is_of_track(entry) for entry in entries),
+        "met": sorted({name for entry in entries for name in entry.content["policy"]["met"]}),
         "score": _over_seeds(score),
         "games": {name: _over_seeds(values) for name, values in rates.items()},
         "suite": {name: _over_seeds([rate(entry.against[TRAINED, name]) for entry in entries]) for name in members},
@@ -146,12 +147,12 @@ def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | Non
     rated = [name for name, member in members.items() if member.rating is not None]
     if not rated:
         return None
-    fixed, found = np.array([members[name].rating for name in rated]), []
-    for entry in entries:
-        matches = [entry.against[TRAINED, name] for name in rated]
-        wins, draws, losses = (np.array([float(match[key]) for match in matches]) for key in ("won", "drawn", "lost"))
-        found.append(anchored(wins, draws, losses, fixed))
-    return _over_seeds([value for value, _ in found]) | {"errors": [_rounded(error) for _, error in found]}
+    games = [
+        np.array([[entry.against[TRAINED, name][key] for name in rated] for entry in entries], np.float64)
+        for key in ("won", "drawn", "lost")
+    ]
+    ratings, errors = anchored(*games, np.array([members[name].rating for name in rated]))
+    return _over_seeds(ratings) | {"errors": _rounded(errors)}
 
 
 def _exploitability(entries: Sequence[Result]) -> Scores | None:

@@ -1,7 +1,7 @@
 """The held-out suite: opponents that no agent is trained against, the same for everyone, with fixed ratings.
 
-Scripted styles, and frozen checkpoints: files of this package, which `outlast benchmark anchors` makes. A task has a file
-anchors/TASK.json with the ratings of all of them in that task.
+Scripted styles, and frozen checkpoints: files of this package, which `outlast benchmark anchors` makes. A task has a
+file anchors/TASK.json with the ratings of all of them in that task.
 """
 
 from dataclasses import dataclass

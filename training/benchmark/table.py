@@ -2,17 +2,13 @@
 
 import csv
 import io
-import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from ..errors import TrainingError
 from ..files import write_files
 from ..tables import markdown_table
 from . import crossplay, scores
-from .result import NAME, POLICY, SELF, find, recording_name
-from .tasks import BUDGETS, GAMES
+from .result import NAME, POLICY, SELF, recording_name
 
 HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
 TASK_HEADS = (
@@ -32,7 +28,7 @@ TASK_HEADS = (
     *("seeds", "agent-steps"),
 )
 PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # of self-play
-OF_NO_TRACK = "†"
+OF_NO_TRACK, MET = "†", "‡"
 COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", "seeds")
 
 
@@ -51,8 +47,8 @@ def write(places: Path, folder: Path) -> list[Path]:
 def keep(places: Path, folder: Path) -> list[Path]:
     """Copy results without most of their recordings; the paths of what was copied.
 
-    Of each agent's first seed in a task its policy and the recording of its self-play are kept, of all others the numbers.
-    Raises TrainingError.
+    Of each agent's first seed in a task its policy and the recording of its self-play are kept, of all others the
+    numbers. Raises TrainingError.
     """
     copied: dict[Path, Path] = {}
     for entries in (own for found in scores.by_budget(places).values() for own in scores.task_folders(found).values()):
@@ -104,7 +100,10 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
     track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a match"
     tasks = ", ".join(own["common"]) or "none"
     yield f"### {budget:,} agent-steps ({track})"
-    yield f"Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap); tasks that all agents have played: {tasks}."
+    yield (
+        "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap); tasks that "
+        f"all agents have played: {tasks}."
+    )
     yield markdown_table(HEADS, _overall(own))
     if len(own["improvement"]) > 1:
         yield "Probability that a seed of the row scores more than one of the column:"
@@ -116,7 +115,9 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
             yield f"{task}, wins of the row against the column, between seeds on the diagonal:"
             yield _cross(each["cross_play"])
     if any(not each["of_task"] for task in own["tasks"].values() for each in task["agents"].values()):
-        yield f"{OF_NO_TRACK} its policy does not say that it was trained in the game of the task, within the budget."
+        yield f"{OF_NO_TRACK} no policy file says that it was trained in the game of the task, within the budget."
+    if any(each["met"] for task in own["tasks"].values() for each in task["agents"].values()):
+        yield f"{MET} it was trained against opponents of the suite, or by imitating them."
 
 
 def _overall(own: scores.Scores) -> Iterator[list[str]]:
@@ -128,8 +129,10 @@ def _overall(own: scores.Scores) -> Iterator[list[str]]:
 
 
 def _marked(agent: str, own: scores.Scores) -> str:
-    each = [task["agents"][agent]["of_task"] for task in own["tasks"].values() if agent in task["agents"]]
-    return agent + OF_NO_TRACK * (not all(each))
+    """The agent with the marks that it has in any task."""
+    each = [task["agents"][agent] for task in own["tasks"].values() if agent in task["agents"]]
+    marks = OF_NO_TRACK * (not all(task["of_task"] for task in each)) + MET * any(task["met"] for task in each)
+    return agent + marks
 
 
 def _range(counts: set[int]) -> str:
@@ -151,7 +154,7 @@ def _by_task(own: scores.Scores) -> Iterator[list[str]]:
             outside = [figure["mean"] for name, figure in each["games"].items() if name != scores.TRAINED]
             yield [
                 task,
-                agent + OF_NO_TRACK * (not each["of_task"]),
+                agent + OF_NO_TRACK * (not each["of_task"]) + MET * bool(each["met"]),
                 _cell(each["score"], 3),
                 _rating(each["rating"]),
                 _cell(each["exploitability"], 2),
@@ -159,9 +162,7 @@ def _by_task(own: scores.Scores) -> Iterator[list[str]]:
                 f"{sum(outside) / len(outside):.3f}" if outside else "",
                 *(_cell(each["self_play"].get(name), 0 if name == "length" else 2) for name in PRINTED),
                 str(len(each["seeds"])),
-                _range({steps for steps in each["steps"] if steps is not None} or {0}).replace("0", "unknown", 1)
-                if all(steps is None for steps in each["steps"])
-                else f"{max(each['steps']):,}",
+                "unknown" if None in each["steps"] else f"{max(each['steps']):,}",
             ]
 
 

@@ -1,7 +1,6 @@
 """The tasks: what is trained in, what is tested in, and how much of both. Needs no PyTorch.
 
-A name never changes meaning: a task whose game has changed gets another version, and tests/training/test_benchmark_tasks
-pins what each game is.
+A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
 """
 
 import difflib
@@ -56,7 +55,7 @@ class Task:
         name: With its version: "ffa_2-v1".
         about: One line for people.
         scenario: What agents are trained in.
-        games: What they are tested in: first that of training, then those outside of it, if it is one of generalisation.
+        games: What they are tested in: first that of training, then, if it is one of generalisation, those outside.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Verification: every match is played again from its recording, bit for bit, and compared with what the result says of it."""
+"""Verification: every match is played again from its recording, bit for bit, and compared with what is said of it."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping

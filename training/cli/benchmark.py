@@ -13,7 +13,6 @@ from outlast.envs.errors import install
 
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
 from ..children import ChildRun, side_by_side
-from ..config import FAST
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
 from ..live_view import LiveView
@@ -52,8 +51,8 @@ def add(commands: Any) -> None:
     command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=", ".join(ACTIONS))
     text = "of run: tasks, or `all`; of score, verify and table: folders of results; of anchors: a task"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
-    text = "of run: a preset, or NAME=SOURCE: a preset, the folder of a run, FILE.zip, FILE.py:FUNCTION; {task} and {seed} "
-    text += "in it stand for these"
+    text = "of run: a preset, or NAME=SOURCE: a preset, the folder of a run, FILE.zip, FILE.py:FUNCTION; {task} and "
+    text += "{seed} in it stand for these"
     command.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
     command.add_argument("--seed", type=seed, nargs="+", default=[0], help="of run: seeds of training (default 0)")
     steps = " and ".join(f"{steps:,}" for steps in BUDGETS.values())
@@ -70,7 +69,7 @@ def add(commands: Any) -> None:
     command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
     text = f"folder of results (run, default {RESULTS}), tables (default: beside the results), or anchors"
     command.add_argument("--out", type=Path, metavar="FOLDER", help=text)
-    text = "of table: copy results there, small enough to publish: recordings of self-play of each agent's first seed alone"
+    text = "of table: copy results there, with no recordings but those of self-play of each agent's first seed"
     command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
     command.add_argument("--jobs", type=positive, metavar="N", help="of run: entries at a time (default: cores)")
     command.add_argument("--threads", type=positive, metavar="N", help="of run: of one entry's training")
