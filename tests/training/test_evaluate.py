@@ -19,7 +19,7 @@ from outlast.training.evaluation.contenders import contenders, labels  # noqa: E
 from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402
 from outlast.training.evaluation.matches import Match  # noqa: E402
 from outlast.training.evaluation.pairing import ratio  # noqa: E402
-from outlast.training.evaluation.ratings import elo  # noqa: E402
+from outlast.training.evaluation.ratings import anchored, elo  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS  # noqa: E402
 from tests.training.test_player import saved  # noqa: E402
@@ -247,6 +247,61 @@ def test_players_that_no_games_join_have_none() -> None:
     wins[0, 1] = wins[2, 3] = 10
     with pytest.raises(ValueError, match="no chain of games joins all players"):
         elo(wins, np.zeros((4, 4)))
+
+
+# ---- ratings against fixed opponents
+
+
+def test_expected_scores_against_fixed_opponents_give_back_the_ratings() -> None:
+    true, fixed, count = np.array([700.0, 1000, 2100]), np.array([400.0, 900, 1000, 1900]), 10_000_000
+    expected = count / (1 + 10 ** ((fixed - true[:, None]) / 400))
+    half = 0.2 * (count - np.abs(2 * expected - count))  # of the games: drawn
+    ratings, _ = anchored(expected - half / 2, half, count - expected - half / 2, fixed)
+    assert ratings == pytest.approx(true, abs=0.05)
+    alone, _ = anchored(*(each[:1] for each in (expected - half / 2, half, count - expected - half / 2)), fixed)
+    assert alone[0] == pytest.approx(ratings[0], abs=1e-6)  # whoever else is rated
+
+
+@pytest.mark.parametrize(("won", "drawn", "lost"), [(300, 0, 100), (10, 80, 30), (50, 0, 0), (0, 0, 50)])
+def test_against_one_fixed_opponent_the_rating_is_the_closed_form(won: int, drawn: int, lost: int) -> None:
+    ratings, errors = anchored(*(np.array([[each]]) for each in (won, drawn, lost)), np.array([1234.0]))
+    count = won + drawn + lost + 1  # and half a game for each
+    share = (won + 0.5 + drawn / 2) / count
+    variance = (won + 0.5 + drawn / 4) / count - share**2
+    assert ratings[0] == pytest.approx(1234 + 400 * math.log10(share / (1 - share)))
+    assert errors[0] == pytest.approx(400 / math.log(10) * math.sqrt(variance / count) / (share * (1 - share)))
+
+
+def test_who_wins_or_loses_everything_has_a_bound_with_a_wide_error() -> None:
+    fixed, none, all_ = np.array([600.0, 1000, 1400]), np.zeros((1, 3)), np.full((1, 3), 320)
+    (best,), (above,) = anchored(all_, none, none, fixed)
+    (worst,), (below,) = anchored(none, none, all_, fixed)
+    assert best - 1000 == pytest.approx(1000 - worst)
+    assert 2000 < best < 2600
+    assert above == pytest.approx(below)
+    assert 100 < above < 400
+
+
+def test_errors_against_fixed_opponents_are_the_scatter_of_ratings() -> None:
+    rng, fixed, tables = np.random.default_rng(0), np.array([800.0, 1000, 1300]), 2000
+    chances = [(0.7, 0.1, 0.2), (0.45, 0.1, 0.45), (0.1, 0.2, 0.7)]
+    wins, draws, losses = np.stack([rng.multinomial(200, each, tables) for each in chances], 1).transpose(2, 0, 1)
+    ratings, errors = anchored(wins, draws, losses, fixed)
+    assert errors.mean() == pytest.approx(ratings.std(), rel=4 / math.sqrt(2 * tables))
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        (([[1, 0]], [[0, 0]], [[1, 0]], [1000]), r"expected three tables .*, not \(1, 2\), \(1, 2\), \(1, 2\), \(1,\)"),
+        (([[1]], [[0]], [[1]], [math.nan]), "the fixed ones must be numbers"),
+        (([[1]], [[-1]], [[1]], [1000]), "must be 0 or more"),
+        (([[1], [0]], [[0], [0]], [[1], [0]], [1000]), r"player 1 \(from 0 on\) has met no opponent"),
+    ],
+)
+def test_tables_that_rate_nobody_are_refused(tables: tuple[Any, ...], message: str) -> None:
+    with pytest.raises(TrainingError, match=message):
+        anchored(*map(np.array, tables))
 
 
 def test_a_ratio_is_a_mean_with_its_error() -> None:

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import TrainingError
+
 Array = np.ndarray[Any, Any]
 
 POINTS = 400 / math.log(10)  # Elo points of one unit of log odds: 400 more are odds of ten to one
@@ -36,6 +38,57 @@ def elo(wins: Array, draws: Array) -> tuple[Array, Array]:
     bread = np.linalg.pinv(_laplacian(games * _slope(odds)), hermitian=True)
     error = np.sqrt(np.diag(bread @ _laplacian(scatter) @ bread).clip(0))
     return MEAN + POINTS * odds, POINTS * error
+
+
+def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
+    """Ratings of players against opponents whose ratings are fixed, and their standard errors.
+
+    The rating under which the expected score of a player against all of its opponents is the one that was seen. It
+    depends on nothing but these games, so it can be compared with those of other players against the same opponents,
+    whenever they play. As in `elo`, half a game won and half a game lost are added to each pairing that met: a player
+    that wins (or loses) everything has a finite rating, which is a lower (upper) bound, with a large error.
+
+    Args:
+        wins: Games that each player won against each opponent, (players, opponents).
+        draws: Games that were drawn, of the same shape.
+        losses: Games that the player lost, of the same shape.
+        fixed: Elo ratings of the opponents, (opponents,), taken as exact.
+
+    Returns:
+        Ratings and standard errors, float64 (players,) each. Errors are over games: the sandwich estimate, see `elo`.
+
+    Raises:
+        TrainingError: Shapes do not fit, numbers are negative or none, or a player has met no opponent.
+    """
+    wins, draws, losses, fixed = (np.asarray(each, np.float64) for each in (wins, draws, losses, fixed))
+    _check_anchored(wins, draws, losses, fixed)
+    met = wins + draws + losses > 0
+    won, lost = np.where(met, wins + 0.5, 0.0), np.where(met, losses + 0.5, 0.0)
+    games, score = won + draws + lost, won + draws / 2
+    scatter = won + draws / 4 - np.divide(score**2, games, out=np.zeros_like(score), where=met)
+    anchors = (fixed - MEAN) / POINTS
+    odds = np.full(len(wins), anchors.mean())
+    for _ in range(MOST):
+        chance = 1 / (1 + np.exp(anchors - odds[:, None]))
+        curvature = (games * chance * (1 - chance)).sum(1)
+        step = ((score - games * chance).sum(1) / curvature).clip(-1, 1)  # far from the end it would overshoot
+        odds = odds + step
+        if np.abs(step).max() < SURE:
+            break
+    return MEAN + POINTS * odds, POINTS * np.sqrt(scatter.sum(1)) / curvature
+
+
+def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> None:
+    shapes = [each.shape for each in (wins, draws, losses)]
+    if wins.ndim != 2 or not wins.size or set(shapes) != {(len(wins), *fixed.shape)}:
+        given = ", ".join(map(str, (*shapes, fixed.shape)))
+        raise TrainingError(f"ratings: expected three tables (players, opponents) and (opponents,), not {given}")
+    if not np.isfinite(fixed).all():
+        raise TrainingError(f"ratings: the fixed ones must be numbers, not {fixed}")
+    if not all((each >= 0).all() and np.isfinite(each).all() for each in (wins, draws, losses)):
+        raise TrainingError("ratings: numbers of games won, drawn and lost must be 0 or more")
+    if alone := np.flatnonzero(~(wins + draws + losses > 0).any(1)).tolist():
+        raise TrainingError(f"ratings: player {alone[0]} (from 0 on) has met no opponent of fixed rating")
 
 
 def _fitted(games: Array, score: Array) -> Array:
