@@ -76,7 +76,8 @@ def write() -> None:
     for task in tasks().values():
         own = known.setdefault(task.name, {})
         for name, game in games(task).items():
-            entry = own.setdefault(name, {"fingerprint": identity(game.scenario), "begins": begins(game), "goes on": {}})
+            found = {"fingerprint": identity(game.scenario), "begins": begins(game), "goes on": {}}
+            entry = own.setdefault(name, found)
             entry["goes on"].setdefault(platform_name(), goes_on(game))
     FILE.write_text(json.dumps(known, indent=1) + "\n")
 

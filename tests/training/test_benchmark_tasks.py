@@ -15,7 +15,7 @@ from tests.conftest import COMPILED
 from tests.digests import platform_name
 from tests.task_digests import begins, games, goes_on, identity, pinned
 
-VERSION = "the game '{1}' of {0} is another one: give the task a new version, and run python -m tests.task_digests --write"
+VERSION = "the game '{1}' of {0} is another one: give the task a new version; python -m tests.task_digests --write"
 EVERY = [(task, name) for task, own in pinned().items() for name in own]
 
 
