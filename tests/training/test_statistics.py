@@ -52,7 +52,7 @@ def test_values_and_intervals_are_those_of_rliable() -> None:
 
 def test_values_are_those_of_the_installed_rliable() -> None:
     pytest.importorskip("rliable.library", reason="needs rliable and pandas < 3", exc_type=ImportError)
-    compared(rliable_values.values(1000), rliable_values.scores(), 20_000, 0.15)
+    compared(rliable_values.values(500), rliable_values.scores(), 20_000, 0.25)
 
 
 # ---- by hand
