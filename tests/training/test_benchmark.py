@@ -1,4 +1,4 @@
-"""The benchmark from end to end, in a short game; and what verification finds of results that are not what they claim."""
+"""The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
 
 import json
 import shutil
@@ -72,7 +72,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def results(place: Path) -> Path:
-    """Results of two seeds of a preset and of a function, with cross-play and scores."""
+    """Results of two seeds of a preset and one of a function, with cross-play and scores."""
     before = EntryRun(entry(place / "before", seed=9))
     before._enter()
     anchors.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
@@ -101,31 +101,26 @@ def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.Cap
     every = {(game, name) for game in ("trained", "strong blows") for name in ("self", *STYLES, "steps_0000000512")}
     assert {*found["fast/0"].against} == every | {("trained", "response")}
     assert {*found["mine/1"].against} == every
-    assert found["fast/0"].content["policy"] | {"digest": ""} == {
-        "digest": "",
-        "steps": 512,
-        "of_task": True,
-        "met": [],
-    }
-    before = {
-        path: path.stat().st_mtime_ns for path in results.rglob("*") if path.is_file() and path.name != "scores.json"
-    }
+    policy = found["fast/0"].content["policy"]
+    assert (policy["steps"], policy["of_task"], policy["met"]) == (512, True, [])
+    before = times(results)
     EntryRun(entry(results, seed=1), lambda *_: pytest.fail("there was nothing to do")).run()
     assert main(["benchmark", "score", str(results), "--quiet"]) == 0
-    after = {
-        path: path.stat().st_mtime_ns for path in results.rglob("*") if path.is_file() and path.name != "scores.json"
-    }
-    assert after == before
+    assert times(results) == before
     assert main(["benchmark", "verify", str(results), "--quiet"]) == 0
     total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
-    assert (
-        capsys.readouterr().out.splitlines()[-1]
-        == f"{total} of {total} as recorded, 0 wrong, 0 without a recording here"
-    )
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"{total} of {total} as recorded, 0 wrong, 0 without a recording here"
+
+
+def times(folder: Path) -> dict[Path, tuple[int, str]]:
+    """When files were written, and what is in them; of the scores, which are written anew, the latter alone."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path: (path.stat().st_mtime_ns * (path.name != scores.NAME), digest(path)) for path in files}
 
 
 def test_what_was_stopped_goes_on_with_the_same_games(results: Path, tmp_path: Path) -> None:
-    """A run that is killed has whole files only, perhaps temporary ones, and a recording that is not in the result yet."""
+    """One that is killed leaves whole files, perhaps temporary ones, and a recording that is not in the result yet."""
     stopped = []
 
     def stop(done: int, text: str) -> None:
@@ -159,8 +154,9 @@ def wrong(entry: Result, only: tuple[str, str] = ("trained", "scripted")) -> lis
 
 def test_a_true_result_is_as_recorded(first: Result) -> None:
     assert wrong(first) == []
-    (first.folder / "trained-scripted.rec").unlink()
-    assert [found.missing for found in verify(first)].count(True) == 1
+    for path in first.folder.glob("*.rec"):
+        path.unlink()
+    assert [found.missing for found in verify(first)] == [False, *[True] * len(first.matches)]
 
 
 def test_an_edited_outcome_is_found(first: Result) -> None:
@@ -176,7 +172,7 @@ def test_an_edited_figure_is_found(first: Result) -> None:
 
 
 def test_another_recording_is_found(first: Result) -> None:
-    """Also where its digest is in the result: it is played by other policies, or of another game, or of other worlds."""
+    """Also where its digest is in the result: it is played by other policies, or of another game."""
     match, target = first.against["trained", "scripted"], first.folder / "trained-scripted.rec"
     shutil.copy(first.folder / "trained-random.rec", target)
     assert wrong(first) == ["its recording is another file than the one that was made"]
@@ -187,7 +183,8 @@ def test_another_recording_is_found(first: Result) -> None:
     shutil.copy(first.folder / "strong-blows-scripted.rec", target)
     match |= {"recording": digest(target)}
     (found,) = wrong(first)
-    assert "is of another game ('ffa_2'): what numbers are drawn from is" in found
+    assert "trained-scripted.rec is of another game" in found
+    assert "what numbers are drawn from is" in found
 
 
 def test_another_policy_is_found(first: Result, results: Path) -> None:
@@ -315,7 +312,7 @@ def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path
     table.keep(results, tmp_path / "kept")
     table.write(tmp_path / "kept", tmp_path / "two")
     files = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert files == ["marl_eval.json", "profile-512.png", "table.csv", "table.md"]
+    assert files == ["marl_eval-512.json", "profile-512.png", "table.csv", "table.md"]
     assert all((tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes() for name in files)
     kept = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
     assert kept.count("trained-self.rec") == 2  # of the first seed of each agent

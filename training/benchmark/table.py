@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..evaluation.marl_eval import RunMetrics, marl_eval_json
 from ..files import write_files
 from ..tables import markdown_table
 from . import crossplay, scores
@@ -38,7 +39,7 @@ def write(places: Path, folder: Path) -> list[Path]:
     contents = {
         folder / "table.md": markdown(found).encode(),
         folder / "table.csv": as_csv(found).encode(),
-        **{folder / name: content for name, content in _figures(found)},
+        **{folder / name: content for name, content in _more(found)},
     }
     write_files(contents)
     return list(contents)
@@ -189,10 +190,23 @@ def _cross(found: scores.Scores) -> str:
     return markdown_table(("", *found["agents"]), rows)
 
 
-def _figures(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
-    """A figure of performance profiles for each budget in which all agents have a task in common."""
+def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
+    """For each budget in which all agents have a task in common: performance profiles, and what marl-eval reads."""
     from .profile import picture  # here, as it needs matplotlib
 
     for budget, own in found["budgets"].items():
         if own["common"]:
             yield f"profile-{budget}.png", picture(own, f"{int(budget):,} agent-steps")
+            if runs := list(_runs(int(budget), own)):
+                yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+
+
+def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
+    """What marl-eval takes: the tasks and the seeds that all agents have; evaluated once, at the end of training."""
+    each = {(task, agent): found for task in own["common"] for agent, found in own["tasks"][task]["agents"].items()}
+    seeds = set.intersection(*(set(found["seeds"]) for found in each.values()))
+    for (task, agent), found in each.items():
+        for k, seed in enumerate(found["seeds"]):
+            if seed in seeds:
+                figures = {"score": found["score"]["seeds"][k], "length": found["self_play"]["length"]["seeds"][k]}
+                yield RunMetrics(task, agent, seed, {budget: figures}, figures)
