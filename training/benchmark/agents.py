@@ -1,6 +1,7 @@
 """Who takes part in the benchmark: presets that it trains, runs and policies that exist, functions in files."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -75,16 +76,17 @@ class Made(Contender):
     def __init__(self, label: str, source: str, seed: int) -> None:
         """source: "FILE.py:FUNCTION". seed: that of the agent. Raises TrainingError, ScenarioError."""
         place, _, name = source.rpartition(":")
-        self._make, self._seed = getattr(module_of(place), name, None), seed
-        self.file = Path(place)
-        if not callable(self._make):
+        make = getattr(module_of(place), name, None)
+        if not callable(make):
             raise TrainingError(f"{source}: {place} has no function {name}, of (env, seed), that returns a policy")
         super().__init__(label, self._unmade)
-        self.text = source
+        self.text, self.file = source, Path(place)
+        self._make: Callable[[SurvivalVectorEnv, int], Policy] = make
+        self._seed = seed
 
     def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
         """The policy for these worlds, made anew."""
-        policy: Policy = self._make(env, self._seed)
+        policy = self._make(env, self._seed)
         if not callable(policy):
             raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")
         return Contender(self.label, policy).act(env, seed)

@@ -108,7 +108,7 @@ class Entry:
     @property
     def match_work(self) -> int:
         """A match in agent-steps of training that take about as long."""
-        return 1000 * self.games * self.task.scenario.numbers()["agents_count"]
+        return 1000 * self.games * int(self.task.scenario.numbers()["agents_count"])
 
     def done(self) -> int:
         """How much of `work` is done, by what is in the folder."""

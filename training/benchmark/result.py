@@ -145,7 +145,7 @@ def wrong_with_result(content: Content) -> str:
     """What is wrong with the content of a result; empty if nothing is. KeyError and the like for what is missing."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
-    valid = {
+    valid: dict[str, Callable[[Any], bool]] = {
         "task": is_word,
         "agent": lambda given: isinstance(given, str) and AGENT.fullmatch(given) is not None,
         "source": is_word,

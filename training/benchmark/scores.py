@@ -147,11 +147,11 @@ def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | Non
     rated = [name for name, member in members.items() if member.rating is not None]
     if not rated:
         return None
-    games = [
+    wins, draws, losses = (
         np.array([[entry.against[TRAINED, name][key] for name in rated] for entry in entries], np.float64)
         for key in ("won", "drawn", "lost")
-    ]
-    ratings, errors = anchored(*games, np.array([members[name].rating for name in rated]))
+    )
+    ratings, errors = anchored(wins, draws, losses, np.array([members[name].rating for name in rated]))
     return _over_seeds(ratings) | {"errors": _rounded(errors)}
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from outlast.envs.errors import RecordingError, UsageError
@@ -49,14 +50,14 @@ def verify(entry: Result) -> Iterator[Finding]:
         return
     for match in entry.matches:
         what = f"{name}, {match['game']} against {match['against']}"
-        yield _found(what, entry.recording(match), lambda match=match: _wrong_with_match(entry, match, task, members))
+        yield _found(what, entry.recording(match), partial(_wrong_with_match, entry, match, task, members))
 
 
 def verify_cross(folder: Path, entries: Mapping[str, Result]) -> Iterator[Finding]:
     """Verify the cross-play of a task; folder: of the task. entries: all of the task, by name."""
     for (one, other), match in crossplay.load(folder).items():
         what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
-        yield _found(what, path, lambda match=match, path=path: _wrong_with_cross(match, path, entries))
+        yield _found(what, path, partial(_wrong_with_cross, match, path, entries))
 
 
 def _found(what: str, recording: Path, wrong: Callable[[], str]) -> Finding:
