@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Clock, columns_of
+from outlast.ecs import Clock
 
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
+from .styles import camper, follow, healer, hoarder, hunter, scripted
 
 Policy = Callable[[Arrays], Actions]
 
-REACH = 2.0  # metres: strike when an enemy ahead is this close or closer
-WOUNDED = 70  # hit points at or below which a heal is used
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the golden ratio
 
 
@@ -69,48 +68,78 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    levels = {key: -low for key, low in env.action_columns}  # each way
+    return follow(scripted, env)
 
-    def act(observations: Arrays) -> Actions:
-        def see(key: str, *names: str) -> Any:
-            return observations[key][..., columns_of(env.fields[key], *names)]
 
-        health, position, angle = see("own", "health"), see("own", "x", "y"), see("own", "angle")
-        velocity, omega = see("own", "vx", "vy"), see("own", "omega")
-        goal, urgent = np.zeros_like(position), np.zeros(health.shape, bool)
-        if "zone" in observations:  # towards the next circle; at once if outside of the present one
-            goal = see("zone", "next_x", "next_y")
-            urgent = _length(position - see("zone", "x", "y")) > 0.9 * see("zone", "radius")
-        if "heals" in observations:
-            heal, found = _nearest(position, see("heals", "x", "y"), observations["heals_mask"])
-            goal = np.where((found & ~urgent)[..., None], heal, goal)
-        visible = observations["others_mask"]
-        if "team" in env.fields["own"]:
-            visible = visible * (see("others", "team") != see("own", "team")[..., None])
-        enemy, met = _nearest(position, see("others", "x", "y"), visible)
-        close = met & (_length(enemy - position) < 2 * REACH) & ~urgent
-        goal = np.where(close[..., None], enemy, goal)
-        ahead, left = _rotate(2 * (goal - position) - velocity, -angle)  # slow down in time
-        bearing = _rotate(enemy - position, -angle)
-        error = np.where(met, np.arctan2(bearing[1], bearing[0]), 1.0)  # no enemy in sight: keep turning
-        use = (health <= WOUNDED) & (observations["heal_slot_mask"][..., 0] > 0) if "heal_slot" in observations else 0
-        choice = {
-            "ahead": _level(ahead / 0.6, levels.get("ahead", 0)),
-            "left": _level(left / 0.6, levels.get("left", 0)),
-            "turn": _level((4 * error - 3 * omega) / 0.4, levels.get("turn", 0)),
-            "attack": met & (_length(enemy - position) < REACH + 0.5),
-            "use": use,
-        }
-        zeros = np.zeros(health.shape, np.int8)
-        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in levels], axis=-1)
+def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Wait where the zone is going to be, never go after anybody, and strike who comes into reach.
 
-    return act
+    It looks around from there, and turns to the enemy that it sees. It fetches the heals around its place, and uses
+    them when wounded. Boxes nearby it breaks, picks up, and sets up between itself and an enemy that comes close.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; the policy is a function of the observations.
+
+    Returns:
+        A policy.
+    """
+    return follow(camper, env)
+
+
+def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Go for the nearest enemy in sight, wherever the zone is; go around in search of one, turning.
+
+    When it has few hit points left it fetches heals in sight, uses what it has, and keeps to the zone.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; the policy is a function of the observations.
+
+    Returns:
+        A policy.
+    """
+    return follow(hunter, env)
+
+
+def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Fetch heals and box items wherever they are seen, and keep away from enemies.
+
+    It uses them when it is nearly dead, or when nothing more fits into its bag.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; the policy is a function of the observations.
+
+    Returns:
+        A policy.
+    """
+    return follow(hoarder, env)
+
+
+def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+    """Stay near team-mates, and give heals to those that are worse off; else play like `scripted_policy`.
+
+    In games without teams it uses heals for itself, earlier than that.
+
+    Args:
+        env: The environment that the policy is to play in.
+        seed: Without effect; the policy is a function of the observations.
+
+    Returns:
+        A policy.
+    """
+    return follow(healer, env)
 
 
 POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
     "random": random_policy,
     "noop": noop_policy,
     "scripted": scripted_policy,
+    "camper": camper_policy,
+    "hunter": hunter_policy,
+    "hoarder": hoarder_policy,
+    "healer": healer_policy,
 }
 
 
@@ -154,26 +183,3 @@ def hashed(*parts: Any) -> Any:
     for part in parts:
         word = mix64((word ^ part) + GOLDEN)
     return word
-
-
-def _length(vectors: Any) -> Any:
-    return np.hypot(vectors[..., 0], vectors[..., 1])
-
-
-def _level(values: Any, idle: int) -> Any:
-    """The action for a motor at the nearest whole level, of which there are `idle` each way."""
-    return idle + np.clip(np.rint(values), -idle, idle).astype(np.int8)
-
-
-def _rotate(vectors: Any, angle: Any) -> tuple[Any, Any]:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
-
-
-def _nearest(position: Any, points: Any, mask: Any) -> tuple[Any, Any]:
-    """The nearest of the visible points to each agent, and whether there is one."""
-    if points.shape[-2] == 0:
-        return np.zeros_like(position), np.zeros(position.shape[:-1], bool)
-    distance = np.where(mask > 0, _length(points - position[..., None, :]), np.inf)
-    index = distance.argmin(-1)
-    return np.take_along_axis(points, index[..., None, None], -2)[..., 0, :], np.isfinite(distance.min(-1))

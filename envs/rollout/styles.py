@@ -1,0 +1,271 @@
+"""Scripted styles: ways to play that need no training, each a function of what agents observe at that moment.
+
+A style is a function from Seen to Plan, for all agents of all worlds at once; `follow` makes a policy of it. It finds
+numbers by the names of their fields, so it plays wherever these are, and does without what a game lacks.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from outlast.ecs import Fields, columns_of
+
+from ..core.described import Actions, Arrays
+from ..core.vector_env import SurvivalVectorEnv
+
+REACH = 2.0  # metres: of a strike, and of giving
+STRIKE = REACH + 0.5  # metres: strike when an enemy's centre is closer, as a strike that meets its rim is enough
+SCRATCHED, WOUNDED, WEAK = 90, 70, 30  # hit points or less
+LOOK, SWEEP = 1.0, 2.0  # radians: turn around as if what is looked for were always so far to the left
+HOME, FETCH = 3.0, 10.0  # metres from a camper's post: it fetches heals, and boxes, that are closer
+COVER = 2.0  # metres from that post: boxes that are closer stand well where they are
+AIMED = 0.3  # radians from straight ahead: a box that is set up now comes between the agent and what is there
+WARY = 5.0  # metres: an enemy that is closer is a threat
+BESIDE = 2.0  # metres: a healer wants to be closer to a team-mate
+LEAD = 0.5  # seconds: a hunter goes to where its prey will be then
+AT_FEET = 0.4  # metres, less than the reach of picking up: what still lies there does not fit into the bag
+PATROL, NARROW = 0.6, 3.0  # a hunter goes around at this share of the zone's radius, and at so many metres at least
+SMALLEST = np.float32(1e-6)  # metres, in place of 0 where a division is by a distance
+
+
+class Target(NamedTuple):
+    """What agents see of a kind: its place, float32 (..., 2), metres, and distance, float32 (...), infinite if none."""
+
+    place: Any
+    distance: Any
+
+    @property
+    def seen(self) -> Any:
+        """Which agents see one, bool (...)."""
+        return np.isfinite(self.distance)
+
+    def only(self, condition: Any) -> "Target":
+        """The same where the condition holds, bool (...), and nothing elsewhere."""
+        return Target(self.place, np.where(condition, self.distance, np.inf))
+
+    def within(self, radius: float) -> "Target":
+        """The same if it is closer than that, metres."""
+        return self.only(self.distance < radius)
+
+    def place_or(self, place: Any) -> Any:
+        """Its place, and another one, float32 (..., 2), where none is seen."""
+        return np.where(self.seen[..., None], self.place, place)
+
+
+class Plan(NamedTuple):
+    """What agents are about to do.
+
+    Attributes:
+        goal: Where to be, float32 (..., 2), metres.
+        error: How far to turn to the left, float32 (...), radians.
+        attack: Whether to strike, bool (...). use, give: likewise.
+    """
+
+    goal: Any
+    error: Any
+    attack: Any
+    use: Any = False
+    give: Any = False
+
+
+class Seen:
+    """What agents observe.
+
+    Attributes:
+        health: Hit points, float32 (...).
+        position: float32 (..., 2), metres. velocity: likewise, metres a second.
+        angle: float32 (...), radians. omega: likewise, radians a second.
+        centre: Of the next zone, float32 (..., 2), metres; without zones the middle of the room.
+        outside: Who is outside of the present zone, or nearly, bool (...).
+        has_teams: Whether there are any, bool.
+        enemies: Which of the others are enemies in sight, 1 or 0, (..., others).
+
+    Args:
+        fields: Those of the environment.
+        observations: Of some agents, as a rule (worlds, agents, ...).
+    """
+
+    def __init__(self, fields: Fields, observations: Arrays) -> None:
+        self.fields, self.observations = fields, observations
+        self.health, self.angle = self.of("own", "health"), self.of("own", "angle")
+        self.position, self.velocity, self.omega = (
+            self.of("own", *names) for names in (("x", "y"), ("vx", "vy"), ("omega",))
+        )
+        self.centre, self.outside = np.zeros_like(self.position), np.zeros(self.health.shape, bool)
+        if "zone" in observations:
+            self.centre = self.of("zone", "next_x", "next_y")
+            self.outside = length(self.position - self.of("zone", "x", "y")) > 0.9 * self.of("zone", "radius")
+        self.enemies, self.has_teams = observations["others_mask"], "team" in fields["own"]
+        if self.has_teams:
+            self.enemies = self.enemies * (self.of("others", "team") != self.of("own", "team")[..., None])
+
+    @property
+    def mates(self) -> Any:
+        """Which of the others are team-mates in sight, 1 or 0, (..., others)."""
+        return self.observations["others_mask"] - self.enemies
+
+    def of(self, key: str, *names: str) -> Any:
+        """The numbers of these names in the rows of that key."""
+        return self.observations[key][..., columns_of(self.fields[key], *names)]
+
+    def nearest(self, key: str, mask: Any = None, origin: Any = None, beyond: float = 0.0, lead: float = 0.0) -> Target:
+        """What is nearest of a kind.
+
+        Args:
+            key: Of observations; where there is none, nothing is seen.
+            mask: Above 0 for those that count, (..., entities); None: all in sight.
+            origin: From where distances are measured, metres, (..., 2); None: from each agent.
+            beyond: Those that are closer do not count, metres.
+            lead: Take them for where they will be in so many seconds, if they go on as they do.
+        """
+        if key not in self.observations or self.observations[key].shape[-2] == 0:
+            return Target(np.zeros_like(self.position), np.full(self.health.shape, np.inf, np.float32))
+        points, origin = self.of(key, "x", "y"), self.position if origin is None else origin
+        if lead:
+            points = points + lead * self.of(key, "vx", "vy")
+        counts = (self.observations[f"{key}_mask"] if mask is None else mask) > 0
+        distance = np.hypot(points[..., 0] - origin[..., None, 0], points[..., 1] - origin[..., None, 1])
+        if beyond:
+            counts &= distance > beyond
+        distance = np.where(counts, distance, np.inf)
+        index = distance.argmin(-1)[..., None]
+        place = np.take_along_axis(points, index[..., None], -2)[..., 0, :]
+        return Target(place, np.take_along_axis(distance, index, -1)[..., 0])
+
+    def holds(self, *keys: str) -> Any:
+        """Who has that in the last slot of its bag, "heal_slot" or "box_slot", bool (...)."""
+        held = [self.observations[f"{key}_mask"][..., 0] > 0 for key in keys if key in self.observations]
+        return np.logical_or.reduce(held) if held else np.False_
+
+    def towards(self, target: Target, otherwise: float) -> Any:
+        """How far to the left the target is, float32 (...), radians; for who sees none `otherwise`."""
+        bearing = rotated(target.place - self.position, -self.angle)
+        return np.where(target.seen, np.arctan2(bearing[1], bearing[0]), otherwise)
+
+    def post(self) -> Any:
+        """Where to wait for the next zone: of the present one, the place that is nearest to it, float32 (..., 2)."""
+        if "zone" not in self.observations:
+            return self.centre
+        middle = self.of("zone", "x", "y")
+        offset, radius = self.centre - middle, 0.7 * self.of("zone", "radius")
+        return middle + offset * np.minimum(1, radius / np.maximum(length(offset), SMALLEST))[..., None]
+
+    def patrol(self) -> Any:
+        """The next place on a circle around the centre of the next zone, to the left, float32 (..., 2), metres."""
+        place = self.fields["own"]["x"]
+        radius = self.of("zone", "next_radius")[..., None] if "zone" in self.observations else np.float32(place.scale)
+        offset = unit(self.position - self.centre)
+        ahead = np.stack(rotated(offset, np.float32(0.6)), -1)
+        return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
+
+
+def follow(style: Callable[[Seen], Plan], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
+    """The style as a policy for an environment: a function from observations to actions."""
+    levels = {key: -low for key, low in env.action_columns}  # each way
+
+    def act(observations: Arrays) -> Actions:
+        seen = Seen(env.fields, observations)
+        plan = style(seen)
+        ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)  # slow down in time
+        choice = {
+            "ahead": level(ahead / 0.6, levels.get("ahead", 0)),
+            "left": level(left / 0.6, levels.get("left", 0)),
+            "turn": level((4 * plan.error - 3 * seen.omega) / 0.4, levels.get("turn", 0)),
+            "attack": plan.attack,
+            "use": plan.use,
+            "give": plan.give,
+        }
+        zeros = np.zeros(seen.health.shape, np.int8)
+        return np.stack([np.asarray(choice.get(key, 0), np.int8) + zeros for key in levels], axis=-1)
+
+    return act
+
+
+def scripted(seen: Seen) -> Plan:
+    """Go to the next zone, and on the way to heals in sight and to enemies that are close."""
+    enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals")
+    goal = first(enemy.within(2 * REACH), heal).only(~seen.outside).place_or(seen.centre)
+    use = (seen.health <= WOUNDED) & seen.holds("heal_slot")
+    return Plan(goal, seen.towards(enemy, LOOK), enemy.distance < STRIKE, use)
+
+
+def camper(seen: Seen) -> Plan:
+    """Stay at a post, but for what lies around it; behind a box, where there is one to be had."""
+    post, armed = seen.post(), seen.holds("box_slot")
+    enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals", origin=post).within(HOME)
+    idle = ~(armed | enemy.seen | seen.outside)
+    item = seen.nearest("box_items", origin=post).within(FETCH).only(idle)
+    box = seen.nearest("boxes", origin=post, beyond=COVER).within(FETCH).only(idle & ~item.seen)
+    error = seen.towards(first(enemy, item, box), SWEEP)
+    shut = armed & (enemy.distance < WARY) & (np.abs(error) < AIMED)
+    use = shut | ((seen.health <= WOUNDED) & seen.holds("heal_slot"))
+    return Plan(first(heal, item, box).place_or(post), error, (enemy.distance < STRIKE) | box.seen, use)
+
+
+def hunter(seen: Seen) -> Plan:
+    """Go for the nearest enemy in sight, and in circles until there is one."""
+    weak = seen.health <= WEAK
+    enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals").only(weak)
+    goal = first(heal, seen.nearest("others", seen.enemies, lead=LEAD)).place_or(seen.patrol())
+    goal = np.where((weak & seen.outside)[..., None], seen.centre, goal)
+    use = weak & seen.holds("heal_slot", "box_slot")
+    return Plan(goal, seen.towards(enemy, SWEEP), enemy.distance < STRIKE, use)
+
+
+def hoarder(seen: Seen) -> Plan:
+    """Go for what can be picked up, away from enemies, and use it late."""
+    enemy, item = seen.nearest("others", seen.enemies), closer(seen.nearest("heals"), seen.nearest("box_items"))
+    threat, post = enemy.within(WARY), seen.post()
+    away = seen.position + 2 * unit(seen.position - enemy.place) + unit(post - seen.position)
+    goal = first(threat._replace(place=away), item).only(~seen.outside).place_or(post)
+    use = ((seen.health <= WEAK) | (item.distance < AT_FEET)) & seen.holds("heal_slot", "box_slot")
+    return Plan(goal, seen.towards(first(threat, item, enemy), SWEEP), enemy.distance < STRIKE, use)
+
+
+def healer(seen: Seen) -> Plan:
+    """Stay with team-mates, whose wounds come before its own; in games without teams it only has its own."""
+    enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates)
+    hurt, health = seen.of("others", "health"), seen.health[..., None]
+    worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)
+    patient = seen.nearest("others", worse).only(seen.holds("heal_slot"))
+    strayed, heal = mate.only(mate.distance > BESIDE), seen.nearest("heals")
+    goal = first(patient, enemy.within(STRIKE), strayed, heal).only(~seen.outside).place_or(seen.centre)
+    error = seen.towards(first(enemy.within(2 * REACH), patient, mate, enemy), SWEEP)
+    use = (seen.health <= (WEAK if seen.has_teams else SCRATCHED)) & seen.holds("heal_slot") & ~patient.seen
+    return Plan(goal, error, enemy.distance < STRIKE, use, patient.distance < REACH)
+
+
+def first(*targets: Target) -> Target:
+    """Of each agent the first one that it sees."""
+    chosen = targets[-1]
+    for target in reversed(targets[:-1]):
+        distance = np.where(target.seen, target.distance, chosen.distance)
+        chosen = Target(target.place_or(chosen.place), distance)
+    return chosen
+
+
+def closer(one: Target, other: Target) -> Target:
+    """Of each agent the closer one."""
+    return first(one.only(one.distance <= other.distance), other)
+
+
+def length(vectors: Any) -> Any:
+    """Of vectors (..., 2)."""
+    return np.hypot(vectors[..., 0], vectors[..., 1])
+
+
+def unit(vectors: Any) -> Any:
+    """The vectors (..., 2) with length 1; 0 stays 0."""
+    return vectors / np.maximum(length(vectors), SMALLEST)[..., None]
+
+
+def rotated(vectors: Any, angle: Any) -> tuple[Any, Any]:
+    """Components x and y of vectors (..., 2), rotated to the left by an angle (...), radians."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
+
+
+def level(values: Any, idle: int) -> Any:
+    """The action for a motor at the nearest whole level, of which there are `idle` each way."""
+    return idle + np.clip(np.rint(values), -idle, idle).astype(np.int8)
