@@ -32,7 +32,7 @@ from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
 from .suite import STYLES, suite
 from .tasks import Game, Task, check_training_seed, response_steps
 
-RATES = {"fast": 120_000, "original": 12_000, "paper": 12_000, "scaled": 12_000}  # agent-steps of a core's second
+RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps in a second of a core
 TRAINED = "trained"  # the folder of a run
 STEPS = "steps"
 Progress = Callable[[int, str], None]  # agent-steps of training that are done, or as much work; and what is being done

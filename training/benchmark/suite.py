@@ -7,7 +7,6 @@ file anchors/TASK.json with the ratings of all of them in that task.
 from dataclasses import dataclass
 from pathlib import Path
 
-from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 
 from ..errors import TrainingError
@@ -16,8 +15,7 @@ from .matches import digest
 from .result import DIGEST, Content, are_finite, read_json
 from .tasks import PROTOCOL, Task
 
-PROTOCOL_STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
-STYLES = tuple(name for name in PROTOCOL_STYLES if name in POLICIES)
+STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
 FOLDER = Path(__file__).parent / "anchors"
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from outlast.envs.cli.options import count, positive, seed
 from outlast.envs.errors import install
 
@@ -158,7 +160,7 @@ def _about(entries: list[Any], at_once: int) -> str:
     matches = sum(len(entry.wanted) + entry.responds for entry in entries)
     return (
         f"{len(entries)} entries, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
-        f"{estimate(entries) / at_once / 3600:.1f} h on cores like those of docs/performance.md"
+        f"{tqdm.format_interval(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
     )
 
 
@@ -247,8 +249,6 @@ def _places(options: argparse.Namespace) -> list[Path]:
 
 def _score(options: argparse.Namespace) -> int:
     """Play the cross-play that is missing, and write the scores."""
-    from tqdm import tqdm
-
     from ..benchmark import crossplay, scores
     from ..benchmark.result import write_json
 
@@ -297,8 +297,6 @@ def _table(options: argparse.Namespace) -> int:
 
 def _anchors(options: argparse.Namespace) -> int:
     """Rate checkpoints, for who ships the benchmark."""
-    from tqdm import tqdm
-
     from ..benchmark import anchors
 
     if len(options.names) != 1 or not options.policies or options.out is None:
