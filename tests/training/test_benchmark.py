@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from outlast.envs.cli.main import main
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
-from outlast.training.benchmark import anchors, result, scores, suite, table, tasks  # noqa: E402
+from outlast.training.benchmark import result, scores, suite, table, tasks  # noqa: E402
 from outlast.training.benchmark.agents import Agent  # noqa: E402
+from outlast.training.benchmark.anchors import make  # noqa: E402
 from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
 from outlast.training.benchmark.matches import digest  # noqa: E402
 from outlast.training.benchmark.result import Content, Result  # noqa: E402
@@ -64,7 +66,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tasks, "tasks", lambda: known)
         patch.setattr(suite, "STYLES", STYLES)
-        patch.setattr(anchors, "STYLES", STYLES)
+        patch.setattr(make, "STYLES", STYLES)
         patch.setattr(Entry, "response_config", small_response)
         patch.setattr(suite, "FOLDER", folder / "anchors")
         yield folder
@@ -75,7 +77,7 @@ def results(place: Path) -> Path:
     """Results of two seeds of a preset and one of a function, with cross-play and scores."""
     before = EntryRun(entry(place / "before", seed=9))
     before._enter()
-    anchors.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
+    make.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
     (place / "mine.py").write_text(MINE)
     out = place / "results"
     for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'mine.py'}:make", 1)):
@@ -276,6 +278,43 @@ def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: 
         EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:absent", 1)).run()
     with pytest.raises(TrainingError, match="is of source 'fast', not "):
         EntryRun(entry(results, f"fast={place / 'mine.py'}:make"))
+
+
+def entered(out: Path, source: Path, seed: int = 0) -> Content:
+    """What the result says of a policy that exists."""
+    run = EntryRun(entry(out, f"mine={source}", seed))
+    run._enter()
+    return dict(run.result.content["policy"])
+
+
+def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_path: Path) -> None:
+    own = entered(tmp_path, results / str(BUDGET) / "{task}/fast/{seed}/trained", 1)
+    known = json.loads((results / str(BUDGET) / NAME / "fast/1" / result.NAME).read_text())["policy"]
+    assert own == known
+    changed = tmp_path / "changed.zip"
+    for plan, game, expected in (
+        ({"opponents": "self:1,scripted:0.5"}, {}, (["scripted"], True)),
+        ({"warm_start": "scripted:2e6"}, {}, (["scripted"], True)),
+        ({}, {"heals_count": 3}, ([], False)),
+    ):
+        _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, plan, game)
+        found = entered(tmp_path / str(expected) / str(len(plan)) / "-".join(plan), changed)
+        assert (found["met"], found["of_task"]) == expected
+    _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, {"seed": 2**62}, {})
+    with pytest.raises(TrainingError, match="kept for the worlds of tests"):
+        entered(tmp_path / "seed", changed)
+    with pytest.raises(TrainingError, match=r"mine, quick-v1, seed 0: there is no .*absent"):
+        entered(tmp_path / "gone", tmp_path / "absent")
+
+
+def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str, Any]) -> None:
+    """Another file of the same policy, whose run.json says otherwise."""
+    with zipfile.ZipFile(source) as given, zipfile.ZipFile(target, "w") as changed:
+        header = json.loads(given.read("run.json"))
+        header["plan"] |= plan
+        header["scenario"]["numbers"] |= numbers
+        changed.writestr("run.json", json.dumps(header))
+        changed.writestr("policy.pt", given.read("policy.pt"))
 
 
 # ---- scores and tables

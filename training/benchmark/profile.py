@@ -23,13 +23,14 @@ def _draw(own: Scores, title: str) -> Figure:
     figure = Figure(figsize=SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     axes, thresholds = figure.subplots(), own["profile"]["thresholds"]
-    axes.set_title(f"Performance profiles, {title}, {len(own['common'])} tasks")
+    count = len(own["common"])
+    axes.set_title(f"Performance profiles, {title}, {count} task{'s' * (count > 1)}")
     agents = [name for name in own["profile"] if name != "thresholds"]
     for k, agent in enumerate(agents):
         each, (ink, dash) = own["profile"][agent], look(k)
-        axes.plot(thresholds, each["value"], color=ink, linestyle=dash, linewidth=1.7, label=agent.replace("$", r"\$"))
+        axes.step(thresholds, each["value"], where="post", color=ink, linestyle=dash, linewidth=1.7, label=agent)
         if "low" in each:
-            axes.fill_between(thresholds, each["low"], each["high"], color=ink, alpha=0.16, linewidth=0)
+            axes.fill_between(thresholds, each["low"], each["high"], step="post", color=ink, alpha=0.16, linewidth=0)
     axes.set(
         xlim=(0, 1), ylim=(0, 1.02), xlabel="score: win rate against the suite", ylabel="share of seeds that score more"
     )

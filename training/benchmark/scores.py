@@ -21,7 +21,7 @@ from .tasks import PROTOCOL, Task, task_of, track_of
 NAME = "scores.json"
 DIGITS = 6  # of what is computed
 TRAINED = "trained"  # the game of training
-THRESHOLDS = np.linspace(0, 1, 51)  # of the performance profile
+THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
 OWN_FIGURES = (
     *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),
     *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),

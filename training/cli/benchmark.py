@@ -297,7 +297,7 @@ def _table(options: argparse.Namespace) -> int:
 
 def _anchors(options: argparse.Namespace) -> int:
     """Rate checkpoints, for who ships the benchmark."""
-    from ..benchmark import anchors
+    from ..benchmark.anchors.make import make
 
     if len(options.names) != 1 or not options.policies or options.out is None:
         raise TrainingError("benchmark anchors needs a task, --policies and --out")
@@ -307,5 +307,5 @@ def _anchors(options: argparse.Namespace) -> int:
             bar.total = total
             bar.update(done - bar.n)
 
-        print(anchors.make(task_of(options.names[0]), options.policies, options.out, options.games, progress))
+        print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress))
     return 0

@@ -7,15 +7,15 @@ import numpy as np
 
 from outlast.envs.scenarios.fingerprint import fingerprint
 
-from .. import checkpoint
-from ..evaluation.contenders import Contender, labels
-from ..evaluation.ratings import elo
-from ..files import write_files
-from ..paper.results import policy_only
-from .matches import digest, play
-from .result import Content, made, read_json, recording_name, write_json
-from .suite import STYLES
-from .tasks import PROTOCOL, Task
+from ... import checkpoint
+from ...evaluation.contenders import Contender, labels
+from ...evaluation.ratings import elo
+from ...files import write_files
+from ...paper.results import policy_only
+from ..matches import digest, play
+from ..result import Content, made, read_json, recording_name, write_json
+from ..suite import STYLES
+from ..tasks import PROTOCOL, Task
 
 AGES = (0.1, 0.3, 1.0)  # of a run: shares of its agent-steps whose checkpoints are taken
 LEAST = 8  # anchors that a task is to have
