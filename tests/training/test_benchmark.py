@@ -112,7 +112,7 @@ def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.Cap
     assert main(["benchmark", "verify", str(results), "--quiet"]) == 0
     total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last == f"{total} of {total} as recorded, 0 wrong, 0 without a recording here"
+    assert last == f"of {total}: {total - 1} as recorded, 0 wrong, 1 without all files here"  # that of the function
 
 
 def times(folder: Path) -> dict[Path, tuple[int, str]]:
@@ -158,7 +158,7 @@ def test_a_true_result_is_as_recorded(first: Result) -> None:
     assert wrong(first) == []
     for path in first.folder.glob("*.rec"):
         path.unlink()
-    assert [found.missing for found in verify(first)] == [False, *[True] * len(first.matches)]
+    assert [bool(found.missing) for found in verify(first)] == [False, *[True] * len(first.matches)]
 
 
 def test_an_edited_outcome_is_found(first: Result) -> None:
@@ -232,6 +232,7 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
         (lambda content: content.pop("matches"), "KeyError: 'matches'"),
         (lambda content: content.update(matches={"a": 1}), "its matches cannot be"),
         (lambda content: content["matches"][0].update(won=400), "not all games"),
+        (lambda content: content["matches"][0].update(games=2, won=2, drawn=0, lost=0), "a match of 2 games: 4 are"),
         (lambda content: content["matches"][0].update(won=-1), "numbers of games that cannot be"),
         (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
         (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),

@@ -71,7 +71,8 @@ def play_all(folder: Path, entries: Sequence[Result], progress: Callable[[int], 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:
     """Whether a match is that of these entries, as they are."""
-    return [match["own"], match["opponent"]] == [entry.content["policy"]["digest"] for entry in (one, other)]
+    digests = [entry.content["policy"]["digest"] for entry in (one, other)]
+    return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
 
 
 def _play(task: Task, one: Result, other: Result, folder: Path) -> Content:

@@ -166,7 +166,8 @@ def wrong_with_result(content: Content) -> str:
     faults = (
         f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
     )
-    return next(faults, "")
+    other = [match["games"] for match in content["matches"] if match["games"] != content["games"]]
+    return next(faults, "") or (f"a match of {other[0]} games: {content['games']} are needed" if other else "")
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:

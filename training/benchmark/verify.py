@@ -27,15 +27,15 @@ class Finding:
     Attributes:
         what: "ffa_2-v1 fast/0, trained against scripted".
         wrong: What is not as the result says; empty if nothing is.
-        missing: Whether its recording is not here, so that it could not be played again.
+        missing: What is not here, so that not all could be verified; empty if everything is.
     """
 
     what: str
     wrong: str = ""
-    missing: bool = False
+    missing: str = ""
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.wrong or ('its recording is not here' if self.missing else 'as recorded')}"
+        return f"{self.what}: {self.wrong or self.missing or 'as recorded'}"
 
 
 def verify(entry: Result) -> Iterator[Finding]:
@@ -43,7 +43,8 @@ def verify(entry: Result) -> Iterator[Finding]:
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
-        yield Finding(name, _wrong_with_entry(entry, task))
+        asked = "" if (entry.folder / POLICY).exists() else f"{POLICY} is not here, and is not asked what it would do"
+        yield Finding(name, _wrong_with_entry(entry, task), asked)
         members = {member.name: member for member in suite(task)}
     except TrainingError as error:
         yield Finding(name, str(error))
@@ -62,7 +63,7 @@ def verify_cross(folder: Path, entries: Mapping[str, Result]) -> Iterator[Findin
 
 def _found(what: str, recording: Path, wrong: Callable[[], str]) -> Finding:
     if not recording.exists():
-        return Finding(what, missing=True)
+        return Finding(what, missing="its recording is not here")
     try:
         return Finding(what, wrong())
     except (RecordingError, UsageError) as error:

@@ -269,17 +269,18 @@ def _verify(options: argparse.Namespace) -> int:
     from ..benchmark import scores
     from ..benchmark.verify import verify, verify_cross
 
-    wrong = missing = done = 0
+    counts = {"as recorded": 0, "wrong": 0, "without all files here": 0}
     for place in _places(options):
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
         for folder, entries in folders:
             every = itertools.chain.from_iterable(verify(entry) for entry in entries)
             for found in itertools.chain(every, verify_cross(folder, {entry.name: entry for entry in entries})):
-                wrong, missing, done = wrong + bool(found.wrong), missing + found.missing, done + 1
+                fine, wrong, partly = counts
+                counts[wrong if found.wrong else partly if found.missing else fine] += 1
                 if found.wrong or not options.quiet:
                     print(found, flush=True)
-    print(f"{done - wrong - missing} of {done} as recorded, {wrong} wrong, {missing} without a recording here")
-    return int(wrong > 0)
+    print(f"of {sum(counts.values())}:", ", ".join(f"{number} {name}" for name, number in counts.items()))
+    return int(counts["wrong"] > 0)
 
 
 def _table(options: argparse.Namespace) -> int:
