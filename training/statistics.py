@@ -143,8 +143,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         raise TrainingError(f"reps = {reps}: expected a number of resamplings from 1 on")
     generator = np.random.default_rng(seed)
     resampled = [_resampled(each, reps, generator) for each in scores]
-    ends = np.quantile(statistic(*resampled), ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
-    return Estimate(statistic(*scores), ends[0], ends[1])
+    return Estimate(statistic(*scores), *percentile_interval(statistic(*resampled)))
 
 
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
@@ -156,6 +155,12 @@ def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0
         return None
     _, low, high = stratified_bootstrap(mean, {"the task": values}, reps=reps, seed=seed)
     return float(low), float(high)
+
+
+def percentile_interval(resampled: Array) -> tuple[Any, Any]:
+    """Lower and upper end of the 95 % interval, of what a statistic is of resampled data: (resamplings, ...)."""
+    low, high = np.quantile(resampled, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
+    return low, high
 
 
 def _task_means(scores: Scores) -> list[Array]:
@@ -179,7 +184,7 @@ def _resampled(scores: Scores, reps: int, generator: np.random.Generator) -> dic
     return drawn
 
 
-def _checked(scores: Scores) -> list[Array]:
+def _checked(scores: Any) -> list[Array]:
     """The scores of each task, float64 (..., runs). Raises TrainingError."""
     if not isinstance(scores, Mapping):
         cure = "of an array (runs, tasks): dict(enumerate(array.T))"
