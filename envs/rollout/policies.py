@@ -105,7 +105,7 @@ def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Fetch heals and box items wherever they are seen, and keep away from enemies.
 
-    It uses them when it is nearly dead, or when nothing more fits into its bag.
+    It uses them when it is nearly dead, or when nothing more fits into its bag, and strikes who corners it.
 
     Args:
         env: The environment that the policy is to play in.
@@ -118,9 +118,9 @@ def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Stay near team-mates, and give heals to those that are worse off; else play like `scripted_policy`.
+    """Stay with team-mates, give heals to those that are worse off, and strike only who is in reach.
 
-    In games without teams it uses heals for itself, earlier than that.
+    It fetches heals on the way, and uses one itself when it is nearly dead; without teams, at the first wounds.
 
     Args:
         env: The environment that the policy is to play in.

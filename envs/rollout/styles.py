@@ -23,9 +23,11 @@ COVER = 2.0  # metres from that post: boxes that are closer stand well where the
 AIMED = 0.3  # radians from straight ahead: a box that is set up now comes between the agent and what is there
 WARY = 5.0  # metres: an enemy that is closer is a threat
 BESIDE = 2.0  # metres: a healer wants to be closer to a team-mate
-LEAD = 0.5  # seconds: a hunter goes to where its prey will be then
+LEAD = 0.5  # seconds: who follows somebody goes to where that one will be then
 AT_FEET = 0.4  # metres, less than the reach of picking up: what still lies there does not fit into the bag
+RIM, INSIDE = 0.9, 0.7  # of the zone's radius: who is beyond hurries to the next zone; who waits for it goes so far
 PATROL, NARROW = 0.6, 3.0  # a hunter goes around at this share of the zone's radius, and at so many metres at least
+STEP = np.float32(0.6)  # radians of that circle ahead, where it heads for
 SMALLEST = np.float32(1e-6)  # metres, in place of 0 where a division is by a distance
 
 
@@ -77,7 +79,7 @@ class Seen:
         position: float32 (..., 2), metres. velocity: likewise, metres a second.
         angle: float32 (...), radians. omega: likewise, radians a second.
         centre: Of the next zone, float32 (..., 2), metres; without zones the middle of the room.
-        outside: Who is outside of the present zone, or nearly, bool (...).
+        outside: Who is outside of the present zone, or close to its rim, bool (...).
         has_teams: Whether there are any, bool.
         enemies: Which of the others are enemies in sight, 1 or 0, (..., others).
 
@@ -95,7 +97,7 @@ class Seen:
         self.centre, self.outside = np.zeros_like(self.position), np.zeros(self.health.shape, bool)
         if "zone" in observations:
             self.centre = self.of("zone", "next_x", "next_y")
-            self.outside = length(self.position - self.of("zone", "x", "y")) > 0.9 * self.of("zone", "radius")
+            self.outside = length(self.position - self.of("zone", "x", "y")) > RIM * self.of("zone", "radius")
         self.enemies, self.has_teams = observations["others_mask"], "team" in fields["own"]
         if self.has_teams:
             self.enemies = self.enemies * (self.of("others", "team") != self.of("own", "team")[..., None])
@@ -144,19 +146,19 @@ class Seen:
         return np.where(target.seen, np.arctan2(bearing[1], bearing[0]), otherwise)
 
     def post(self) -> Any:
-        """Where to wait for the next zone: of the present one, the place that is nearest to it, float32 (..., 2)."""
+        """Where to wait for the next zone: in the present one, close to it, float32 (..., 2), metres."""
         if "zone" not in self.observations:
             return self.centre
         middle = self.of("zone", "x", "y")
-        offset, radius = self.centre - middle, 0.7 * self.of("zone", "radius")
+        offset, radius = self.centre - middle, INSIDE * self.of("zone", "radius")
         return middle + offset * np.minimum(1, radius / np.maximum(length(offset), SMALLEST))[..., None]
 
     def patrol(self) -> Any:
         """The next place on a circle around the centre of the next zone, to the left, float32 (..., 2), metres."""
         place = self.fields["own"]["x"]
         radius = self.of("zone", "next_radius")[..., None] if "zone" in self.observations else np.float32(place.scale)
-        offset = unit(self.position - self.centre)
-        ahead = np.stack(rotated(offset, np.float32(0.6)), -1)
+        offset = unit(self.position - self.centre + SMALLEST)  # so that it also leaves the centre itself
+        ahead = np.stack(rotated(offset, STEP), -1)
         return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
 
 
@@ -224,8 +226,8 @@ def hoarder(seen: Seen) -> Plan:
 
 
 def healer(seen: Seen) -> Plan:
-    """Stay with team-mates, whose wounds come before its own; in games without teams it only has its own."""
-    enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates)
+    """Stay with team-mates, whose wounds come before its own, and fight who is in reach."""
+    enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
     hurt, health = seen.of("others", "health"), seen.health[..., None]
     worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)
     patient = seen.nearest("others", worse).only(seen.holds("heal_slot"))
@@ -251,7 +253,7 @@ def closer(one: Target, other: Target) -> Target:
 
 
 def length(vectors: Any) -> Any:
-    """Of vectors (..., 2)."""
+    """The lengths of vectors (..., 2)."""
     return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
