@@ -13,7 +13,7 @@ version = release = outlast.__version__
 html_title = f"outlast {version}"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
-exclude_patterns = ["_build", "examples", "training"]
+exclude_patterns = ["_build", "benchmark", "examples", "training"]
 default_role = "code"  # single backticks, in docstrings
 napoleon_use_ivar = True  # attributes of a class as a list
 html_theme = "furo"

@@ -70,13 +70,14 @@ class ChildRun:
         return int(process.returncode)
 
 
-def side_by_side(runs: Sequence[ChildRun], at_once: int, progress: Callable[[str], None]) -> int:
+def side_by_side(runs: Sequence[ChildRun], at_once: int, progress: Callable[[str], None], cure: str = RESUME) -> int:
     """Train all runs. One that fails is reported, and the others go on; Ctrl-C lets all that have begun save.
 
     Args:
         runs: In the order in which they begin.
         at_once: How many go on at a time.
         progress: Called every POLL seconds with how many are running and waiting, in words.
+        cure: Said after Ctrl-C.
 
     Returns:
         The exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
@@ -96,5 +97,5 @@ def side_by_side(runs: Sequence[ChildRun], at_once: int, progress: Callable[[str
         for run in running:
             run.stop()
         statuses += [STOPPED, *(run.report() for run in running)]
-        logger.warning(RESUME)
+        logger.warning(cure)
     return STOPPED if STOPPED in statuses else max(statuses, default=0)

@@ -16,6 +16,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import in_words, number_rows
+from outlast.training.benchmark.tasks import tasks
 from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
 from outlast.training.presets import PRESETS
@@ -115,6 +116,12 @@ def owners(base: type[Component]) -> dict[type[Component], type[Module]]:
 def columns() -> str:
     """What the columns of `outlast evaluate` are."""
     return grid(["column", "unit", "is"], [[code(name), *column] for name, column in COLUMNS.items()])
+
+
+def benchmark_tasks() -> str:
+    """The tasks of the benchmark, with the games that they are tested in beside that of training."""
+    rows = ([code(task.name), task.about, ", ".join(game.name for game in task.games[1:])] for task in tasks().values())
+    return grid(["task", "is", "also tested in"], rows)
 
 
 def actions() -> str:

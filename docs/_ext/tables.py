@@ -31,6 +31,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.numbers,
         catalogue.ppo,
         catalogue.columns,
+        catalogue.benchmark_tasks,
         catalogue.actions,
         catalogue.observations,
         catalogue.fields,

@@ -17,7 +17,14 @@ SMALL = {  # the same commands with less work: of an option that is given twice,
     "rollout": ["--worlds", "5", "--quiet"],
 }
 SMALL_PICTURES = ["--size", "64"]
-ELSEWHERE = {"play", "train", "watch", "plot", "evaluate"}  # endless, long, or needing results: tested elsewhere
+ELSEWHERE = {
+    "play",
+    "train",
+    "watch",
+    "plot",
+    "evaluate",
+    "benchmark",
+}  # long, or needing results
 
 
 def shown(page: Path) -> list[list[str]]:

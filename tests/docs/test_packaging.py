@@ -49,7 +49,7 @@ def tracked() -> list[Path]:
     return sorted(path for path in files if path.is_file() and not path.is_symlink())
 
 
-SHIPPED = (".css", ".csv", ".html", ".js", ".py")
+SHIPPED = (".css", ".csv", ".html", ".js", ".json", ".py", ".zip")
 
 
 def sources() -> dict[str, Path]:

@@ -1,0 +1,37 @@
+"""Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+Observations = dict[str, np.ndarray]  # by key, (worlds, agents, ...)
+Policy = Callable[[Observations], np.ndarray]  # integers (worlds, agents, actions)
+
+
+def striker(env, seed: int) -> Policy:
+    """Ahead, always striking, and turning one way or the other by chance."""
+    generator = np.random.default_rng(seed)
+    names = [name for name, _ in env.action_columns]
+
+    def act(observations: Observations) -> np.ndarray:
+        actions = np.tile(env.noop, (env.num_worlds, env.num_agents, 1))
+        actions[..., names.index("ahead")] = env.action_sizes[names.index("ahead")] - 1
+        actions[..., names.index("attack")] = 1
+        actions[..., names.index("turn")] += generator.integers(-1, 2, actions.shape[:2])
+        return actions
+
+    return act
+
+
+def sb3(env, seed: int) -> Policy:
+    """PPO of Stable-Baselines3, trained with outlast.make_sb3 and saved as sb3-SEED.zip."""
+    from stable_baselines3 import PPO
+
+    model = PPO.load(f"sb3-{seed}.zip", device="cpu")
+
+    def act(observations: Observations) -> np.ndarray:
+        agents = {key: array.reshape(-1, *array.shape[2:]) for key, array in observations.items()}
+        actions, _ = model.predict(agents)  # sampled, as in training
+        return actions.reshape(env.num_worlds, env.num_agents, -1)
+
+    return act

@@ -1,0 +1,27 @@
+"""Tests of benchmark_agents.py. Run it: python -m pytest docs/examples/test_benchmark_agents.py."""
+
+from pathlib import Path
+
+import pytest
+
+import outlast
+
+pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+from outlast.training.benchmark.agents import Made
+from outlast.training.benchmark.matches import play
+from outlast.training.benchmark.tasks import Game
+
+EXAMPLE = Path(__file__).with_name("benchmark_agents.py")
+SHORT = outlast.variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
+
+
+@pytest.mark.parametrize("name", ["striker", "sb3"])
+def test_agents_play(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if name == "sb3":
+        sb3 = pytest.importorskip("stable_baselines3")
+        sb3.PPO("MultiInputPolicy", outlast.make_sb3(SHORT, 4, seed=0), n_steps=8, batch_size=64).save("sb3-0.zip")
+    game = Game("trained", SHORT, (), 0)
+    found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4, tmp_path / "self.rec")
+    assert found["games"] == 4

@@ -1,0 +1,86 @@
+"""What the games of the benchmark's tasks are, pinned: a task never changes meaning under its name.
+
+    python -m tests.task_digests --write    add what is not in tests/data/benchmark_tasks.json yet
+
+Pinned are the fingerprint of each game, how its worlds begin on every platform, and by platform how they go on. What is
+in the file never changes: another digest is another game, and takes a new version of the task.
+"""
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast import make_vec
+from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.training.benchmark.tasks import Game, Task, tasks
+from tests.digests import numbered_actions, platform_name
+
+FILE = Path(__file__).parent / "data" / "benchmark_tasks.json"
+WORLDS, TICKS = 16, 60
+Pinned = dict[str, dict[str, Any]]
+
+
+def games(task: Task) -> dict[str, Game]:
+    """The games of a task by name, with that of training as it is trained in."""
+    train = Game("training", task.scenario, (), 0)
+    return {game.name: game for game in (train, *task.games)}
+
+
+def identity(scenario: Scenario) -> str:
+    """Of the game: its numbers, what varies, and so on, whatever it is called."""
+    content = {key: value for key, value in fingerprint(scenario).items() if key not in ("name", "label")}
+    return _short(json.dumps(content, sort_keys=True).encode())
+
+
+def begins(game: Game) -> str:
+    """Of the first observations."""
+    return _play(game, 0)
+
+
+def goes_on(game: Game) -> str:
+    """Of the observations of some ticks of always the same actions."""
+    return _play(game, TICKS)
+
+
+def _play(game: Game, ticks: int) -> str:
+    env, total = make_vec(game.scenario, WORLDS, seed=game.seed, copy=False), hashlib.blake2b(digest_size=12)
+    if game.given:
+        env.set_numbers(game.numbers(WORLDS))
+    observations, _ = env.reset(seed=game.seed)
+    for tick in range(ticks + 1):
+        if tick:
+            observations, *_ = env.step(numbered_actions(env, tick))
+        for _, array in sorted(observations.items()):
+            total.update(np.ascontiguousarray(array))
+    env.close()
+    return total.hexdigest()
+
+
+def _short(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=12).hexdigest()
+
+
+def pinned() -> Pinned:
+    """The content of the file: by task and game."""
+    return dict(json.loads(FILE.read_text())) if FILE.exists() else {}
+
+
+def write() -> None:
+    """Add what is not there yet."""
+    known = pinned()
+    for task in tasks().values():
+        own = known.setdefault(task.name, {})
+        for name, game in games(task).items():
+            found = {"fingerprint": identity(game.scenario), "begins": begins(game), "goes on": {}}
+            entry = own.setdefault(name, found)
+            entry["goes on"].setdefault(platform_name(), goes_on(game))
+    FILE.write_text(json.dumps(known, indent=1) + "\n")
+
+
+if __name__ == "__main__" and sys.argv[1:] == ["--write"]:
+    write()

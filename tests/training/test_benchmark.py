@@ -1,0 +1,362 @@
+"""The benchmark from end to end, in a short game; and what is found of results that are not what they claim."""
+
+import json
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from outlast import integers, variant
+from outlast.envs.cli.main import main
+
+torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+
+from outlast.training.benchmark import result, scores, suite, table, tasks  # noqa: E402
+from outlast.training.benchmark.agents import Agent  # noqa: E402
+from outlast.training.benchmark.anchors import make  # noqa: E402
+from outlast.training.benchmark.entry import Entry, EntryRun  # noqa: E402
+from outlast.training.benchmark.matches import digest  # noqa: E402
+from outlast.training.benchmark.result import Content, Result  # noqa: E402
+from outlast.training.benchmark.verify import verify, verify_cross  # noqa: E402
+from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
+from outlast.training.evaluation.ratings import anchored  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("one_torch_thread")
+
+NAME, BUDGET, GAMES = "quick-v1", 512, 4
+SHORT = {"safe_zone_damage": 20, "safe_zone_stand": 20, "safe_zone_shrink": 10}  # episodes of a hundred steps
+SMALL = {"worlds": 8, "rollout": 256}
+STYLES = ("random", "scripted")
+MINE = """
+import numpy as np
+
+def make(env, seed):
+    return lambda observations: np.broadcast_to([2, 1, seed, 1, 0, 0], (*observations["own"].shape[:2], 6))
+
+def nothing(env, seed):
+    return 7
+"""
+
+
+def quick() -> tasks.Task:
+    scenario = variant("ffa_2").replace(**SHORT)
+    trained, other = scenario.vary(melee_damage=integers(10, 20)), scenario.vary(melee_damage=integers(30, 40))
+    return tasks._task("quick", "short episodes", trained, {"strong blows": other})
+
+
+def small_response(entry: Entry, policy: Path) -> TrainingConfig:
+    opponents = {str(policy): 1.0}
+    return TrainingConfig(entry.task.scenario, "fast", BUDGET, entry.seed, threads=1, opponents=opponents, **SMALL)
+
+
+def entry(out: Path, agent: str = "fast", seed: int = 0) -> Entry:
+    chosen = Agent.of(agent, SMALL if agent == "fast" else {})
+    return Entry(tasks.task_of(NAME), chosen, seed, BUDGET, GAMES, out, threads=1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with anchors, in the place of those that are shipped, beside a suite and a task that are small."""
+    folder, known = tmp_path_factory.mktemp("benchmark"), {NAME: quick()}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tasks, "tasks", lambda: known)
+        patch.setattr(suite, "STYLES", STYLES)
+        patch.setattr(make, "STYLES", STYLES)
+        patch.setattr(Entry, "response_config", small_response)
+        patch.setattr(suite, "FOLDER", folder / "anchors")
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def results(place: Path) -> Path:
+    """Results of two seeds of a preset and one of a function, with cross-play and scores."""
+    before = EntryRun(entry(place / "before", seed=9))
+    before._enter()
+    make.make(tasks.task_of(NAME), [before.entry.folder / "trained"], place / "anchors", GAMES)
+    (place / "mine.py").write_text(MINE)
+    out = place / "results"
+    for agent, seed in (("fast", 0), ("fast", 1), (f"mine={place / 'mine.py'}:make", 1)):
+        EntryRun(entry(out, agent, seed)).run()
+    assert main(["benchmark", "score", str(out), "--quiet"]) == 0
+    return out
+
+
+@pytest.fixture
+def first(results: Path, tmp_path: Path) -> Result:
+    """A copy of the first entry, without its training."""
+    target = tmp_path / str(BUDGET) / NAME / "fast" / "0"
+    shutil.copytree(results / str(BUDGET) / NAME / "fast" / "0", target, ignore=shutil.ignore_patterns("trained", BEST))
+    return result.read(target / result.NAME)
+
+
+BEST = "response"
+
+
+def test_all_matches_are_played_and_none_again(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = {each.name: each for each in result.find(results)}
+    assert [*found] == ["fast/0", "fast/1", "mine/1"]
+    every = {(game, name) for game in ("trained", "strong blows") for name in ("self", *STYLES, "steps_0000000512")}
+    assert {*found["fast/0"].against} == every | {("trained", "response")}
+    assert {*found["mine/1"].against} == every
+    policy = found["fast/0"].content["policy"]
+    assert (policy["steps"], policy["of_task"], policy["met"]) == (512, True, [])
+    before = times(results)
+    EntryRun(entry(results, seed=1), lambda *_: pytest.fail("there was nothing to do")).run()
+    assert main(["benchmark", "score", str(results), "--quiet"]) == 0
+    assert times(results) == before
+    assert main(["benchmark", "verify", str(results), "--quiet"]) == 0
+    total = 9 + 9 + 8 + 3 + 3  # matches, entries, cross-play
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"of {total}: {total - 1} as recorded, 0 wrong, 1 without all files here"  # that of the function
+
+
+def times(folder: Path) -> dict[Path, tuple[int, str]]:
+    """When files were written, and what is in them; of the scores, which are written anew, the latter alone."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path: (path.stat().st_mtime_ns * (path.name != scores.NAME), digest(path)) for path in files}
+
+
+def test_what_was_stopped_goes_on_with_the_same_games(results: Path, tmp_path: Path) -> None:
+    """One that is killed leaves whole files, perhaps temporary ones, and a recording that is not in the result yet."""
+    stopped = []
+
+    def stop(done: int, text: str) -> None:
+        stopped.append(text)
+        if text == "strong blows against random":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        EntryRun(entry(tmp_path), stop).run()
+    folder = entry(tmp_path).folder
+    (folder / ".result.json-0123abcd.tmp").write_text("half")
+    (folder / result.recording_name("strong blows", "random")).write_text("of a match that was not entered")
+    found = EntryRun(entry(tmp_path)).run()
+    reference = result.read(results / str(BUDGET) / NAME / "fast/0" / result.NAME)
+    assert _outcomes(found) == _outcomes(reference)
+    assert not [*folder.glob(".*")]
+
+
+def _outcomes(found: Result) -> dict[Any, Any]:
+    return {key: {name: match[name] for name in ("won", "figures")} for key, match in found.against.items()}
+
+
+# ---- what results do not claim with impunity
+
+
+def wrong(entry: Result, only: tuple[str, str] = ("trained", "scripted")) -> list[str]:
+    """What verification finds of the entry itself and of one of its matches."""
+    kept = [match for match in entry.matches if (match["game"], match["against"]) == only]
+    return [found.wrong for found in verify(Result(entry.folder, entry.content | {"matches": kept})) if found.wrong]
+
+
+def test_a_true_result_is_as_recorded(first: Result) -> None:
+    assert wrong(first) == []
+    for path in first.folder.glob("*.rec"):
+        path.unlink()
+    assert [bool(found.missing) for found in verify(first)] == [False, *[True] * len(first.matches)]
+
+
+def test_an_edited_outcome_is_found(first: Result) -> None:
+    match = first.against["trained", "scripted"]
+    lost = match["lost"]
+    match |= {"won": match["won"] + lost, "lost": 0}
+    assert wrong(first) == [f"won is {lost} in the result, and 0 in the recording"]
+
+
+def test_an_edited_figure_is_found(first: Result) -> None:
+    first.against["trained", "scripted"]["figures"][0]["kills"] = [1.5, 0.1]
+    assert wrong(first) == ["kills is 1.5 in the result, and 0 in the recording"]
+
+
+def test_another_recording_is_found(first: Result) -> None:
+    """Also where its digest is in the result: it is played by other policies, or of another game."""
+    match, target = first.against["trained", "scripted"], first.folder / "trained-scripted.rec"
+    shutil.copy(first.folder / "trained-random.rec", target)
+    assert wrong(first) == ["its recording is another file than the one that was made"]
+    match |= {"recording": digest(target)}
+    match |= {key: first.against["trained", "random"][key] for key in ("won", "drawn", "lost", "figures")}
+    (found,) = wrong(first)
+    assert "scripted did not play it: it chooses other actions in" in found
+    shutil.copy(first.folder / "strong-blows-scripted.rec", target)
+    match |= {"recording": digest(target)}
+    (found,) = wrong(first)
+    assert "trained-scripted.rec is of another game" in found
+    assert "what numbers are drawn from is" in found
+
+
+def test_another_policy_is_found(first: Result, results: Path) -> None:
+    shutil.copy(results / str(BUDGET) / NAME / "fast/1" / "policy.zip", first.folder)
+    assert wrong(first)[0] == "policy.zip is another file than the one that was tested"
+    first.content["policy"]["digest"] = digest(first.folder / "policy.zip")
+    (found,) = wrong(first)
+    assert "policy.zip did not play it" in found
+
+
+def test_another_opponent_or_game_is_found(first: Result) -> None:
+    first.against["trained", "steps_0000000512"]["opponent"] = "0" * 64
+    assert "another steps_0000000512 than that of the suite" in wrong(first, ("trained", "steps_0000000512"))[0]
+    first.content["fingerprints"]["trained"]["numbers"]["heals_count"] = 3
+    assert (
+        "its game 'trained' is another one than that of quick-v1 ('ffa_2'): heals_count is 3 there" in wrong(first)[0]
+    )
+
+
+def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / NAME
+    shutil.copytree(results / str(BUDGET) / NAME, folder, ignore=shutil.ignore_patterns("trained", BEST))
+    entries = {each.name: each for each in result.find(folder)}
+    path = folder / "cross.json"
+    content = json.loads(path.read_text())
+    match = content["matches"][0]
+    match |= {"won": match["lost"], "lost": match["won"], "drawn": match["drawn"]}
+    shutil.copy(folder / "cross" / "fast-0-mine-1.rec", folder / "cross" / "fast-1-mine-1.rec")
+    path.write_text(json.dumps(content))
+    found = [str(each) for each in verify_cross(folder, entries) if each.wrong]
+    assert len(found) >= 1
+    assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
+
+
+# ---- what is read of others
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content.update(version=2), "version 2: 1 is needed"),
+        (lambda content: content.update(agent="../../etc"), "its agent cannot be '../../etc'"),
+        (lambda content: content.pop("matches"), "KeyError: 'matches'"),
+        (lambda content: content.update(matches={"a": 1}), "its matches cannot be"),
+        (lambda content: content["matches"][0].update(won=400), "not all games"),
+        (lambda content: content["matches"][0].update(games=2, won=2, drawn=0, lost=0), "a match of 2 games: 4 are"),
+        (lambda content: content["matches"][0].update(won=-1), "numbers of games that cannot be"),
+        (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
+        (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),
+        (lambda content: content["matches"][0].update(game="a\nb"), "names that cannot be"),
+    ],
+)
+def test_a_result_that_is_none_is_refused(first: Result, change: Callable[[Content], Any], message: str) -> None:
+    change(first.content)
+    (first.folder / result.NAME).write_text(json.dumps(first.content))
+    with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + message.replace("'", ".")):
+        result.read(first.folder / result.NAME)
+
+
+def test_a_result_in_the_wrong_folder_is_refused(first: Result) -> None:
+    shutil.move(first.folder, first.folder.with_name("7"))
+    with pytest.raises(TrainingError, match="holds the result of 512/quick-v1/fast/0: move it"):
+        scores.scores(first.folder.parents[3])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("run quick-v1", "needs tasks and agents"),
+        ("run quick-v1 --agent nobody", "nobody: there is no such agent: a preset"),
+        ("run quick-v1 --agent fast --keep a", "--keep has no effect on benchmark run"),
+        ("run quick-v1 --agent mine=a.zip --memory 4", "memory has no effect on mine=a.zip"),
+        ("run quick-v1 --agent fast --seed 4611686018427387904", "kept for the worlds of tests"),
+        ("run quick-v1 quick-v1 --agent fast", "name each task, each agent and each seed once"),
+        ("run quick-v1 --agent a/b=fast", "no name of an agent"),
+        ("score nowhere", "there is no folder nowhere"),
+        ("tasks ffa_2-v1", "lists all: leave out ffa_2-v1"),
+        ("anchors quick-v1", "needs a task, --policies and --out"),
+    ],
+)
+def test_what_the_command_cannot_do_is_refused(words: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["benchmark", *words.split()]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_an_agent_that_is_none_is_refused(place: Path, results: Path, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="returned 7: a function"):
+        EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:nothing")).run()
+    with pytest.raises(TrainingError, match="has no function absent"):
+        EntryRun(entry(tmp_path, f"mine={place / 'mine.py'}:absent", 1)).run()
+    with pytest.raises(TrainingError, match="is of source 'fast', not "):
+        EntryRun(entry(results, f"fast={place / 'mine.py'}:make"))
+
+
+def entered(out: Path, source: Path, seed: int = 0) -> Content:
+    """What the result says of a policy that exists."""
+    run = EntryRun(entry(out, f"mine={source}", seed))
+    run._enter()
+    return dict(run.result.content["policy"])
+
+
+def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_path: Path) -> None:
+    own = entered(tmp_path, results / str(BUDGET) / "{task}/fast/{seed}/trained", 1)
+    known = json.loads((results / str(BUDGET) / NAME / "fast/1" / result.NAME).read_text())["policy"]
+    assert own == known
+    changed = tmp_path / "changed.zip"
+    for plan, game, expected in (
+        ({"opponents": "self:1,scripted:0.5"}, {}, (["scripted"], True)),
+        ({"warm_start": "scripted:2e6"}, {}, (["scripted"], True)),
+        ({}, {"heals_count": 3}, ([], False)),
+    ):
+        _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, plan, game)
+        found = entered(tmp_path / str(expected) / str(len(plan)) / "-".join(plan), changed)
+        assert (found["met"], found["of_task"]) == expected
+    _change(results / str(BUDGET) / NAME / "fast/1/policy.zip", changed, {"seed": 2**62}, {})
+    with pytest.raises(TrainingError, match="kept for the worlds of tests"):
+        entered(tmp_path / "seed", changed)
+    with pytest.raises(TrainingError, match=r"mine, quick-v1, seed 0: there is no .*absent"):
+        entered(tmp_path / "gone", tmp_path / "absent")
+
+
+def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str, Any]) -> None:
+    """Another file of the same policy, whose run.json says otherwise."""
+    with zipfile.ZipFile(source) as given, zipfile.ZipFile(target, "w") as changed:
+        header = json.loads(given.read("run.json"))
+        header["plan"] |= plan
+        header["scenario"]["numbers"] |= numbers
+        changed.writestr("run.json", json.dumps(header))
+        changed.writestr("policy.pt", given.read("policy.pt"))
+
+
+# ---- scores and tables
+
+
+def test_scores_are_those_of_the_results(results: Path) -> None:
+    found = scores.scores(results)["budgets"][str(BUDGET)]
+    assert (found["track"], found["games"], found["common"]) == ("", GAMES, [NAME])
+    fast = found["tasks"][NAME]["agents"]["fast"]
+    one, two = (result.read(results / str(BUDGET) / NAME / "fast" / seed / result.NAME) for seed in "01")
+    names = [member.name for member in suite.suite(tasks.task_of(NAME))]
+    rates = [
+        [np.mean([scores.rate(each.against[game, name]) for name in names]) for each in (one, two)]
+        for game in ("trained", "strong blows")
+    ]
+    assert fast["games"]["trained"]["seeds"] == pytest.approx(rates[0], rel=1e-5)
+    assert fast["score"]["seeds"] == pytest.approx(rates[1], rel=1e-5)  # outside of training
+    assert fast["exploitability"]["seeds"] == [
+        1 - scores.rate(each.against["trained", "response"]) for each in (one, two)
+    ]
+    assert found["tasks"][NAME]["agents"]["mine"]["exploitability"] is None
+    members = [member for member in suite.suite(tasks.task_of(NAME)) if member.rating is not None]
+    games = [[[one.against["trained", member.name][key] for member in members]] for key in ("won", "drawn", "lost")]
+    elo, error = anchored(*map(np.array, games), np.array([member.rating for member in members]))
+    assert (fast["rating"]["seeds"][0], fast["rating"]["errors"][0]) == pytest.approx((elo[0], error[0]), rel=1e-5)
+    cross = found["tasks"][NAME]["cross_play"]
+    assert cross["agents"] == ["fast", "mine"]
+    assert cross["wins"][0][1] + cross["wins"][1][0] == pytest.approx(1)
+    assert (cross["wins"][1][1], cross["matches"]) == (None, 5)  # one seed meets no other
+
+
+def test_tables_are_the_same_bytes_of_kept_results(results: Path, tmp_path: Path) -> None:
+    table.write(results, tmp_path / "one")
+    table.keep(results, tmp_path / "kept")
+    table.write(tmp_path / "kept", tmp_path / "two")
+    files = sorted(path.name for path in (tmp_path / "one").iterdir())
+    assert files == ["marl_eval-512.json", "profile-512.png", "table.csv", "table.md"]
+    assert all((tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes() for name in files)
+    kept = sorted(path.name for path in (tmp_path / "kept").rglob("*") if path.is_file())
+    assert kept.count("trained-self.rec") == 2  # of the first seed of each agent
+    assert kept.count("result.json") == 3
+    text = (tmp_path / "one" / "table.md").read_text()
+    assert "### 512 agent-steps (of no track: 4 games a match)" in text
+    assert "mine†" in text

@@ -1,0 +1,96 @@
+"""Who takes part in the benchmark: presets that it trains, runs and policies that exist, functions in files."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import Policy
+from outlast.envs.rollout.saved import SAVED
+from outlast.envs.scenarios.imports import module_of
+
+from .. import checkpoint
+from ..errors import TrainingError
+from ..evaluation.contenders import Contender
+from ..evaluation.matches import Act
+from ..presets import PRESETS
+from .result import AGENT
+
+PRESET, FILE, FUNCTION = "preset", "file", "function"
+FORMS = f"a preset ({', '.join(PRESETS)}), the folder of a run, FILE{SAVED} or FILE.py:FUNCTION"
+
+
+@dataclass(frozen=True)
+class Agent:
+    """An agent, of every seed and for every task.
+
+    Attributes:
+        name: In tables and paths.
+        source: A preset; the folder of a run or a saved policy, in which {task} and {seed} stand for these; or
+            FILE.py:FUNCTION, a function (env, seed) that returns a policy (observations) -> actions.
+        options: Of its training, other than the preset's: opponents, settings, memory.
+    """
+
+    name: str
+    source: str
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, text: str, options: dict[str, Any]) -> "Agent":
+        """The agent that a user names: "fast", or "NAME=SOURCE". Raises TrainingError."""
+        name, _, source = text.partition("=")
+        agent = cls(name, source or name, options)
+        if AGENT.fullmatch(name) is None:
+            raise TrainingError(f"{name!r} is no name of an agent, of letters, digits and . _ - +: as in mine={FORMS}")
+        if options and agent.kind != PRESET:
+            given = ", ".join(options)
+            raise TrainingError(f"{given} has no effect on {text}, which is trained already: leave it out")
+        return agent
+
+    @property
+    def kind(self) -> str:
+        """PRESET, FILE, of saved policies and of folders, or FUNCTION. Raises TrainingError."""
+        if self.source in PRESETS:
+            return PRESET
+        if re.search(r"\.py:\w+$", self.source):
+            return FUNCTION
+        if self.source.endswith(SAVED) or "/" in self.source or Path(self.source).is_dir():
+            return FILE
+        raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
+
+    def policy(self, task: str, seed: int) -> Path:
+        """The saved policy of a task and a seed: the newest one of a run. Raises TrainingError."""
+        place = Path(self.source.replace("{task}", task).replace("{seed}", str(seed)))
+        if place.suffix == SAVED and place.exists():
+            return place
+        if not place.is_dir():
+            raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {place}; {FORMS} is needed")
+        return checkpoint.newest(place)
+
+
+class Made(Contender):
+    """A policy that a user's function (env, seed) makes."""
+
+    def __init__(self, label: str, source: str, seed: int) -> None:
+        """source: "FILE.py:FUNCTION". seed: that of the agent. Raises TrainingError, ScenarioError."""
+        place, _, name = source.rpartition(":")
+        make = getattr(module_of(place), name, None)
+        if not callable(make):
+            raise TrainingError(f"{source}: {place} has no function {name}, of (env, seed), that returns a policy")
+        super().__init__(label, self._unmade)
+        self.text, self.file = source, Path(place)
+        self._make: Callable[[SurvivalVectorEnv, int], Policy] = make
+        self._seed = seed
+
+    def act(self, env: SurvivalVectorEnv, seed: int) -> Act:
+        """The policy for these worlds, made anew."""
+        policy = self._make(env, self._seed)
+        if not callable(policy):
+            raise TrainingError(f"{self.text} returned {policy!r:.60}: a function (observations) -> actions is needed")
+        return Contender(self.label, policy).act(env, seed)
+
+    @staticmethod
+    def _unmade(observations: Any) -> Any:
+        raise AssertionError("a policy is made for its worlds")

@@ -1,0 +1,1 @@
+"""Anchors: for each task TASK.json with ratings of all of the suite, and frozen checkpoints. `make` makes both."""

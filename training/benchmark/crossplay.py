@@ -1,0 +1,95 @@
+"""Cross-play: matches between all entries of a task, of other agents and of other seeds of the same one."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from outlast.envs.scenarios.fingerprint import is_word
+
+from ..errors import TrainingError
+from ..evaluation.contenders import Contender
+from . import result
+from .agents import Made
+from .matches import digest, play
+from .result import DIGEST, POLICY, Content, Result, read_json, write_json, wrong_with_match
+from .tasks import PROTOCOL, Task, task_of
+
+NAME = "cross.json"
+
+
+def contender(entry: Result) -> Contender:
+    """The policy of an entry. Raises TrainingError if its file is not there, or another one than was tested."""
+    content, path = entry.content, entry.folder / POLICY
+    made = None
+    if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
+        made = Made(entry.name, content["source"], content["seed"])
+        path = made.file
+    if not path.exists():
+        raise TrainingError(f"{path} is not there, and {entry.name} has to play: put it back, or run the entry again")
+    if content["policy"] is None or digest(path) != content["policy"]["digest"]:
+        raise TrainingError(f"{path} is not the policy that {entry.folder / result.NAME} is of")
+    return made or Contender(entry.name, str(path))
+
+
+def load(folder: Path) -> dict[tuple[str, str], Content]:
+    """The matches that were played, by names of entries; folder: of the task. Raises TrainingError."""
+    path = folder / NAME
+    content = read_json(path, _wrong) if path.exists() else {"matches": []}
+    return {(match["one"], match["other"]): match for match in content["matches"]}
+
+
+def pairs(entries: Sequence[Result]) -> list[tuple[Result, Result]]:
+    """All pairs of entries of a task."""
+    return list(itertools.combinations(sorted(entries, key=lambda entry: entry.name), 2))
+
+
+def recording(folder: Path, match: Content) -> Path:
+    """Where a match is recorded."""
+    return folder / "cross" / result.recording_name(match["one"], match["other"])
+
+
+def play_all(folder: Path, entries: Sequence[Result], progress: Callable[[int], None] = lambda games: None) -> None:
+    """Play the matches that are missing, or were played by other policies.
+
+    Args:
+        folder: Of the task: the results of one budget.
+        entries: All in it.
+        progress: Called with how many more games are done.
+
+    Raises:
+        TrainingError: A policy is not there.
+    """
+    known = load(folder)
+    for one, other in pairs(entries):
+        match = known.get((one.name, other.name))
+        if match is None or not is_of(match, one, other):
+            found = _play(task_of(one.content["task"]), one, other, folder)
+            known[one.name, other.name] = found
+            write_json(folder / NAME, {"version": PROTOCOL, "matches": [known[key] for key in sorted(known)]})
+        progress(one.content["games"])
+
+
+def is_of(match: Content, one: Result, other: Result) -> bool:
+    """Whether a match is that of these entries, as they are."""
+    digests = [entry.content["policy"]["digest"] for entry in (one, other)]
+    return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
+
+
+def _play(task: Task, one: Result, other: Result, folder: Path) -> Content:
+    names = {"one": one.name, "other": other.name}
+    digests = {"own": one.content["policy"]["digest"], "opponent": other.content["policy"]["digest"]}
+    path = recording(folder, names)
+    path.parent.mkdir(exist_ok=True)
+    return names | digests | play(task.games[0], [contender(one), contender(other)], one.content["games"], path)
+
+
+def _wrong(content: Content) -> str:
+    """What is wrong with the content of a file of cross-play; empty if nothing is."""
+    if content["version"] != PROTOCOL:
+        return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
+    for match in content["matches"]:
+        if fault := wrong_with_match(match, ("one", "other")):
+            return fault
+        if not is_word(match["own"]) or DIGEST.fullmatch(match["own"]) is None:
+            return "digests that are none"
+    return ""

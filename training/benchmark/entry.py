@@ -1,0 +1,240 @@
+"""An entry: an agent of a seed in a task, which is trained, plays itself and the suite, and gets a best response.
+
+All of it can be stopped at any moment, and goes on where it was: what is in the folder is whole.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.rollout.mixture import parse_mixture
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.storage.atomic_write import is_temporary, remove
+
+from .. import checkpoint, log_file, run_header
+from ..config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
+from ..config import SELF as OWN
+from ..errors import TrainingError
+from ..evaluation.contenders import Contender
+from ..files import write_files
+from ..paper.results import policy_only
+from ..presets import preset
+from ..run import TrainingRun
+from ..workload import Workload
+from . import result
+from .agents import FUNCTION, PRESET, Agent, Made
+from .matches import digest, play
+from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
+from .suite import STYLES, suite
+from .tasks import Game, Task, check_training_seed, response_steps
+
+RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps in a second of a core
+TRAINED = "trained"  # the folder of a run
+STEPS = "steps"
+Progress = Callable[[int, str], None]  # agent-steps of training that are done, or as much work; and what is being done
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is to be done for an agent of a seed in a task.
+
+    Attributes:
+        task: The task.
+        agent: The agent.
+        seed: Of its training.
+        budget: Agent-steps of its training.
+        games: Of each match.
+        out: Folder of all results.
+        threads: Of training; 0: as `outlast.train` has it.
+    """
+
+    task: Task
+    agent: Agent
+    seed: int
+    budget: int
+    games: int
+    out: Path
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be. Raises TrainingError."""
+        check_training_seed(self.seed)
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        return f"{self.task.name} {self.agent.name}/{self.seed}"
+
+    @property
+    def folder(self) -> Path:
+        """Of its result."""
+        return self.out / str(self.budget) / self.task.name / self.agent.name / str(self.seed)
+
+    @property
+    def wanted(self) -> list[tuple[Game, str]]:
+        """The matches that there are to be: every game against itself and the suite."""
+        names = [SELF, *(member.name for member in suite(self.task))]
+        return [(game, name) for game in self.task.games for name in names]
+
+    @property
+    def responds(self) -> bool:
+        """Whether a best response can be trained: against saved policies."""
+        return self.agent.kind != FUNCTION
+
+    def config(self) -> TrainingConfig:
+        """Of the training. Raises TrainingError."""
+        options = dict(self.agent.options)
+        options["opponents"] = parse_mixture(options.get("opponents", OWN), OPPONENTS)
+        return TrainingConfig(
+            self.task.scenario, self.agent.source, self.budget, self.seed, threads=self.threads, **options
+        )
+
+    def response_config(self, policy: Path) -> TrainingConfig:
+        """Of the training of a best response. Raises TrainingError."""
+        steps, opponents = response_steps(self.budget), {str(policy): 1.0}
+        return TrainingConfig(self.task.scenario, FAST, steps, self.seed, threads=self.threads, opponents=opponents)
+
+    @property
+    def work(self) -> int:
+        """All of it, in agent-steps: those of training, and for each match those that take as long."""
+        trained = Workload.of(self.config()).total if self.agent.kind == PRESET else 0
+        response = response_steps(self.budget) if self.responds else 0
+        return trained + response + (len(self.wanted) + self.responds) * self.match_work
+
+    @property
+    def match_work(self) -> int:
+        """A match in agent-steps of training that take about as long."""
+        return 1000 * self.games * int(self.task.scenario.numbers()["agents_count"])
+
+    def done(self) -> int:
+        """How much of `work` is done, by what is in the folder."""
+        logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in (TRAINED, BEST))
+        return logs + len(list(self.folder.glob("*.rec"))) * self.match_work
+
+
+def estimate(entries: Iterable[Entry]) -> float:
+    """About how many seconds of one core entries take as a whole, on a machine like that of docs/performance.md."""
+    seconds = 0.0
+    for entry in entries:
+        trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
+        rest = entry.work - (Workload.of(entry.config()).total if entry.agent.kind == PRESET else 0)
+        seconds += trained + rest / RATES[FAST]
+    return seconds
+
+
+class EntryRun:
+    """Does what an entry needs."""
+
+    def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
+        """Begin, or go on with what is in the folder. Raises TrainingError if that is another agent's."""
+        self.entry, self.progress = entry, progress
+        agent, task = entry.agent, entry.task
+        begun = result.begun(task, agent.name, agent.source, agent.options, entry.seed, entry.budget, entry.games)
+        fresh = json.loads(json.dumps(begun))
+        there = entry.folder / NAME
+        self.result = result.read(there) if there.exists() else Result(entry.folder, fresh)
+        for key in ("task", "agent", "source", "options", "seed", "budget", "games", "fingerprints"):
+            if (kept := self.result.content[key]) != (mine := fresh[key]):
+                wrong = f"{there} is of {key} {kept!r:.80}, not {mine!r:.80}"
+                raise TrainingError(f"{wrong}: choose another name for the agent, or another --out")
+        for path in filter(is_temporary, list(entry.folder.glob(".*"))):  # of a process that was killed
+            remove(path)
+
+    def run(self) -> Result:
+        """Do all of it that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
+        self._enter()
+        own = self._contender()
+        for game, name in self.entry.wanted:
+            if (game.name, name) not in self.result.against:
+                self._play(game, name, own)
+        if self.entry.responds:
+            self._respond(own)
+        return self.result
+
+    def _enter(self) -> None:
+        """Have the policy in the folder: train it, or take the one that exists."""
+        entry, content = self.entry, self.result.content
+        if content["policy"] is not None:
+            return
+        if entry.agent.kind == FUNCTION:
+            made = Made(entry.agent.name, entry.agent.source, entry.seed)
+            content["policy"] = {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
+        else:
+            path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
+            content["policy"] = self._keep(path, POLICY)
+        self.result.write()
+
+    def _found(self) -> Path:
+        return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
+
+    def _keep(self, path: Path, name: str) -> Content:
+        """Copy a policy without what only training needs; what is said of it in the result."""
+        kept = self.entry.folder / name
+        write_files({kept: policy_only(path)})
+        header, _ = run_header.read_checkpoint(kept, (), (STEPS, "scenario", "preset"))
+        plan = header.get("plan", {})
+        check_training_seed(plan.get("seed", 0))
+        trained_in = preset(header["preset"]).scenario(self.entry.task.scenario)
+        of_task = not difference(header["scenario"], fingerprint(trained_in))
+        opponents = parse_mixture(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
+        teacher, _ = parse_warm_start(plan.get("warm_start", ""))
+        met = [name for name in STYLES if name in (*opponents, teacher)]
+        return {"digest": digest(kept), STEPS: header[STEPS], "of_task": of_task, "met": met}
+
+    def _train(self, config: TrainingConfig, name: str) -> Path:
+        """Train, or go on; the newest checkpoint."""
+        folder = self.entry.folder / name
+        with self._timed(name):
+            run = TrainingRun(config, folder, resume=folder.exists())
+            run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
+        return checkpoint.newest(folder)
+
+    def _contender(self) -> Contender:
+        agent = self.entry.agent
+        if agent.kind == FUNCTION:
+            return Made(agent.name, agent.source, self.entry.seed)
+        return Contender(agent.name, str(self.entry.folder / POLICY))
+
+    def _play(self, game: Game, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
+        """Play a match, and enter it. other, known: who is neither itself nor of the suite, and its digest."""
+        if other is None and name != SELF:
+            member = next(member for member in suite(self.entry.task) if member.name == name)
+            other, known = member.contender(), member.digest
+        self.progress(self.entry.done(), f"{game.name} against {name}")
+        path = self.entry.folder / result.recording_name(game.name, name)
+        pair = [own] if other is None else [own, other]
+        with self._timed("matches"):
+            found = play(game, pair, self.entry.games, path)
+        match = {"game": game.name, "against": name, "opponent": known, **found}
+        self.result.matches.append(match)
+        self.result.write()
+
+    def _respond(self, own: Contender) -> None:
+        """Train a best response to the policy, and let it play."""
+        entry, content, game = self.entry, self.result.content, self.entry.task.games[0]
+        if content["response"] is None:
+            path = self._train(entry.response_config(entry.folder / POLICY), BEST)
+            content["response"] = self._keep(path, RESPONSE)
+            self.result.write()
+        if (game.name, BEST) not in self.result.against:
+            best = Contender(BEST, str(entry.folder / RESPONSE))
+            self._play(game, BEST, own, best, content["response"]["digest"])
+
+    @contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        """Add the time that it takes to that of before: seconds of wall clock and of CPU."""
+        wall, cpu = time.perf_counter(), time.process_time()
+        try:
+            yield
+        finally:
+            seconds: dict[str, Any] = self.result.content["seconds"]
+            for key, spent in (
+                (f"{name} wall", time.perf_counter() - wall),
+                (f"{name} cpu", time.process_time() - cpu),
+            ):
+                seconds[key] = round(seconds.get(key, 0.0) + spent, 2)
+            self.result.write()

@@ -1,0 +1,206 @@
+"""Matches of the benchmark: played and recorded, or played again from a recording and compared with it."""
+
+import contextlib
+import hashlib
+import itertools
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs import STEP
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.errors import RecordingError
+from outlast.envs.recording import Recording, record
+from outlast.envs.recording.tick_records import JointActions, TickRecord
+from outlast.envs.rollout.sides import ROLES
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.storage.atomic_write import atomic_write
+
+from ..errors import TrainingError
+from ..evaluation.contenders import Contender
+from ..evaluation.evaluation import Evaluation
+from ..evaluation.matches import Act, AgentIndices, Match, MatchResults
+from ..evaluation.pairing import Pairing
+from .tasks import Game
+
+Array = np.ndarray[Any, Any]
+SEEN = "cameras_mode"  # the only number of a game that depends on who plays: what rows of hidden entities hold
+DIGITS = 6  # of figures
+ROUNDING = 1e-3  # share of actions that may differ on another machine, whose networks round otherwise
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def play(
+    game: Game, pair: Sequence[Contender], games: int, path: Path, progress: Callable[[int], None] = lambda ended: None
+) -> dict[str, Any]:
+    """Play a match and record it.
+
+    Args:
+        game: What is played.
+        pair: Two policies, or one that meets itself.
+        games: How many, in a world each: an even number, so that both policies play each side as often.
+        path: Of the recording, written whole or not at all.
+        progress: Called with how many more games have ended.
+
+    Returns:
+        What came of it, see `outcome`, with "recording", the digest of the file.
+    """
+    with _worlds(game, pair, games) as env, atomic_write(path) as place:
+        with record(env, place):
+            found = Match(env, _acts(game, pair, env), 1, game.seed).play(progress)
+        made = digest(place)
+    return outcome(found) | {"recording": made}
+
+
+def outcome(found: MatchResults) -> dict[str, Any]:
+    """A match in numbers, as JSON has them.
+
+    Returns:
+        "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
+        training.columns, as [mean, standard error], without those that could not be measured.
+    """
+    pairing = Pairing((0, 1), found)
+    won, drawn, lost = pairing.won_drawn_lost()
+    every = [
+        {name: [float(f"{each:.{DIGITS}g}") for each in pair] for name, pair in pairing.estimates(role).items()}
+        for role in range(ROLES)
+    ]
+    figures = [{name: pair for name, pair in each.items() if not np.isnan(pair).any()} for each in every]
+    return {"games": won + drawn + lost, "won": won, "drawn": drawn, "lost": lost, "figures": figures}
+
+
+@dataclass
+class Repeated:
+    """A match that was played again from its recording.
+
+    Attributes:
+        outcome: As `play` returned it, without the digest of the recording.
+        others: For each policy, the share of its actions that are not those that it chooses; NaN: nobody knows.
+    """
+
+    outcome: dict[str, Any]
+    others: list[float]
+
+
+def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
+    """Play a recorded match again: the recorded actions, in worlds that are made anew, observed by the policies.
+
+    Args:
+        game: What was played.
+        pair: Two policies, or one that met itself; None: one that is not known here.
+        games: How many were played.
+        path: Of the recording.
+
+    Returns:
+        What comes of it.
+
+    Raises:
+        RecordingError: It is no recording, or of another game, or a tick is not what was recorded.
+    """
+    recording = Recording.open(path)
+    if recording.cut:
+        raise RecordingError(recording.cut)
+    if recording.num_worlds != games:
+        raise RecordingError(f"{path} is of {recording.num_worlds} worlds: {games} games were to be played")
+    mode = recording.scenario.numbers().get(SEEN)
+    played = game.scenario if mode is None else game.scenario.replace(**{SEEN: mode}).titled_as(game.scenario)
+    if other := difference(fingerprint(recording.scenario), fingerprint(played)):
+        raise RecordingError(f"{path} is of another game {other}")
+    known = [policy for policy in pair if policy is not None]
+    with _worlds(game, known, games, recording) as env, tempfile.TemporaryDirectory() as folder:
+        again = Path(folder, "again.rec")
+        script = _Script(
+            recording, env, [None if each is None else _act(game, k, each, env) for k, each in enumerate(pair)]
+        )
+        with record(env, again):
+            match = Match(env, script.acts(), 1, game.seed)
+            script.number = lambda: match.records + 1
+            found = match.play()
+        _compare(path, recording, Recording.open(again))
+    return Repeated(outcome(found), [other / total if total else float("nan") for other, total in script.counts])
+
+
+class _Script:
+    """Recorded actions as policies that choose them, while the policies that are said to have played are asked, too."""
+
+    def __init__(self, recording: Recording, env: SurvivalVectorEnv, asked: Sequence[Act | None]) -> None:
+        self.path, self.asked = recording.path, asked
+        self.counts = [[0, 0] for _ in asked]  # actions of each policy that are others, and all
+        self.number: Callable[[], int] = lambda: 1  # of the tick record of the step to come
+        self._joint, self._records = JointActions(env.worlds), enumerate(recording.tick_records())
+        self._lows = np.array([low for _, low, _ in self._joint.columns])[:, None, None]  # environments count from 0
+        self._at, self._actions = 0, np.zeros(0)
+
+    def acts(self) -> list[Act]:
+        """One for each policy."""
+        return [self._act(role) for role in range(len(self.asked))]
+
+    def _act(self, role: int) -> Act:
+        def act(seen: dict[str, Array], indices: AgentIndices) -> Array:
+            actions: Array = self._now()[indices]
+            if (asked := self.asked[role]) is not None:
+                self.counts[role][0] += int((asked(seen, indices) != actions).any(1).sum())
+                self.counts[role][1] += len(actions)
+            return actions
+
+        return act
+
+    def _now(self) -> Array:
+        """The recorded actions of the step to come, (worlds, agents, actions)."""
+        wanted = self.number()
+        while self._at < wanted:
+            self._at, tick = next(self._records, (wanted, None))
+            if tick is None or (self._at == wanted and (tick.mode != STEP).any()):
+                raise RecordingError(f"{self.path}: tick {wanted} is no step of all worlds, as the match goes on then")
+            if self._at == wanted:
+                self._actions = np.moveaxis(self._joint.decode(tick.codes) - self._lows, 0, -1)
+        return self._actions
+
+
+def _compare(path: Path, there: Recording, here: Recording) -> None:
+    """Raise RecordingError where two recordings differ in a tick."""
+    for number, (one, two) in enumerate(itertools.zip_longest(there.tick_records(), here.tick_records())):
+        if one is None or two is None or not _same(one, two):
+            raise RecordingError(
+                f"{path}: tick {number} is the first that is not as it is when the match is played again"
+            )
+
+
+def _same(one: TickRecord, two: TickRecord) -> bool:
+    return all(np.array_equal(getattr(one, key), getattr(two, key)) for key in ("mode", "codes", "keys", "digest"))
+
+
+@contextlib.contextmanager
+def _worlds(
+    game: Game, pair: Sequence[Contender], games: int, recording: Recording | None = None
+) -> Iterator[SurvivalVectorEnv]:
+    """The worlds of a match, which all policies can play in. recording: of them, which has their cameras_mode."""
+    if games % ROLES:
+        raise TrainingError(f"games = {games}: an even number is needed, so that each policy plays each side as often")
+    scenario = game.scenario if recording is None else recording.scenario
+    evaluation = Evaluation(scenario, pair, episodes=games, worlds=games, seed=game.seed)
+    try:
+        if game.given:
+            evaluation.env.set_numbers(game.numbers(games))
+        yield evaluation.env
+    finally:
+        evaluation.close()
+
+
+def _acts(game: Game, pair: Sequence[Contender], env: SurvivalVectorEnv) -> list[Act]:
+    return [_act(game, role, policy, env) for role, policy in enumerate(pair)]
+
+
+def _act(game: Game, role: int, policy: Contender, env: SurvivalVectorEnv) -> Act:
+    """The function that plays a policy in a role; what it draws is a function of the game and the role."""
+    (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
+    return policy.act(env, int(seed))

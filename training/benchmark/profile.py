@@ -1,0 +1,38 @@
+"""The figure of performance profiles: which share of seeds and tasks scores more than a threshold. Needs matplotlib."""
+
+import hashlib
+import json
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..image import encoded
+from ..plots.figure import look
+from .scores import Scores
+
+SIZE = (7.0, 3.4)  # inches
+
+
+def picture(own: Scores, title: str) -> bytes:
+    """The figure as a PNG; the same scores give the same bytes."""
+    source = hashlib.sha256(json.dumps(own["profile"], sort_keys=True).encode()).hexdigest()
+    return encoded(lambda: _draw(own, title), "png", {"Title": title, "Source": source}, colours=256)
+
+
+def _draw(own: Scores, title: str) -> Figure:
+    figure = Figure(figsize=SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes, thresholds = figure.subplots(), own["profile"]["thresholds"]
+    count = len(own["common"])
+    axes.set_title(f"Performance profiles, {title}, {count} task{'s' * (count > 1)}")
+    agents = [name for name in own["profile"] if name != "thresholds"]
+    for k, agent in enumerate(agents):
+        each, (ink, dash) = own["profile"][agent], look(k)
+        axes.step(thresholds, each["value"], where="post", color=ink, linestyle=dash, linewidth=1.7, label=agent)
+        if "low" in each:
+            axes.fill_between(thresholds, each["low"], each["high"], step="post", color=ink, alpha=0.16, linewidth=0)
+    axes.set(
+        xlim=(0, 1), ylim=(0, 1.02), xlabel="score: win rate against the suite", ylabel="share of seeds that score more"
+    )
+    axes.legend(frameon=False)
+    return figure

@@ -1,0 +1,215 @@
+"""result.json: what an agent of a seed did in a task. Others may have written it: it is validated. Needs no PyTorch."""
+
+import json
+import math
+import os
+import platform
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
+
+from ..errors import TrainingError
+from ..files import write_files
+from .tasks import PROTOCOL, Task
+
+NAME, POLICY, RESPONSE = "result.json", "policy.zip", "response.zip"
+SELF = "self"  # against itself
+BEST = "response"  # against the best response to it
+LONGEST = 2**24  # bytes
+AGENT = re.compile(r"\w[\w.+-]{0,60}")  # a part of the names of files
+DIGEST = re.compile(r"[0-9a-f]{64}")
+PACKAGES = ("outlast", "numpy", "numba", "Box2D", "torch")
+Content = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A result in its folder, RESULTS/BUDGET/TASK/AGENT/SEED, beside its policies and recordings.
+
+    Attributes:
+        folder: Where result.json is.
+        content: What is in it.
+    """
+
+    folder: Path
+    content: Content
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages and tables: "fast/0"."""
+        return f"{self.content['agent']}/{self.content['seed']}"
+
+    @property
+    def matches(self) -> list[Content]:
+        """Those that were played."""
+        found: list[Content] = self.content["matches"]
+        return found
+
+    @property
+    def against(self) -> dict[tuple[str, str], Content]:
+        """The matches by game and opponent."""
+        return {(match["game"], match["against"]): match for match in self.matches}
+
+    def recording(self, match: Content) -> Path:
+        """Where a match is recorded."""
+        return self.folder / recording_name(match["game"], match["against"])
+
+    def write(self) -> None:
+        """Write it, whole or not at all. Raises TrainingError."""
+        write_json(self.folder / NAME, self.content)
+
+
+def recording_name(game: str, against: str) -> str:
+    """The file of a match in the folder of a result."""
+    return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
+
+
+def begun(task: Task, agent: str, source: str, options: Content, seed: int, budget: int, games: int) -> Content:
+    """A result in which nothing has been done yet."""
+    return {
+        "version": PROTOCOL,
+        "task": task.name,
+        "agent": agent,
+        "source": source,
+        "options": options,
+        "seed": seed,
+        "budget": budget,
+        "games": games,
+        "fingerprints": {game.name: fingerprint(game.scenario) for game in task.games},
+        "policy": None,
+        "response": None,
+        "matches": [],
+        "seconds": {},
+        "made": made(),
+    }
+
+
+def made() -> Content:
+    """With what, and on what."""
+    versions = {name: _version(name) for name in PACKAGES}
+    machine = f"{platform.system()} {platform.machine()}"
+    return {"python": platform.python_version(), **versions, "machine": machine, "cores": os.cpu_count() or 1}
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, the same for the same content; whole or not at all. Raises TrainingError."""
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
+    short = re.sub(r"\[\n\s+([^][{}]{1,80}?)\n\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)  # [1, 2]
+    write_files({path: (short + "\n").encode()})
+
+
+def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
+    """The content of a JSON file.
+
+    Args:
+        path: Of the file.
+        wrong: Says what is wrong with the content; empty if nothing is.
+
+    Raises:
+        TrainingError: It cannot be read, or is not what it should be.
+    """
+    try:
+        with path.open("rb") as file:
+            content = json.loads(file.read(LONGEST + 1))
+        fault = wrong(content)
+    except OSError as error:
+        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        fault = f"{type(error).__name__}: {error}"
+    if fault:
+        raise TrainingError(f"{path} is no result of the benchmark: {fault:.200}")
+    return dict(content)
+
+
+def read(path: Path) -> Result:
+    """The result in a file. Raises TrainingError."""
+    return Result(path.parent, read_json(path, wrong_with_result))
+
+
+def find(places: Path) -> list[Result]:
+    """The results in a folder and all folders in it, in order of their paths. Raises TrainingError if there is none."""
+    found = [read(path) for path in sorted(places.rglob(NAME))]
+    if not found:
+        raise TrainingError(
+            f"there is no {NAME} in {places}, nor in folders in it: make one by `outlast benchmark run`"
+        )
+    return found
+
+
+def wrong_with_result(content: Content) -> str:
+    """What is wrong with the content of a result; empty if nothing is. KeyError and the like for what is missing."""
+    if content["version"] != PROTOCOL:
+        return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
+    valid: dict[str, Callable[[Any], bool]] = {
+        "task": is_word,
+        "agent": lambda given: isinstance(given, str) and AGENT.fullmatch(given) is not None,
+        "source": is_word,
+        "options": lambda given: isinstance(given, dict) and all(map(is_word, given)),
+        "seed": _is_count,
+        "budget": _is_count,
+        "games": _is_count,
+        "fingerprints": lambda given: all(map(is_word, given)) and all(map(is_fingerprint, given.values())),
+        "policy": _is_policy,
+        "response": _is_policy,
+        "matches": lambda given: isinstance(given, list) and len(given) < 10_000,
+        "seconds": lambda given: all(map(is_word, given)) and are_finite(given.values()),
+        "made": lambda given: all(is_word(key) and is_word(str(value)) for key, value in given.items()),
+    }
+    wrong = [key for key, is_valid in valid.items() if not is_valid(content[key])]
+    if wrong:
+        return f"its {wrong[0]} cannot be {content[wrong[0]]!r:.80}"
+    faults = (
+        f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
+    )
+    other = [match["games"] for match in content["matches"] if match["games"] != content["games"]]
+    return next(faults, "") or (f"a match of {other[0]} games: {content['games']} are needed" if other else "")
+
+
+def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
+    """What is wrong with a match; empty if nothing is. names: keys of texts."""
+    if not all(is_word(match[name]) for name in names):
+        return "names that cannot be"
+    if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):
+        return "numbers of games that cannot be"
+    if match["won"] + match["drawn"] + match["lost"] != match["games"] or not match["games"]:
+        return "games that were won, drawn and lost are not all games"
+    if DIGEST.fullmatch(match["recording"]) is None or DIGEST.fullmatch(match["opponent"] or "0" * 64) is None:
+        return "digests that are none"
+    pairs = [pair for figures in match["figures"] for pair in figures.values()]
+    names_of_figures = [name for figures in match["figures"] for name in figures]
+    whole = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in pairs)
+    if len(match["figures"]) != 2 or not all(map(is_word, names_of_figures)) or not whole:
+        return "figures that cannot be"
+    return ""
+
+
+def _is_policy(given: Any) -> bool:
+    if given is None:
+        return True
+    trained, known = given["steps"] is None or _is_count(given["steps"]), isinstance(given["of_task"], bool)
+    return DIGEST.fullmatch(given["digest"]) is not None and trained and known and all(map(is_word, given["met"]))
+
+
+def _is_count(given: Any) -> bool:
+    return type(given) is int and 0 <= given < 2**63
+
+
+def are_finite(given: Iterable[Any]) -> bool:
+    """Whether all are finite numbers."""
+    return all(type(each) in (int, float) and math.isfinite(each) for each in given)
+
+
+def _version(package: str) -> str:
+    if package == "outlast":
+        import outlast  # here, as it imports this package
+
+        return outlast.__version__
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,234 @@
+"""Scores: everything that is said of agents in tables, from results alone; the same results give the same bytes.
+
+The score of an entry is its mean win rate against the suite, draws as half, every opponent counting the same; in tasks
+of generalisation that in the games outside of training. It is from 0 to 1 in every task, so that tasks can be compared.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import statistics
+from ..errors import TrainingError
+from ..evaluation.ratings import anchored
+from . import crossplay
+from .result import BEST, SELF, Content, Result, find
+from .suite import suite
+from .tasks import PROTOCOL, Task, task_of, track_of
+
+NAME = "scores.json"
+DIGITS = 6  # of what is computed
+TRAINED = "trained"  # the game of training
+THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
+OWN_FIGURES = (
+    *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),
+    *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),
+)  # of self-play; return is none of them, as it is nearly constant where one side's gain is the other's loss
+Scores = dict[str, Any]
+
+
+def by_budget(places: Path) -> dict[int, list[Result]]:
+    """The results in a folder, by budget. Raises TrainingError."""
+    found: dict[int, list[Result]] = {}
+    for entry in find(places):
+        _check_place(entry)
+        found.setdefault(entry.content["budget"], []).append(entry)
+    return dict(sorted(found.items()))
+
+
+def task_folders(entries: Sequence[Result]) -> dict[Path, list[Result]]:
+    """The results by the folder of their task."""
+    found: dict[Path, list[Result]] = {}
+    for entry in entries:
+        found.setdefault(entry.folder.parents[1], []).append(entry)
+    return found
+
+
+def scores(places: Path) -> Scores:
+    """All scores of the results in a folder, by budget. Raises TrainingError."""
+    budgets = {str(budget): _budget(budget, entries) for budget, entries in by_budget(places).items()}
+    return {"version": PROTOCOL, "budgets": budgets}
+
+
+def _budget(budget: int, entries: Sequence[Result]) -> Scores:
+    """The scores of entries of one budget: of each task, and of all tasks that all agents have played."""
+    folders = task_folders(entries)
+    tasks = {folder.name: _task(folder, own) for folder, own in sorted(folders.items())}
+    agents = sorted({agent for task in tasks.values() for agent in task["agents"]})
+    common = [name for name, task in tasks.items() if len(task["agents"]) == len(agents)]
+    each = {
+        agent: {name: tasks[name]["agents"][agent]["score"]["seeds"] for name in common} for agent in agents if common
+    }
+    games = min(entry.content["games"] for entry in entries)
+    return {
+        "track": track_of(budget, games),
+        "games": games,
+        "tasks": tasks,
+        "common": common,
+        "iqm": {agent: _estimate(statistics.iqm, own) for agent, own in each.items()},
+        "improvement": {
+            one: {other: _estimate(statistics.probability_of_improvement, each[one], each[other]) for other in each}
+            for one in each
+        },
+        "profile": {"thresholds": _rounded(THRESHOLDS), **{agent: _profile(own) for agent, own in each.items()}},
+    }
+
+
+def _task(folder: Path, entries: Sequence[Result]) -> Scores:
+    task, agents = task_of(folder.name), dict[str, list[Result]]()
+    for entry in sorted(entries, key=lambda entry: entry.content["seed"]):
+        agents.setdefault(entry.content["agent"], []).append(entry)
+    return {
+        "agents": {agent: _agent(task, own) for agent, own in sorted(agents.items())},
+        "cross_play": _cross_play(folder, entries),
+    }
+
+
+def _agent(task: Task, entries: Sequence[Result]) -> Scores:
+    """The scores of an agent in a task: of each seed, with means and intervals over seeds."""
+    members = {member.name: member for member in suite(task)}
+    for entry in entries:
+        missing = [
+            (game.name, name)
+            for game in task.games
+            for name in (SELF, *members)
+            if (game.name, name) not in entry.against
+        ]
+        if missing:
+            raise TrainingError(f"{entry.folder} is not complete: {missing[0][1]} is missing; run it again, to go on")
+    rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
+    outside = [name for name in rates if name != TRAINED]
+    score = np.mean([rates[name] for name in outside or [TRAINED]], 0)
+    own = [entry.against[TRAINED, SELF]["figures"][0] for entry in entries]
+    return {
+        "seeds": [entry.content["seed"] for entry in entries],
+        "steps": [entry.content["policy"]["steps"] for entry in entries],
+        "of_task": all(_is_of_track(entry) for entry in entries),
+        "met": sorted({name for entry in entries for name in entry.content["policy"]["met"]}),
+        "score": _over_seeds(score),
+        "games": {name: _over_seeds(values) for name, values in rates.items()},
+        "suite": {name: _over_seeds([rate(entry.against[TRAINED, name]) for entry in entries]) for name in members},
+        "self_play": {
+            name: _over_seeds([each[name][0] for each in own])
+            for name in OWN_FIGURES
+            if all(name in each for each in own)
+        },
+        "rating": _ratings(entries, members),
+        "exploitability": _exploitability(entries),
+        "seconds": _seconds(entries),
+    }
+
+
+def rate(match: Content) -> float:
+    """The share of games that the first policy won, draws as half."""
+    return float((match["won"] + match["drawn"] / 2) / match["games"])
+
+
+def _suite_rate(entry: Result, game: str, members: dict[str, Any]) -> float:
+    return float(np.mean([rate(entry.against[game, name]) for name in members]))
+
+
+def _is_of_track(entry: Result) -> bool:
+    """Whether its policy says that it was trained in the game of the task, and no longer than the budget.
+
+    Whole rollouts are collected, so it may be a little longer.
+    """
+    policy = entry.content["policy"]
+    return bool(policy["of_task"] and policy["steps"] <= 1.01 * entry.content["budget"] + 2**16)
+
+
+def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | None:
+    """Ratings among the opponents whose ratings are fixed; None: there are none in this task.
+
+    "errors" are over games, of each seed; "low" and "high" are over seeds.
+    """
+    rated = [name for name, member in members.items() if member.rating is not None]
+    if not rated:
+        return None
+    wins, draws, losses = (
+        np.array([[entry.against[TRAINED, name][key] for name in rated] for entry in entries], np.float64)
+        for key in ("won", "drawn", "lost")
+    )
+    ratings, errors = anchored(wins, draws, losses, np.array([members[name].rating for name in rated]))
+    return _over_seeds(ratings) | {"errors": _rounded(errors)}
+
+
+def _exploitability(entries: Sequence[Result]) -> Scores | None:
+    """The win rates of best responses; None where there is not one for each seed."""
+    found = [entry.against.get((TRAINED, BEST)) for entry in entries]
+    known = [match for match in found if match is not None]
+    return _over_seeds([1 - rate(match) for match in known]) if len(known) == len(found) else None
+
+
+def _seconds(entries: Sequence[Result]) -> Scores:
+    """Seconds that a seed took, means over seeds: CPU and wall clock, by what they were spent on."""
+    names = sorted({name for entry in entries for name in entry.content["seconds"]})
+    return {name: _rounded(np.mean([entry.content["seconds"].get(name, 0) for entry in entries])) for name in names}
+
+
+def _cross_play(folder: Path, entries: Sequence[Result]) -> Scores:
+    """Win rates of the agent of each row against that of each column: of all pairs of their seeds.
+
+    Against itself it is the mean over pairs of seeds, of the win rate of the lower seed. None: not played yet.
+    """
+    known, found = crossplay.load(folder), dict[tuple[str, str], list[float]]()
+    for one, other in crossplay.pairs(entries):
+        match = known.get((one.name, other.name))
+        if match is not None and crossplay.is_of(match, one, other):
+            pair = one.content["agent"], other.content["agent"]
+            found.setdefault(pair, []).append(rate(match))
+            if pair[0] != pair[1]:
+                found.setdefault(pair[::-1], []).append(1 - rate(match))
+    agents = sorted({entry.content["agent"] for entry in entries})
+    wins = [[_mean(found.get((one, other), [])) for other in agents] for one in agents]
+    return {"agents": agents, "wins": wins, "matches": sum(map(len, found.values()))}
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(_rounded(np.mean(values))) if values else None
+
+
+def _over_seeds(values: Any) -> Scores:
+    """The values of seeds, with their mean and its 95 % interval; of one seed there is no interval."""
+    low, high = statistics.interval(values) or (None, None)
+    known = {} if low is None else {"low": _rounded(low), "high": _rounded(high)}
+    return {"seeds": _rounded(values), "mean": _rounded(np.mean(values)), **known}
+
+
+def _estimate(statistic: Callable[..., Any], *each: Any) -> Scores:
+    """A statistic over tasks and seeds, with its 95 % interval where every task has two seeds or more."""
+    if any(len(values) < 2 for own in each for values in own.values()):
+        return {"value": _rounded(statistic(*each))}
+    return {key: _rounded(value) for key, value in statistics.stratified_bootstrap(statistic, *each)._asdict().items()}
+
+
+def _profile(own: Any) -> Scores:
+    return _estimate(lambda given: statistics.performance_profile(given, THRESHOLDS), own)
+
+
+def _rounded(values: Any) -> Any:
+    """Numbers with few digits, as lists where there are several: the last ones depend on how a machine adds up."""
+    if np.ndim(values):
+        return [_rounded(value) for value in values]
+    return float(f"{float(values):.{DIGITS}g}")
+
+
+def _check_place(entry: Result) -> None:
+    """Refuse a result in a folder of another name, as where it is says what is compared. Raises TrainingError."""
+    content, parts = entry.content, entry.folder.resolve().parts
+    wanted = (str(content["budget"]), content["task"], content["agent"], str(content["seed"]))
+    if parts[-len(wanted) :] != wanted:
+        raise TrainingError(f"{entry.folder} holds the result of {'/'.join(wanted)}: move it to a folder of that name")
+
+
+def lines(found: Scores) -> Iterator[str]:
+    """The scores in short, to print."""
+    for budget, own in found["budgets"].items():
+        yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
+        for task, of_task in own["tasks"].items():
+            for agent, each in of_task["agents"].items():
+                rating = each["rating"]
+                elo = f", Elo {rating['mean']:.0f}" if rating else ""
+                yield f"  {task}, {agent}: score {each['score']['mean']:.3f}{elo}, seeds {len(each['seeds'])}"

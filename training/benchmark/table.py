@@ -1,0 +1,212 @@
+"""Tables of scores: Markdown, CSV, a figure of performance profiles, and the JSON of marl-eval."""
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..evaluation.marl_eval import RunMetrics, marl_eval_json
+from ..files import write_files
+from ..tables import markdown_table
+from . import crossplay, scores
+from .result import NAME, POLICY, SELF, recording_name
+
+HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
+TASK_HEADS = (
+    *(
+        "task",
+        "agent",
+        "score",
+        "Elo",
+        "best response wins",
+        "trained in",
+        "outside",
+        "length",
+        "kills",
+        "damage",
+        "heals given",
+    ),
+    *("seeds", "agent-steps"),
+)
+PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # of self-play
+OF_NO_TRACK, MET = "†", "‡"
+COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", "seeds")
+
+
+def write(places: Path, folder: Path) -> list[Path]:
+    """Write everything about the results in a folder; the paths. Raises TrainingError."""
+    found = scores.scores(places)
+    contents = {
+        folder / "table.md": markdown(found).encode(),
+        folder / "table.csv": as_csv(found).encode(),
+        **{folder / name: content for name, content in _more(found)},
+    }
+    write_files(contents)
+    return list(contents)
+
+
+def keep(places: Path, folder: Path) -> list[Path]:
+    """Copy results without most of their recordings; the paths of what was copied.
+
+    Of each agent's first seed in a task its policy and the recording of its self-play are kept, of all others the
+    numbers. Raises TrainingError.
+    """
+    copied: dict[Path, Path] = {}
+    for entries in (own for found in scores.by_budget(places).values() for own in scores.task_folders(found).values()):
+        firsts: dict[str, int] = {}
+        for entry in entries:
+            agent, seed = entry.content["agent"], entry.content["seed"]
+            firsts[agent] = min(seed, firsts.get(agent, seed))
+        for entry in entries:
+            first = entry.content["seed"] == firsts[entry.content["agent"]]
+            for name in (NAME, *((POLICY, recording_name(scores.TRAINED, SELF)) if first else ())):
+                copied[entry.folder / name] = folder / entry.folder.relative_to(places) / name
+        cross = entries[0].folder.parents[1] / crossplay.NAME
+        copied[cross] = folder / cross.relative_to(places)
+    write_files({target: source.read_bytes() for source, target in copied.items() if source.exists()})
+    return [target for source, target in copied.items() if source.exists()]
+
+
+def markdown(found: scores.Scores) -> str:
+    """The tables of all budgets."""
+    return "\n\n".join(part for budget, own in found["budgets"].items() for part in _budget(int(budget), own)) + "\n"
+
+
+def as_csv(found: scores.Scores) -> str:
+    """Every figure of every agent in every task, a row each."""
+    file = io.StringIO()
+    rows = csv.writer(file, lineterminator="\n")
+    rows.writerow(COLUMNS)
+    for budget, own in found["budgets"].items():
+        for task, of_task in own["tasks"].items():
+            for agent, each in of_task["agents"].items():
+                for name, figure in _named(each):
+                    values = (figure["mean"], figure.get("low", ""), figure.get("high", ""), len(figure["seeds"]))
+                    rows.writerow((budget, own["track"], task, agent, name, *values))
+    return file.getvalue()
+
+
+def _named(each: scores.Scores) -> Iterator[tuple[str, scores.Scores]]:
+    """The figures of an agent in a task, by name."""
+    yield "score", each["score"]
+    if each["rating"]:
+        yield "rating", each["rating"]
+    if each["exploitability"]:
+        yield "exploitability", each["exploitability"]
+    for key in ("games", "suite", "self_play"):
+        yield from ((f"{key}/{name}", figure) for name, figure in each[key].items())
+
+
+def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
+    track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a match"
+    tasks = ", ".join(own["common"]) or "none"
+    yield f"### {budget:,} agent-steps ({track})"
+    yield (
+        "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap); tasks that "
+        f"all agents have played: {tasks}."
+    )
+    yield markdown_table(HEADS, _overall(own))
+    if len(own["improvement"]) > 1:
+        yield "Probability that a seed of the row scores more than one of the column:"
+        yield _improvement(own)
+    yield "By task, means over seeds with 95 % bootstrap intervals; self-play figures are of one side:"
+    yield markdown_table(TASK_HEADS, _by_task(own))
+    for task, each in own["tasks"].items():
+        if each["cross_play"]["matches"]:
+            yield f"{task}, wins of the row against the column, between seeds on the diagonal:"
+            yield _cross(each["cross_play"])
+    if any(not each["of_task"] for task in own["tasks"].values() for each in task["agents"].values()):
+        yield f"{OF_NO_TRACK} no policy file says that it was trained in the game of the task, within the budget."
+    if any(each["met"] for task in own["tasks"].values() for each in task["agents"].values()):
+        yield f"{MET} it was trained against opponents of the suite, or by imitating them."
+
+
+def _overall(own: scores.Scores) -> Iterator[list[str]]:
+    """Agents by score."""
+    for agent, found in sorted(own["iqm"].items(), key=lambda entry: -entry[1]["value"]):
+        counts = {len(own["tasks"][task]["agents"][agent]["seeds"]) for task in own["common"]}
+        ends = f"{found['low']:.3f} to {found['high']:.3f}" if "low" in found else "one seed"
+        yield [_marked(agent, own), f"{found['value']:.3f}", ends, str(len(own["common"])), _range(counts)]
+
+
+def _marked(agent: str, own: scores.Scores) -> str:
+    """The agent with the marks that it has in any task."""
+    each = [task["agents"][agent] for task in own["tasks"].values() if agent in task["agents"]]
+    marks = OF_NO_TRACK * (not all(task["of_task"] for task in each)) + MET * any(task["met"] for task in each)
+    return agent + marks
+
+
+def _range(counts: set[int]) -> str:
+    return str(min(counts)) if len(counts) == 1 else f"{min(counts)} to {max(counts)}"
+
+
+def _improvement(own: scores.Scores) -> str:
+    agents = list(own["improvement"])
+    rows = (
+        [one, *("" if one == other else f"{own['improvement'][one][other]['value']:.2f}" for other in agents)]
+        for one in agents
+    )
+    return markdown_table(("", *agents), rows)
+
+
+def _by_task(own: scores.Scores) -> Iterator[list[str]]:
+    for task, of_task in own["tasks"].items():
+        for agent, each in of_task["agents"].items():
+            outside = [figure["mean"] for name, figure in each["games"].items() if name != scores.TRAINED]
+            yield [
+                task,
+                agent + OF_NO_TRACK * (not each["of_task"]) + MET * bool(each["met"]),
+                _cell(each["score"], 3),
+                _rating(each["rating"]),
+                _cell(each["exploitability"], 2),
+                _cell(each["games"][scores.TRAINED], 3) if outside else "",
+                f"{sum(outside) / len(outside):.3f}" if outside else "",
+                *(_cell(each["self_play"].get(name), 0 if name == "length" else 2) for name in PRINTED),
+                str(len(each["seeds"])),
+                "unknown" if None in each["steps"] else f"{max(each['steps']):,}",
+            ]
+
+
+def _cell(figure: scores.Scores | None, digits: int) -> str:
+    """A mean with its interval; empty where there is none."""
+    if figure is None:
+        return ""
+    ends = f" [{figure['low']:.{digits}f}, {figure['high']:.{digits}f}]" if "low" in figure else ""
+    return f"{figure['mean']:.{digits}f}{ends}"
+
+
+def _rating(figure: scores.Scores | None) -> str:
+    """A rating with its interval over seeds; of one seed with its standard error over games."""
+    if figure is None:
+        return ""
+    return _cell(figure, 0) if "low" in figure else f"{figure['mean']:.0f} ± {figure['errors'][0]:.0f}"
+
+
+def _cross(found: scores.Scores) -> str:
+    rows = (
+        [agent, *("" if rate is None else f"{rate:.3f}" for rate in row)]
+        for agent, row in zip(found["agents"], found["wins"], strict=True)
+    )
+    return markdown_table(("", *found["agents"]), rows)
+
+
+def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
+    """For each budget in which all agents have a task in common: performance profiles, and what marl-eval reads."""
+    from .profile import picture  # here, as it needs matplotlib
+
+    for budget, own in found["budgets"].items():
+        if own["common"]:
+            yield f"profile-{budget}.png", picture(own, f"{int(budget):,} agent-steps")
+            if runs := list(_runs(int(budget), own)):
+                yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+
+
+def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
+    """What marl-eval takes: the tasks and the seeds that all agents have; evaluated once, at the end of training."""
+    each = {(task, agent): found for task in own["common"] for agent, found in own["tasks"][task]["agents"].items()}
+    seeds = set.intersection(*(set(found["seeds"]) for found in each.values()))
+    for (task, agent), found in each.items():
+        for k, seed in enumerate(found["seeds"]):
+            if seed in seeds:
+                figures = {"score": found["score"]["seeds"][k], "length": found["self_play"]["length"]["seeds"][k]}
+                yield RunMetrics(task, agent, seed, {budget: figures}, figures)

@@ -1,0 +1,176 @@
+"""The tasks: what is trained in, what is tested in, and how much of both. Needs no PyTorch.
+
+A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
+"""
+
+import difflib
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from outlast.ecs.distributions import Distribution, integers, uniform
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.variants import VARIANTS, variant
+from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms
+
+from ..errors import TrainingError
+
+PROTOCOL = 1  # the version of what results hold and how they are made
+BUDGETS = {"10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track
+RESPONSE = 5_000_000  # agent-steps in which a best response is trained
+GAMES = 320  # of a match, each in a world of its own
+SEEDS = range(2**62, 2**62 + 64)  # of worlds in which agents are tested, one for each game of a task
+LIDAR = Lidar(rays=16, depth=10.0)
+
+
+@dataclass(frozen=True)
+class Game:
+    """A game that agents are tested in.
+
+    Attributes:
+        name: "trained" for that of training, else what is other than there.
+        scenario: What is played: observations are of the same shape in all games of a task.
+        given: Numbers that worlds get in turn, by name: counts for which `scenario` has room, and would draw others.
+        seed: Of the worlds: the same for every agent.
+    """
+
+    name: str
+    scenario: Scenario
+    given: tuple[tuple[str, tuple[int, ...]], ...]
+    seed: int
+
+    def numbers(self, worlds: int) -> dict[str, np.ndarray[Any, Any]]:
+        """What `given` is in so many worlds, integers (worlds,) by name."""
+        return {name: np.resize(values, worlds) for name, values in self.given}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task.
+
+    Attributes:
+        name: With its version: "ffa_2-v1".
+        about: One line for people.
+        scenario: What agents are trained in.
+        games: What they are tested in: first that of training, then, if it is one of generalisation, those outside.
+    """
+
+    name: str
+    about: str
+    scenario: Scenario
+    games: tuple[Game, ...]
+
+    def game(self, name: str) -> Game:
+        """The game of that name."""
+        return next(game for game in self.games if game.name == name)
+
+
+def task_of(name: str) -> Task:
+    """The task of that name. Raises TrainingError, which lists all."""
+    if name not in tasks():
+        near = difflib.get_close_matches(name, tasks(), 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(tasks())}")
+    return tasks()[name]
+
+
+def track_of(budget: int, games: int = GAMES) -> str:
+    """The track of a budget of agent-steps, and matches of so many games; empty if it is of none."""
+    return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
+
+
+def response_steps(budget: int) -> int:
+    """Agent-steps in which a best response is trained: those of the protocol, or fewer beside a tiny budget."""
+    return min(RESPONSE, budget)
+
+
+def check_training_seed(seed: int) -> None:
+    """Refuse the seeds of tests: worlds are keyed by (seed, world), so training in others never meets theirs.
+
+    Raises TrainingError.
+    """
+    if seed >= SEEDS.start:
+        raise TrainingError(
+            f"seed {seed}: seeds from 2**62 on are kept for the worlds of tests, which no training may have seen; "
+            "take a smaller one"
+        )
+
+
+def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | None = None) -> Task:
+    """A task of version 1. outside: Scenario by name, or with numbers that worlds are given: (Scenario, numbers)."""
+    found = {"trained": trained} | (outside or {})
+    games = []
+    for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):
+        scenario, given = entry if isinstance(entry, tuple) else (entry, {})
+        described = scenario.with_(Behaviour()).titled_as(scenario)  # it measures, and changes nothing
+        games.append(Game(name_of_game, described, tuple(given.items()), seed))
+    return Task(f"{name}-v1", about, trained, tuple(games))
+
+
+def _variants() -> Iterator[Task]:
+    for name, scenario in VARIANTS.items():
+        yield _task(name, scenario.about, scenario)
+
+
+def _mended() -> Iterator[Task]:
+    for name, ablations in (
+        ("ffa_2", "health_cap+bounty+steering"),
+        ("ffa_3", "health_cap+bounty+steering"),
+        ("teams_2", "health_cap+team_share+bounty+steering"),
+        ("teams_3", "health_cap+team_share+bounty+steering"),
+    ):
+        yield _task(f"{name}-mended", f"{name} without the flaws of the paper's game", variant(f"{name}+{ablations}"))
+
+
+def _generalisation() -> Iterator[Task]:
+    duel = variant("ffa_2+health_cap+bounty+steering")
+    trained = {"melee_damage": integers(5, 15), "safe_zone_damage": integers(1, 3), "steering_speed": uniform(4.0, 6.0)}
+    changes: dict[str, dict[str, Distribution]] = {
+        "strong blows": {"melee_damage": integers(25, 40)},
+        "harsh zone": {"safe_zone_damage": integers(5, 10)},
+        "slow agents": {"steering_speed": uniform(2.0, 3.0)},
+    }
+    yield _task(
+        "numbers",
+        "numbers that vary, tested beyond their ranges",
+        duel.vary(**trained),
+        {name: duel.vary(**(trained | change)) for name, change in changes.items()},
+    )
+    items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 2)}
+    yield _task(
+        "counts",
+        "many heals and boxes, tested with few",
+        items.vary(n_heals=integers(8, 15), n_boxes=integers(4, 8)),
+        {"few items": (items.vary(n_heals=integers(1, 15), n_boxes=integers(1, 8)), few)},
+    )
+    crowd = variant("ffa_2").replace(n_agents=6)
+    yield _task(
+        "agents",
+        "crowds of four to six, tested with two and three",
+        crowd.vary(n_agents=integers(4, 6)),
+        {
+            "two agents": (crowd.vary(n_agents=integers(2, 6)), {"agents_count": (2,)}),
+            "three agents": (crowd.vary(n_agents=integers(2, 6)), {"agents_count": (3,)}),
+        },
+    )
+    open_floor = variant("ffa_2").with_(LIDAR)
+    small, large = integers(2, 4), integers(6, 8)
+    yield _task(
+        "layouts",
+        "small mazes, tested in larger ones, in rooms and among pillars",
+        open_floor.with_(Maze(blocks=64)).vary(maze_columns=small, maze_rows=small),
+        {
+            "large mazes": open_floor.with_(Maze(blocks=160)).vary(maze_columns=large, maze_rows=large),
+            "rooms": open_floor.with_(Rooms(columns=3, rows=3)),
+            "pillars": open_floor.with_(Pillars(count=12)),
+        },
+    )
+
+
+@functools.cache
+def tasks() -> dict[str, Task]:
+    """All tasks, by name."""
+    return {task.name: task for found in (_variants(), _mended(), _generalisation()) for task in found}

@@ -1,0 +1,140 @@
+"""Verification: every match is played again from its recording, bit for bit, and compared with what is said of it."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from outlast.envs.errors import RecordingError, UsageError
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
+
+from ..errors import TrainingError
+from ..evaluation.contenders import Contender
+from . import crossplay
+from .matches import ROUNDING, digest, repeat
+from .result import BEST, POLICY, RESPONSE, SELF, Content, Result
+from .suite import Member, suite
+from .tasks import Game, Task, task_of
+
+NEAR = 1e-4  # relative: figures that are that near are the same, as machines round sums otherwise
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found of a match, or of an entry as a whole.
+
+    Attributes:
+        what: "ffa_2-v1 fast/0, trained against scripted".
+        wrong: What is not as the result says; empty if nothing is.
+        missing: What is not here, so that not all could be verified; empty if everything is.
+    """
+
+    what: str
+    wrong: str = ""
+    missing: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.wrong or self.missing or 'as recorded'}"
+
+
+def verify(entry: Result) -> Iterator[Finding]:
+    """Verify an entry: its game, its policies, and all of its matches; a finding each."""
+    content, name = entry.content, f"{entry.content['task']} {entry.name}"
+    try:
+        task = task_of(content["task"])
+        asked = "" if (entry.folder / POLICY).exists() else f"{POLICY} is not here, and is not asked what it would do"
+        yield Finding(name, _wrong_with_entry(entry, task), asked)
+        members = {member.name: member for member in suite(task)}
+    except TrainingError as error:
+        yield Finding(name, str(error))
+        return
+    for match in entry.matches:
+        what = f"{name}, {match['game']} against {match['against']}"
+        yield _found(what, entry.recording(match), partial(_wrong_with_match, entry, match, task, members))
+
+
+def verify_cross(folder: Path, entries: Mapping[str, Result]) -> Iterator[Finding]:
+    """Verify the cross-play of a task; folder: of the task. entries: all of the task, by name."""
+    for (one, other), match in crossplay.load(folder).items():
+        what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
+        yield _found(what, path, partial(_wrong_with_cross, match, path, entries))
+
+
+def _found(what: str, recording: Path, wrong: Callable[[], str]) -> Finding:
+    if not recording.exists():
+        return Finding(what, missing="its recording is not here")
+    try:
+        return Finding(what, wrong())
+    except (RecordingError, UsageError) as error:
+        return Finding(what, str(error))
+
+
+def _wrong_with_entry(entry: Result, task: Task) -> str:
+    """What is wrong with the games and the policies of an entry."""
+    content = entry.content
+    for game in task.games:
+        given = content["fingerprints"].get(game.name)
+        if other := difference(given, fingerprint(game.scenario)):
+            return f"its game '{game.name}' is another one than that of {task.name} {other}"
+    for key, name in (("policy", POLICY), ("response", RESPONSE)):
+        path, given = entry.folder / name, content[key]
+        if path.exists() and (given is None or digest(path) != given["digest"]):
+            return f"{name} is another file than the one that was tested"
+    return ""
+
+
+def _wrong_with_match(entry: Result, match: Content, task: Task, members: Mapping[str, Member]) -> str:
+    game = next((game for game in task.games if game.name == match["game"]), None)
+    if game is None:
+        return f"{task.name} has no game '{match['game']}'"
+    own, against = _saved(entry.folder / POLICY), match["against"]
+    if against == SELF:
+        return _wrong_with_games(game, [own], match, entry.recording(match))
+    if against == BEST:
+        known, other = (entry.content["response"] or {}).get("digest"), _saved(entry.folder / RESPONSE)
+    elif against in members:
+        known, other = members[against].digest, members[against].contender()
+    else:
+        return f"there is no {against} in the suite of {task.name}"
+    if match["opponent"] != known:
+        return f"it was played against another {against} than that of the suite, or of the entry"
+    return _wrong_with_games(game, [own, other], match, entry.recording(match))
+
+
+def _wrong_with_cross(match: Content, path: Path, entries: Mapping[str, Result]) -> str:
+    if gone := [name for name in (match["one"], match["other"]) if name not in entries]:
+        return f"there is no entry {gone[0]}"
+    one, other = (entries[match[key]] for key in ("one", "other"))
+    if not crossplay.is_of(match, one, other):
+        return "it was played by other policies than those of the entries"
+    pair = [_saved(entry.folder / POLICY) for entry in (one, other)]
+    return _wrong_with_games(task_of(one.content["task"]).games[0], pair, match, path)
+
+
+def _saved(path: Path) -> Contender | None:
+    """The policy in a file, whose digest has been compared; None: it is not here, as that of a function never is."""
+    return Contender(path.stem, str(path)) if path.exists() else None
+
+
+def _wrong_with_games(game: Game, pair: list[Contender | None], match: Content, path: Path) -> str:
+    """What the recording of a match says otherwise than the result."""
+    if digest(path) != match["recording"]:
+        return "its recording is another file than the one that was made"
+    found = repeat(game, pair, match["games"], path)
+    for key in ("games", "won", "drawn", "lost"):
+        if found.outcome[key] != match[key]:
+            return f"{key} is {match[key]} in the result, and {found.outcome[key]} in the recording"
+    for figures, recorded in zip(match["figures"], found.outcome["figures"], strict=True):
+        for name in sorted(figures.keys() | recorded.keys()):
+            one, two = figures.get(name, (math.nan,)), recorded.get(name, (math.nan,))
+            if len(one) != len(two) or not all(map(_near, one, two)):
+                return f"{name} is {one[0]:g} in the result, and {two[0]:g} in the recording"
+    for policy, share in zip(pair, found.others, strict=True):
+        if policy is not None and share > ROUNDING:
+            return f"{policy.text} did not play it: it chooses other actions in {100 * share:.3g} % of its ticks"
+    return ""
+
+
+def _near(one: float, two: float) -> bool:
+    return math.isclose(one, two, rel_tol=NEAR, abs_tol=1e-9)

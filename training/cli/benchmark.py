@@ -1,0 +1,312 @@
+"""outlast benchmark: agents by one protocol; results that anybody can verify, scores and tables."""
+
+import argparse
+import itertools
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from outlast.envs.cli.options import count, positive, seed
+from outlast.envs.errors import install
+
+from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
+from ..children import ChildRun, side_by_side
+from ..errors import TrainingError
+from ..hyperparameters import parse_hyperparameters
+from ..live_view import LiveView
+
+ACTIONS = {
+    "tasks": (),
+    "run": ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
+    "score": ("quiet",),
+    "verify": ("quiet",),
+    "table": ("out", "keep"),
+    "anchors": ("policies", "games", "out", "quiet"),
+}  # and the options that have an effect on each
+RESULTS = Path("benchmark")
+AGAIN = "stopped: the same command goes on"
+
+
+def add(commands: Any) -> None:
+    """Add the command to a parser's commands."""
+    examples = [
+        ("benchmark tasks", "what there is to be played"),
+        (
+            "benchmark run ffa_2-v1 teams_2-v1 --agent fast --seed 0 1 2 3 4",
+            "train, and play the games of the protocol",
+        ),
+        ("benchmark run ffa_2-v1 --agent mine=agents.py:make --seed 0 1", "enter agents of your own"),
+        ("benchmark score benchmark", "the rest of it: cross-play of all with all"),
+        ("benchmark verify benchmark", "play every recorded game again, and compare"),
+        ("benchmark table benchmark --out tables", "the table, as Markdown and CSV, with a figure"),
+    ]
+    description = (
+        "Run agents by the benchmark's protocol: versioned tasks, fixed budgets, games in worlds that no training has "
+        "seen; results with recordings of all games, which anybody can verify; scores and tables from results alone."
+    )
+    text = "compare agents by one protocol, with results that anybody can verify"
+    command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
+    command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=", ".join(ACTIONS))
+    text = "of run: tasks, or `all`; of score, verify and table: folders of results; of anchors: a task"
+    command.add_argument("names", nargs="*", metavar="NAME", help=text)
+    text = "of run: a preset, or NAME=SOURCE: a preset, the folder of a run, FILE.zip, FILE.py:FUNCTION; {task} and "
+    text += "{seed} in it stand for these"
+    command.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
+    command.add_argument("--seed", type=seed, nargs="+", default=[0], help="of run: seeds of training (default 0)")
+    steps = " and ".join(f"{steps:,}" for steps in BUDGETS.values())
+    text = f"of run: agent-steps of training; those of the tracks are {steps} (default 10e6)"
+    command.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
+    text = f"games of each match (default {GAMES}; others are of no track)"
+    command.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
+    command.add_argument("--opponents", metavar="NAME:WEIGHT,...", help="of run: as of `outlast train`")
+    command.add_argument(
+        "--ppo", action="append", default=[], metavar="NAME=VALUE", help="of run: as of `outlast train`"
+    )
+    command.add_argument("--memory", type=positive, metavar="N", help="of run: as of `outlast train`")
+    text = "of anchors: checkpoints, or folders of runs, of which several ages are taken"
+    command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
+    text = f"folder of results (run, default {RESULTS}), tables (default: beside the results), or anchors"
+    command.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+    text = "of table: copy results there, with no recordings but those of self-play of each agent's first seed"
+    command.add_argument("--keep", type=Path, metavar="FOLDER", help=text)
+    command.add_argument("--jobs", type=positive, metavar="N", help="of run: entries at a time (default: cores)")
+    command.add_argument("--threads", type=positive, metavar="N", help="of run: of one entry's training")
+    command.add_argument("--quiet", action="store_true", help="show no progress")
+    command.arrange(
+        {
+            "what is entered": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
+            "the protocol": ("--budget", "--games"),
+            "output": ("--out", "--keep", "--quiet"),
+            "machine": ("--jobs", "--threads"),
+        }
+    )
+    command.set_defaults(run=lambda options: run(options, command))
+
+
+def run(options: argparse.Namespace, command: Any) -> int:
+    """Do what the action says; the exit status."""
+    allowed = ("action", "names", "run", *ACTIONS[options.action])
+    if unused := [
+        name for name, value in vars(options).items() if name not in allowed and value != command.get_default(name)
+    ]:
+        raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
+    if options.action != "tasks":
+        try:
+            import torch  # noqa: F401  # all else plays policies
+        except ModuleNotFoundError as error:
+            raise TrainingError(f"benchmark {options.action} needs {error.name}: {install('train')}") from error
+    actions: dict[str, Callable[[argparse.Namespace], int]] = {
+        "tasks": _tasks,
+        "run": _run,
+        "score": _score,
+        "verify": _verify,
+        "table": _table,
+        "anchors": _anchors,
+    }
+    return actions[options.action](options)
+
+
+def _games(text: str) -> int:
+    number = count(text, 2)
+    if number % 2:
+        raise argparse.ArgumentTypeError(f"{text}: an even number is needed, so that both play each side as often")
+    return number
+
+
+def _tasks(options: argparse.Namespace) -> int:
+    """List the tasks."""
+    if options.names:
+        raise TrainingError(f"benchmark tasks lists all: leave out {options.names[0]}")
+    width = max(map(len, tasks()))
+    for task in tasks().values():
+        tested = [game.name for game in task.games[1:]]
+        print(f"{task.name:<{width}}  {task.about}" + (f" ({', '.join(tested)})" if tested else ""))
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run the entries: one in this process, several side by side."""
+    from ..benchmark.agents import Agent
+    from ..benchmark.entry import Entry
+
+    if not options.names or not options.agent:
+        raise TrainingError("benchmark run needs tasks and agents, as in: benchmark run ffa_2-v1 --agent fast")
+    settings = {
+        "opponents": options.opponents,
+        "memory": options.memory,
+        "settings": parse_hyperparameters(options.ppo),
+    }
+    given = {name: value for name, value in settings.items() if value}
+    agents = [Agent.of(text, given) for text in options.agent]
+    chosen = [task_of(name) for name in (tasks() if options.names == ["all"] else options.names)]
+    out, threads = options.out or RESULTS, options.threads or 0
+    entries = [
+        Entry(task, agent, number, options.budget, options.games, out, threads)
+        for task, agent, number in itertools.product(chosen, agents, options.seed)
+    ]
+    if len({entry.folder for entry in entries}) < len(entries):
+        raise TrainingError("name each task, each agent and each seed once")
+    return _run_one(entries[0], options) if len(entries) == 1 else _run_several(entries, options)
+
+
+def _about(entries: list[Any], at_once: int) -> str:
+    """What is going to be done, and how long it takes."""
+    from ..benchmark.entry import estimate
+
+    matches = sum(len(entry.wanted) + entry.responds for entry in entries)
+    return (
+        f"{len(entries)} entries, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
+        f"{tqdm.format_interval(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
+    )
+
+
+def _run_one(entry: Any, options: argparse.Namespace) -> int:
+    from ..benchmark.entry import EntryRun
+
+    if options.jobs is not None:
+        raise TrainingError("--jobs has no effect on one entry: leave it out, or name several tasks, agents or seeds")
+    view = LiveView(entry.done(), entry.work, quiet=options.quiet, about=_about([entry], 1))
+
+    def progress(done: int, text: str) -> None:
+        view.update(done, entry.work, {})
+        view.now(text)
+
+    try:
+        found = EntryRun(entry, progress).run()
+    except KeyboardInterrupt:
+        print(AGAIN, file=sys.stderr)
+        return 130
+    finally:
+        view.close()
+    print(f"{len(found.matches)} matches in {found.folder}")
+    return 0
+
+
+class ChildEntry(ChildRun):
+    """An entry in a process of its own."""
+
+    def __init__(self, entry: Any, options: argparse.Namespace) -> None:
+        super().__init__(entry.folder, [], resume=False)
+        self.entry = entry
+        agent = (
+            entry.agent.name if entry.agent.name == entry.agent.source else f"{entry.agent.name}={entry.agent.source}"
+        )
+        words = ["run", entry.task.name, "--agent", agent, "--seed", str(entry.seed), "--budget", str(entry.budget)]
+        words += [
+            "--games",
+            str(entry.games),
+            "--out",
+            str(entry.out),
+            "--threads",
+            str(options.threads or 1),
+            "--quiet",
+        ]
+        for name in ("opponents", "memory"):
+            if (value := getattr(options, name)) is not None:
+                words += [f"--{name}", str(value)]
+        words += [word for text in options.ppo for word in ("--ppo", text)]
+        self.words = [sys.executable, "-m", "outlast.training.job", "benchmark", *words]
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        return str(self.entry.name)
+
+    def steps(self) -> int:
+        """What is done, by what is in its folder."""
+        return int(self.entry.done())
+
+
+def _run_several(entries: list[Any], options: argparse.Namespace) -> int:
+    """The exit status: 0 if all went well, 130 if they were stopped."""
+    at_once = min(options.jobs or os.cpu_count() or 1, len(entries))
+    children, total = [ChildEntry(entry, options) for entry in entries], sum(entry.work for entry in entries)
+    view = LiveView(
+        sum(child.steps() for child in children), total, quiet=options.quiet, about=_about(entries, at_once)
+    )
+
+    def progress(text: str) -> None:
+        view.update(sum(child.steps() for child in children), total, {})
+        view.now(text)
+
+    try:
+        return side_by_side(children, at_once, progress, AGAIN)
+    finally:
+        view.close()
+
+
+def _places(options: argparse.Namespace) -> list[Path]:
+    """The folders of results that are named."""
+    places = [Path(name) for name in options.names] or [RESULTS]
+    if gone := [place for place in places if not place.is_dir()]:
+        raise TrainingError(f"there is no folder {gone[0]}: name one of results, that `benchmark run` made")
+    return places
+
+
+def _score(options: argparse.Namespace) -> int:
+    """Play the cross-play that is missing, and write the scores."""
+    from ..benchmark import crossplay, scores
+    from ..benchmark.result import write_json
+
+    for place in _places(options):
+        folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
+        total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
+        with tqdm(total=total, unit="game", disable=options.quiet) as bar:
+            for folder, entries in folders:
+                crossplay.play_all(folder, entries, bar.update)
+        found = scores.scores(place)
+        write_json(place / scores.NAME, found)
+        print(*scores.lines(found), place / scores.NAME, sep="\n")
+    return 0
+
+
+def _verify(options: argparse.Namespace) -> int:
+    """Verify; the exit status is 1 if anything is not what it claims."""
+    from ..benchmark import scores
+    from ..benchmark.verify import verify, verify_cross
+
+    counts = {"as recorded": 0, "wrong": 0, "without all files here": 0}
+    for place in _places(options):
+        folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
+        for folder, entries in folders:
+            every = itertools.chain.from_iterable(verify(entry) for entry in entries)
+            for found in itertools.chain(every, verify_cross(folder, {entry.name: entry for entry in entries})):
+                fine, wrong, partly = counts
+                counts[wrong if found.wrong else partly if found.missing else fine] += 1
+                if found.wrong or not options.quiet:
+                    print(found, flush=True)
+    print(f"of {sum(counts.values())}:", ", ".join(f"{number} {name}" for name, number in counts.items()))
+    return int(counts["wrong"] > 0)
+
+
+def _table(options: argparse.Namespace) -> int:
+    """Write the tables, and print their paths."""
+    from ..benchmark import table
+
+    places = _places(options)
+    if len(places) > 1:
+        raise TrainingError("benchmark table takes one folder of results: move those to be compared into one")
+    if options.keep is not None:
+        print(*table.keep(places[0], options.keep), sep="\n")
+    print(*table.write(places[0], options.out or places[0]), sep="\n")
+    return 0
+
+
+def _anchors(options: argparse.Namespace) -> int:
+    """Rate checkpoints, for who ships the benchmark."""
+    from ..benchmark.anchors.make import make
+
+    if len(options.names) != 1 or not options.policies or options.out is None:
+        raise TrainingError("benchmark anchors needs a task, --policies and --out")
+    with tqdm(unit="match", disable=options.quiet) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress))
+    return 0
