@@ -20,6 +20,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.agents import alive, present, side
 from outlast.envs.errors import ActionError, ClosedError, NotResetError, StateError
+from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import scaled
 from tests.helpers.execution_modes import ALL, EACH_LEVEL, HUNT, LEVELS, equal, short
 
@@ -346,13 +347,13 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "no such policy": (
         {"others": "clever"},
         ValueError,
-        "others = 'clever': clever: random, noop, scripted or a saved policy, FILE.zip, is",
+        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved policy, FILE.zip, is",
     ),
     "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
     "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* FILE.zip, is needed"),
     "no policy": ({"others": None}, ValueError, "others = None: None is no policy: .*, or a function"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
-    "a mixture of nothing": ({"others": {}}, ValueError, "a mixture of nothing: random, noop, scripted or"),
+    "a mixture of nothing": ({"others": {}}, ValueError, f"a mixture of nothing: {', '.join(POLICIES)} or"),
     "a policy twice": ({"others": "random,noop,random:2"}, ValueError, "random is there twice: give it once"),
     "a file twice": ({"others": {"a.zip": 1, Path("./a.zip"): 1}}, ValueError, "a.zip is there twice"),
     "no weight": ({"others": {"random": 0}}, ValueError, "the weight of random is 0: a finite number above 0"),

@@ -184,7 +184,7 @@ def test_a_seed_has_64_bits(capsys):
 def test_a_misspelt_policy_gets_a_hint(capsys):
     with pytest.raises(SystemExit):
         cli.main(("rollout", "ffa_1", "--policy", "scriptd"))
-    assert "scriptd: did you mean scripted? random, noop, scripted or a saved policy" in capsys.readouterr().err
+    assert f"scriptd: did you mean scripted? {', '.join(POLICIES)} or a saved policy" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
