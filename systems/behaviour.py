@@ -189,9 +189,9 @@ def expose(
 
 @Behaviour.system(Phase.RECORD, needs=Strike)
 def strike(
-    aggression: Write[Aggression], strikes: Read[Strike], side: Read[Side], agents: Rows[Side], index: RowIndex[Side]
+    aggression: Write[Aggression], strikes: Read[Strike], hits: Read[Hit], side: Read[Side], index: RowIndex[Side]
 ) -> None:
-    """The strikes of this tick. Boxes, walls and one's own side are no enemies."""
+    """The strikes of this tick, and the damage by agents. Boxes, walls and one's own side are no enemies."""
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]
         i = index[me]
@@ -199,11 +199,6 @@ def strike(
             landed = target >= 0 and index[target] >= 0 and side.side[target] != side.side[me]
             aggression.strikes[i] += 1
             average(aggression.strikes_landed, i, landed, aggression.strikes[i])
-
-
-@Behaviour.system(Phase.RECORD, after="behaviour.strike")
-def deal(aggression: Write[Aggression], hits: Read[Hit], side: Read[Side], index: RowIndex[Side]) -> None:
-    """The damage that agents did to enemies in this tick."""
     for k in range(hits.count[0]):
         me, target = hits.agent[k], hits.target[k]
         if me >= 0 and index[me] >= 0 and index[target] >= 0 and side.side[target] != side.side[me]:

@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -97,7 +97,7 @@ class Recording:
     def __len__(self) -> int:
         return self._length
 
-    def tick_records(self) -> Iterator[TickRecord]:
+    def tick_records(self) -> Generator[TickRecord, None, None]:
         """What was recorded of each tick, the first of which resets all worlds; read a chunk at a time.
 
         Yields:

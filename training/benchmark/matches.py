@@ -4,7 +4,7 @@ import contextlib
 import hashlib
 import itertools
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,11 +116,14 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path)
     if other := difference(fingerprint(recording.scenario), fingerprint(played)):
         raise RecordingError(f"{path} is of another game {other}")
     known = [policy for policy in pair if policy is not None]
-    with _worlds(game, known, games, recording) as env, tempfile.TemporaryDirectory() as folder:
+    with (
+        _worlds(game, known, games, recording) as env,
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.closing(recording.tick_records()) as ticks,
+    ):
         again = Path(folder, "again.rec")
-        script = _Script(
-            recording, env, [None if each is None else _act(game, k, each, env) for k, each in enumerate(pair)]
-        )
+        asked = [None if each is None else _act(game, k, each, env) for k, each in enumerate(pair)]
+        script = _Script(path, ticks, env, asked)
         with record(env, again):
             match = Match(env, script.acts(), 1, game.seed)
             script.number = lambda: match.records + 1
@@ -132,11 +135,13 @@ def repeat(game: Game, pair: Sequence[Contender | None], games: int, path: Path)
 class _Script:
     """Recorded actions as policies that choose them, while the policies that are said to have played are asked, too."""
 
-    def __init__(self, recording: Recording, env: SurvivalVectorEnv, asked: Sequence[Act | None]) -> None:
-        self.path, self.asked = recording.path, asked
+    def __init__(
+        self, path: Path, ticks: Iterable[TickRecord], env: SurvivalVectorEnv, asked: Sequence[Act | None]
+    ) -> None:
+        self.path, self.asked = path, asked
         self.counts = [[0, 0] for _ in asked]  # actions of each policy that are others, and all
         self.number: Callable[[], int] = lambda: 1  # of the tick record of the step to come
-        self._joint, self._records = JointActions(env.worlds), enumerate(recording.tick_records())
+        self._joint, self._records = JointActions(env.worlds), enumerate(ticks)
         self._lows = np.array([low for _, low, _ in self._joint.columns])[:, None, None]  # environments count from 0
         self._at, self._actions = 0, np.zeros(0)
 
