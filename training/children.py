@@ -11,6 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from . import log_file
+from .live_view import LiveView
 
 POLL = 0.5  # seconds
 STOPPED = 130  # the exit status after Ctrl-C
@@ -70,13 +71,16 @@ class ChildRun:
         return int(process.returncode)
 
 
-def side_by_side(runs: Sequence[ChildRun], at_once: int, progress: Callable[[str], None], cure: str = RESUME) -> int:
+def side_by_side(
+    runs: Sequence[ChildRun], at_once: int, view: LiveView, done: Callable[[], int], cure: str = RESUME
+) -> int:
     """Train all runs. One that fails is reported, and the others go on; Ctrl-C lets all that have begun save.
 
     Args:
         runs: In the order in which they begin.
         at_once: How many go on at a time.
-        progress: Called every POLL seconds with how many are running and waiting, in words.
+        view: Shows what is done, every POLL seconds; it is closed at the end.
+        done: How much of the view's total is done.
         cure: Said after Ctrl-C.
 
     Returns:
@@ -92,10 +96,13 @@ def side_by_side(runs: Sequence[ChildRun], at_once: int, progress: Callable[[str
             for run in [run for run in running if run.process.poll() is not None]:
                 running.remove(run)
                 statuses.append(run.report())
-            progress(f"{len(running)} running, {len(waiting)} waiting")
+            view.update(done(), view.total, {})
+            view.now(f"{len(running)} running, {len(waiting)} waiting")
     except KeyboardInterrupt:
         for run in running:
             run.stop()
         statuses += [STOPPED, *(run.report() for run in running)]
         logger.warning(cure)
+    finally:
+        view.close()
     return STOPPED if STOPPED in statuses else max(statuses, default=0)

@@ -1,15 +1,17 @@
 """outlast benchmark: agents by one protocol; results that anybody can verify, scores and tables."""
 
 import argparse
+import functools
 import itertools
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import count, positive, seed
 from outlast.envs.errors import install
 
@@ -27,6 +29,7 @@ ACTIONS = {
     "table": ("out", "keep"),
     "anchors": ("policies", "games", "out", "quiet"),
 }  # and the options that have an effect on each
+OWN = ("agent", "seed", "jobs", "quiet")  # that each of several entries has for itself
 RESULTS = Path("benchmark")
 AGAIN = "stopped: the same command goes on"
 
@@ -84,10 +87,10 @@ def add(commands: Any) -> None:
             "machine": ("--jobs", "--threads"),
         }
     )
-    command.set_defaults(run=lambda options: run(options, command))
+    command.set_defaults(run=functools.partial(run, command))
 
 
-def run(options: argparse.Namespace, command: Any) -> int:
+def run(command: Parser, options: argparse.Namespace) -> int:
     """Do what the action says; the exit status."""
     allowed = ("action", "names", "run", *ACTIONS[options.action])
     if unused := [
@@ -101,7 +104,7 @@ def run(options: argparse.Namespace, command: Any) -> int:
             raise TrainingError(f"benchmark {options.action} needs {error.name}: {install('train')}") from error
     actions: dict[str, Callable[[argparse.Namespace], int]] = {
         "tasks": _tasks,
-        "run": _run,
+        "run": functools.partial(_run, command),
         "score": _score,
         "verify": _verify,
         "table": _table,
@@ -128,7 +131,7 @@ def _tasks(options: argparse.Namespace) -> int:
     return 0
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(command: Parser, options: argparse.Namespace) -> int:
     """Run the entries: one in this process, several side by side."""
     from ..benchmark.agents import Agent
     from ..benchmark.entry import Entry
@@ -150,7 +153,7 @@ def _run(options: argparse.Namespace) -> int:
     ]
     if len({entry.folder for entry in entries}) < len(entries):
         raise TrainingError("name each task, each agent and each seed once")
-    return _run_one(entries[0], options) if len(entries) == 1 else _run_several(entries, options)
+    return _run_one(entries[0], options) if len(entries) == 1 else _run_several(entries, options, command)
 
 
 def _about(entries: list[Any], at_once: int) -> str:
@@ -189,26 +192,12 @@ def _run_one(entry: Any, options: argparse.Namespace) -> int:
 class ChildEntry(ChildRun):
     """An entry in a process of its own."""
 
-    def __init__(self, entry: Any, options: argparse.Namespace) -> None:
+    def __init__(self, entry: Any, common: Sequence[str]) -> None:
+        """common: options that all entries have in common."""
         super().__init__(entry.folder, [], resume=False)
-        self.entry = entry
-        agent = (
-            entry.agent.name if entry.agent.name == entry.agent.source else f"{entry.agent.name}={entry.agent.source}"
-        )
-        words = ["run", entry.task.name, "--agent", agent, "--seed", str(entry.seed), "--budget", str(entry.budget)]
-        words += [
-            "--games",
-            str(entry.games),
-            "--out",
-            str(entry.out),
-            "--threads",
-            str(options.threads or 1),
-            "--quiet",
-        ]
-        for name in ("opponents", "memory"):
-            if (value := getattr(options, name)) is not None:
-                words += [f"--{name}", str(value)]
-        words += [word for text in options.ppo for word in ("--ppo", text)]
+        self.entry, agent = entry, entry.agent
+        source = agent.name if agent.name == agent.source else f"{agent.name}={agent.source}"
+        words = ["run", entry.task.name, f"--agent={source}", f"--seed={entry.seed}", *common, "--quiet"]
         self.words = [sys.executable, "-m", "outlast.training.job", "benchmark", *words]
 
     @property
@@ -221,22 +210,17 @@ class ChildEntry(ChildRun):
         return int(self.entry.done())
 
 
-def _run_several(entries: list[Any], options: argparse.Namespace) -> int:
+def _run_several(entries: list[Any], options: argparse.Namespace, command: Parser) -> int:
     """The exit status: 0 if all went well, 130 if they were stopped."""
     at_once = min(options.jobs or os.cpu_count() or 1, len(entries))
-    children, total = [ChildEntry(entry, options) for entry in entries], sum(entry.work for entry in entries)
-    view = LiveView(
-        sum(child.steps() for child in children), total, quiet=options.quiet, about=_about(entries, at_once)
-    )
+    common = command.words(options, leave_out=OWN) + (["--threads=1"] if options.threads is None else [])
+    children, total = [ChildEntry(entry, common) for entry in entries], sum(entry.work for entry in entries)
 
-    def progress(text: str) -> None:
-        view.update(sum(child.steps() for child in children), total, {})
-        view.now(text)
+    def done() -> int:
+        return sum(child.steps() for child in children)
 
-    try:
-        return side_by_side(children, at_once, progress, AGAIN)
-    finally:
-        view.close()
+    view = LiveView(done(), total, quiet=options.quiet, about=_about(entries, at_once))
+    return side_by_side(children, at_once, view, done, AGAIN)
 
 
 def _places(options: argparse.Namespace) -> list[Path]:

@@ -1,7 +1,6 @@
 """outlast paper: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
 
 import argparse
-import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +16,6 @@ from ..errors import TrainingError
 from ..live_view import LiveView
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
 
-logger = logging.getLogger("outlast")
 Plan = list[tuple[Experiment, int]]  # with a seed
 
 
@@ -114,15 +112,7 @@ def _train(plan: Plan, seconds: Sequence[float], options: argparse.Namespace, ab
     total = round(sum(seconds))
 
     def done() -> int:
-        return round(sum(weight * run.steps() for weight, run in zip(weights, runs, strict=True)))
+        return min(total, round(sum(weight * run.steps() for weight, run in zip(weights, runs, strict=True))))
 
-    view = LiveView(min(done(), total), total, quiet=options.quiet, about=about, unit="core-seconds")
-
-    def progress(text: str) -> None:
-        view.update(min(done(), total), total, {})
-        view.now(text)
-
-    try:
-        return side_by_side(waiting, jobs, progress)
-    finally:
-        view.close()
+    view = LiveView(done(), total, quiet=options.quiet, about=about, unit="core-seconds")
+    return side_by_side(waiting, jobs, view, done)

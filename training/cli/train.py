@@ -178,12 +178,4 @@ def _train_several(
     about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
     begun = sum(run.steps() for run in runs) if options.resume else 0
     view = LiveView(begun, total, quiet=options.quiet, about=about)
-
-    def progress(text: str) -> None:
-        view.update(sum(run.steps() for run in runs), total, {})
-        view.now(text)
-
-    try:
-        return side_by_side(runs, at_once, progress)
-    finally:
-        view.close()
+    return side_by_side(runs, at_once, view, lambda: sum(run.steps() for run in runs))
