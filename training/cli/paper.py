@@ -91,10 +91,10 @@ def _chosen(options: argparse.Namespace) -> list[Experiment]:
         if part not in PARTS:
             raise TrainingError(f"there is no part '{part}'; known: {', '.join(PARTS)}")
     chosen = experiments(options.parts or PARTS)
-    games = list(dict.fromkeys(each.game for each in chosen))
+    games = list(dict.fromkeys(each.name for each in chosen))
     if unknown := [game for game in options.only if game not in games]:
         raise TrainingError(f"--only {unknown[0]}: there is no such game among {', '.join(games)}")
-    return [each for each in chosen if each.game in (options.only or games)]
+    return [each for each in chosen if each.name in (options.only or games)]
 
 
 def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:

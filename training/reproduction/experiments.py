@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
 from ..errors import TrainingError
@@ -34,6 +36,8 @@ TOGETHER = {
     "teams_2": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
     "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
 }
+LONGER_FIGHTS = ("melee_damage=2",)  # with the paper's 5, agents die before a mate can heal them
+GENTLE = ("teams_2+health_cap+team_share+bounty+steering", "teams_3+health_cap+team_share+bounty+steering")
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,25 @@ class Experiment:
         game: The name of a variant, with ablations.
         preset: Of networks and numbers.
         options: Of `outlast train`, beside these and the seed.
+        numbers: Of the game that are changed: "melee_damage=2".
     """
 
     part: str
     game: str
     preset: str
     options: tuple[str, ...] = ()
+    numbers: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """By which the game is told from others: with its numbers."""
+        return "+".join((self.game, *self.numbers))
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is played."""
+        pairs = (pair.partition("=") for pair in self.numbers)
+        return resolve(self.game, {number: float(value) for number, _, value in pairs})
 
     @property
     def steps(self) -> int:
@@ -65,16 +82,17 @@ class Experiment:
     def words(self, seed: int) -> list[str]:
         """Arguments and options of `outlast train` for a run."""
         own = ("--steps", str(self.steps), "--seed", str(seed), "--threads", "1")
-        return [self.game, "--preset", self.preset, *self.options, *own]
+        changed = (word for pair in self.numbers for word in ("--set", pair))
+        return [self.game, "--preset", self.preset, *changed, *self.options, *own]
 
     def folder(self, out: Path, seed: int) -> Path:
         """Of a run."""
-        return out / "runs" / self.part / f"{self.game}-{self.preset}-{seed}"
+        return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
     @property
     def key(self) -> tuple[str, str, str]:
         """By which its time is known."""
-        return self.part, self.game, self.preset
+        return self.part, self.name, self.preset
 
 
 def experiments(parts: Iterable[str]) -> list[Experiment]:
@@ -98,6 +116,8 @@ def _mended() -> Iterator[Experiment]:
     for game, together in TOGETHER.items():
         for mended in ("", *SINGLE.get(game, ()), *together):
             yield Experiment("mended", "+".join(filter(None, (game, mended))), "fast", POOL)
+    for game in GENTLE:
+        yield Experiment("mended", game, "fast", POOL, LONGER_FIGHTS)
 
 
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:

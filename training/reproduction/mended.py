@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.scenarios.naming import resolve
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Behaviour
 
 from .. import checkpoint
@@ -43,11 +43,11 @@ HEADS = (
 Figures = dict[str, dict[str, float]]  # mean and error by name
 
 
-def measure(game: str, run: Path, out: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
+def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
     """Let the policy of a run play, and write the tables of that, unless they are there.
 
     Args:
-        game: The name of what it was trained in.
+        game: What it was trained in.
         run: Its folder; its past is the checkpoint after half of its steps.
         out: Folder for the tables.
         progress: Called with how many more episodes have ended.
@@ -61,7 +61,7 @@ def measure(game: str, run: Path, out: Path, progress: Callable[[int], None] = l
     chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})
     if _complete(out, [contender.text for contender in chosen]):
         return
-    evaluation = Evaluation(resolve(game).with_(Behaviour()), chosen, episodes=EPISODES)
+    evaluation = Evaluation(game.with_(Behaviour()), chosen, episodes=EPISODES)
     with contextlib.closing(evaluation):
         evaluation.play(progress)
         write_tables(evaluation, out)

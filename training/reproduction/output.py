@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import outlast
+from outlast.envs.scenarios.scenario import Scenario
 
 from .. import checkpoint
 from ..files import write_files
@@ -48,7 +49,7 @@ def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progre
     yield from _written({out / part / name: content for name, content in files.items()})
     progress(1)
     for each in chosen:
-        yield _film(each.game, _folders(each, out)[0], out / part / f"{each.game}-{each.preset}.gif")
+        yield _film(each.scenario, _folders(each, out)[0], out / part / f"{each.game}-{each.preset}.gif")
         progress(1)
 
 
@@ -58,17 +59,20 @@ def _mended(part: str, chosen: Sequence[Experiment], out: Path, progress: Progre
     for each in chosen:
         for folder in _folders(each, out):
             place = out / part / "measured" / folder.name
-            mended.measure(each.game, folder, place)
-            measured.setdefault(each.game, []).append(place)
+            mended.measure(each.scenario, folder, place)
+            measured.setdefault(each.name, []).append(place)
             yield from _written({out / part / f"{folder.name}.zip": policy_only(checkpoint.newest(folder))})
             progress(1)
     yield from _written({out / part / "measured.md": (mended.table(measured) + "\n").encode()})
     for name in dict.fromkeys(each.game.partition("+")[0] for each in chosen):
+        changed = sorted(
+            {pair.partition("=")[0] for each in chosen if each.game.partition("+")[0] == name for pair in each.numbers}
+        )
         own = [folder for each in chosen if each.game.partition("+")[0] == name for folder in _folders(each, out)]
-        yield from plot(own, out / part / name, by="scenario", curves=CURVES).files
+        yield from plot(own, out / part / name, by=("scenario", *changed), curves=CURVES).files
         progress(1)
     for each in chosen:
-        yield _film(each.game, _folders(each, out)[0], out / part / f"{each.game}.gif")
+        yield _film(each.scenario, _folders(each, out)[0], out / part / f"{each.name}.gif")
         progress(1)
 
 
@@ -77,7 +81,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
     return list(contents)
 
 
-def _film(game: str, run: Path, path: Path) -> Path:
+def _film(game: Scenario, run: Path, path: Path) -> Path:
     """An episode of a run's last policy."""
     policy = checkpoint.newest(run)
     first = outlast.rollout(game, policy, worlds=1, seed=0)
@@ -88,5 +92,5 @@ def _film(game: str, run: Path, path: Path) -> Path:
 def _folders(experiment: Experiment, out: Path) -> list[Path]:
     """Of the runs of an experiment, in order of seeds."""
     place = experiment.folder(out, 0).parent
-    found = [path for path in place.glob(f"{experiment.game}-{experiment.preset}-*") if checkpoint.checkpoints(path)]
+    found = [path for path in place.glob(f"{experiment.name}-{experiment.preset}-*") if checkpoint.checkpoints(path)]
     return sorted(found, key=lambda path: int(path.name.rpartition("-")[2]))
