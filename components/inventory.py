@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from outlast.ecs import Action, Array, Component, Event, column, kernel
+import numpy as np
+
+from outlast.ecs import Action, Array, Component, Event, Worlds, column, kernel
 
 
 class Item(Component):
@@ -76,6 +78,22 @@ class ItemDropped(Event, capacity=Item, whom="item"):
 
     agent: Array = column("i4", unit="entity")
     item: Array = column("i4", unit="entity")
+
+
+def empty_handed(worlds: Worlds, received: Any) -> Array:
+    """Who cannot hand on an item in the next tick: with an empty bag.
+
+    Args:
+        worlds: As they are now.
+        received: Whether what an agent is given in a tick can be handed on in the same one, bool, or (worlds,). Then
+            all bags of a world must be empty.
+
+    Returns:
+        bool (worlds, agents), a new array.
+    """
+    empty = worlds[Bag].count[:, worlds.span("agent")] == 0
+    found: Array = np.where(np.reshape(received, (-1, 1)), empty.all(1, keepdims=True), empty)
+    return found
 
 
 @kernel

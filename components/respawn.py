@@ -1,6 +1,6 @@
 """The return of agents that died."""
 
-from outlast.ecs import Array, Component, Event, Statistic, column
+from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, Worlds, column
 
 
 class Return(Component):
@@ -8,6 +8,20 @@ class Return(Component):
 
     tick: Array = column("i8", fill=-1)  # of the episode; -1: it does not
     health: Array = column("i4")  # hit points: what it began the episode with
+
+
+def inactive(worlds: Worlds) -> Array:
+    """Who does nothing in the next tick, whatever they are told: the dead and absent that do not come back in it.
+
+    Returns:
+        bool (worlds, agents), a new array.
+    """
+    agents = worlds.span("agent")
+    found: Array = worlds[Entity].alive[:, agents] == 0
+    if Return in worlds:
+        back = worlds[Return].tick[:, agents]
+        found &= (back < 0) | (back > worlds[Clock].tick + 1)
+    return found
 
 
 class Respawned(Event, capacity=Return, who="agent"):

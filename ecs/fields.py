@@ -94,6 +94,11 @@ def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
     return span if found == list(range(span.start, span.stop)) else found
 
 
+def column_names(fields: Mapping[str, Field]) -> list[str]:
+    """The columns of a row: the names of its fields; of one with several columns "corners.0", "corners.1" ..."""
+    return [name if field.size == 1 else f"{name}.{k}" for name, field in fields.items() for k in range(field.size)]
+
+
 def offset(fields: Fields, name: str, label: str) -> int:
     """First column of the field that an Offset parameter is named after, KEY_FIELD.
 

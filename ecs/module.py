@@ -291,6 +291,19 @@ class Module:
         """
         return {}
 
+    def idle_actions(self, worlds: Any) -> Mapping[str, Any]:
+        """Whose actions would do nothing in the next tick, for action masks: of those that systems of this module read.
+
+        Args:
+            worlds: Worlds, between two ticks.
+
+        Returns:
+            By key of an action, bool (worlds, agents): True only if all its values would leave the same world behind,
+            to the bit. An action that several mechanics read is masked where all of them say so; one that is not named
+            here is never masked.
+        """
+        return {}
+
     def groups(self, agents: int) -> tuple[int, ...]:
         """Sizes of the groups into which this module splits so many agents, by id, as teams; of no groups, ()."""
         return ()

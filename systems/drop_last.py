@@ -1,12 +1,14 @@
 """Dropping by choice: an optional action that puts the last item of the bag on the ground."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from outlast.components import Bag, Body, Drop, Item, ItemDropped, Phase
-from outlast.components.inventory import place, pop
+from outlast.components import Bag, Body, Drop, Gift, Item, ItemDropped, Phase
+from outlast.components.inventory import empty_handed, place, pop
 from outlast.components.limits import FAR
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, emit, number, of
+from outlast.components.respawn import inactive
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, emit, number, of
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,9 @@ class DropLast(Module):
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drop(), ItemDropped()]
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        return {"drop": inactive(worlds) | empty_handed(worlds, received=Gift in worlds)}
 
 
 @DropLast.system(Phase.GIVE, after=Bag)

@@ -1,14 +1,15 @@
 """Giving: the last item of the bag goes to the nearest agent."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from outlast.components import Bag, Body, Gift, Give, Item, ItemGiven, Phase, Shape, Side, Sides
-from outlast.components.inventory import full, pop, push
+from outlast.components.inventory import empty_handed, full, pop, push
 from outlast.components.limits import FAR
+from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
     Array,
@@ -20,6 +21,7 @@ from outlast.ecs import (
     Rows,
     Scratch,
     Singleton,
+    Worlds,
     Write,
     emit,
     kernel,
@@ -56,6 +58,10 @@ class GiveLast(Module):
 
     def singletons(self) -> Iterable[Singleton]:
         return [Give(), ItemGiven()]
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        passes_on = worlds.number(f"{self.name}_passes_on")
+        return {"give": inactive(worlds) | empty_handed(worlds, received=passes_on)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)

@@ -1,11 +1,13 @@
 """Inventory: a bag with a few slots, and the use of its last item."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from outlast.components import Bag, Item, ItemUsed, Phase, Use
 from outlast.components.inventory import CLOSED, pop
 from outlast.components.limits import MANY
+from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
     Entity,
@@ -16,6 +18,7 @@ from outlast.ecs import (
     Rows,
     Singleton,
     System,
+    Worlds,
     Write,
     emit,
     number,
@@ -49,6 +52,9 @@ class Inventory(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {"slots": self.slots}
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        return {"use": inactive(worlds) | (worlds[Bag].count[:, worlds.span("agent")] == 0)}
 
 
 @Inventory.system(Phase.DRAW)

@@ -1,6 +1,6 @@
 """The melee: a segment straight ahead; it damages what it hits."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import Attack, Body, Guard, Health, Hit, Phase, Shape, Side, Strike, Weapon
 from outlast.components.health import MOST, hurt, immune
 from outlast.components.limits import FAR, TICKS
+from outlast.components.respawn import inactive
 from outlast.ecs import (
     Archetype,
     Bitset,
@@ -20,6 +21,7 @@ from outlast.ecs import (
     Rows,
     Scratch,
     Singleton,
+    Worlds,
     Write,
     emit,
     number,
@@ -61,6 +63,9 @@ class Melee(Module):
 
     def dims(self) -> dict[str, int | str]:
         return {"hits": "agents"}
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
         return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)

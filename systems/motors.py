@@ -1,13 +1,15 @@
 """Motors: agents push themselves ahead, sideways and around, in their own frame."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from outlast.components import Body, Drive, Phase, Push, Side, Solid
 from outlast.components.body import inverse
 from outlast.components.limits import STRONG
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
+from outlast.components.respawn import inactive
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, number, of
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,9 @@ class Motors(Module):
 
     def singletons(self) -> Iterable[Singleton]:
         return [Drive()]
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        return dict.fromkeys(("ahead", "left", "turn"), inactive(worlds))
 
 
 @Motors.system(Phase.DRIVE)

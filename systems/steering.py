@@ -1,15 +1,17 @@
 """Steering: agents set their velocity, in their own frame."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from outlast.components import Body, Phase, Push, Side, Steer
 from outlast.components.limits import FAST
 from outlast.components.motor import Control
-from outlast.ecs import Entity, Module, Read, Rows, Singleton, Write, number, of
+from outlast.components.respawn import inactive
+from outlast.ecs import Entity, Module, Read, Rows, Singleton, Worlds, Write, number, of
 
 THIRD = np.float32(1 / 3)  # Steer has three levels each way
 
@@ -40,6 +42,9 @@ class Steering(Module):
 
     def singletons(self) -> Iterable[Singleton]:
         return [Steer()]
+
+    def idle_actions(self, worlds: Worlds) -> Mapping[str, Any]:
+        return dict.fromkeys(("ahead", "left", "turn"), inactive(worlds))
 
 
 @Steering.system(Phase.DRIVE)

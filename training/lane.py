@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from outlast.ecs import Clock
-from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import alive, counts_vary, side
+from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.mixture import draw, key_of
 from outlast.envs.rollout.sides import living_sides, own_side, own_wins

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 import outlast
-from outlast.envs.adapters.global_state import GlobalState
 from outlast.envs.core.agents import side
+from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import SAVED, common_scenario

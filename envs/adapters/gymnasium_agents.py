@@ -19,10 +19,11 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
 
     ## Action Space
     MultiDiscrete (num_envs, actions), in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0,
-    +1), attack, use, give. What the dead do is ignored.
+    +1), attack, use, give. With actions="joint" Discrete, (num_envs,), 0 to 215. What the dead do is ignored.
 
     ## Observation Space
-    Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare.
+    Dict of float32 (num_envs, ...), by the keys that the scenario's mechanics declare; with observations="flat" a
+    single Box, float32 (num_envs, base_env.flat_size), whose columns are called base_env.flat_names.
 
     ## Rewards
     float32 (num_envs,), each agent's own.
@@ -63,6 +64,10 @@ def make_agents(
     copy: bool = True,
     check_actions: bool = True,
     render_mode: str | None = None,
+    actions: str = "multi",
+    observations: str = "dict",
+    scaled: bool = False,
+    action_masks: bool = False,
     **numbers: Number,
 ) -> SurvivalAgentVectorEnv:
     """All agents of `num_worlds` worlds as a gymnasium VectorEnv of single agents.
@@ -80,6 +85,10 @@ def make_agents(
             overwrites them (also under tensors that share their memory, as those of jax.device_put do).
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, "rgb_array" or "ansi".
+        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
+        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
+        action_masks: Whether info has "action_mask", int8 (num_envs, entries): what `action_masks` returns.
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
@@ -95,4 +104,8 @@ def make_agents(
         copy=copy,
         check_actions=check_actions,
         render_mode=render_mode,
+        actions=actions,
+        observations=observations,
+        scaled=scaled,
+        action_masks=action_masks,
     )

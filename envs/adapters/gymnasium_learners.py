@@ -56,6 +56,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     * scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
       as gymnasium's TimeLimit does.
     * render_mode: None, "rgb_array" or "ansi".
+    * actions, observations, scaled, action_masks: As in `outlast.make_agents`.
 
     ## Version History
     v1: the rules of the paper's runs.
@@ -74,6 +75,10 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         threads: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
+        actions: str = "multi",
+        observations: str = "dict",
+        scaled: bool = False,
+        action_masks: bool = False,
         **numbers: Number,
     ) -> None:
         scenario = renamed(numbers, "variant", "scenario", scenario)
@@ -92,6 +97,10 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             copy=copy,
             check_joint=True,
             render_mode=render_mode,
+            actions=actions,
+            observations=observations,
+            scaled=scaled,
+            action_masks=action_masks,
         )
         check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)

@@ -4,8 +4,10 @@ from functools import partial
 from typing import Any
 
 import gymnasium
+import numpy as np
 
-from ..core.validation import Array, check_choice, checked_actions, renamed
+from ..core.observations import each
+from ..core.validation import Array, check_choice, renamed
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.window import Window
@@ -29,9 +31,11 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
 
     ## Action Space
     MultiDiscrete, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give.
+    With actions="joint" Discrete(216).
 
     ## Observation Space
-    Dict of float32 arrays, by the keys that the scenario's mechanics declare. What is returned is a copy.
+    Dict of float32 arrays, by the keys that the scenario's mechanics declare; with observations="flat" a single one.
+    What is returned is a copy.
 
     ## Rewards
     A float, the agent's own, as the scenario's rewards_* numbers say.
@@ -56,6 +60,8 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".
+    * actions, observations, scaled: As in `outlast.make_agents`.
+    * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
     * numbers: Other numbers of the scenario, as in Scenario.replace.
 
     ## Version History
@@ -76,13 +82,18 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         dead: str = "end",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
+        actions: str = "multi",
+        observations: str = "dict",
+        scaled: bool = False,
+        action_masks: bool = False,
         **numbers: Number,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
         scenario = renamed(numbers, "variant", "scenario", scenario)
         scenario = requested(type(self).__init__, scenario, numbers)
         options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
-        options["max_episode_steps"] = max_episode_steps
+        options |= {"max_episode_steps": max_episode_steps, "actions": actions, "observations": observations}
+        options |= {"scaled": scaled, "action_masks": action_masks}
         self._recipe = partial(type(self), scenario, **options, render_mode=render_mode)
         self._window = Window("outlast", FPS) if render_mode == "human" else None
         drawn = "rgb_array" if render_mode == "human" else render_mode
@@ -128,9 +139,8 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
         """
         if self.base_env._tracker.done[0]:
             raise NotResetError("step() after the end of the episode; call reset() first")
-        sizes = self.base_env.action_sizes
-        row = checked_actions(action, sizes.shape, sizes, axes="(actions,)", who="the learner")
-        observations, reward, terminated, truncated, info = self._batch.step(row[None])
+        self._batch._actions.rows(action, (), who="the learner")
+        observations, reward, terminated, truncated, info = self._batch.step(np.asarray(action)[None])
         self._show()
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
@@ -144,6 +154,21 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
             return None if frames is None else frames[0]
         self._window.show(frames[0])
         return None
+
+    @property
+    def state_space(self) -> Any:
+        """Of `state`: Box, float32 (size,)."""
+        return self.base_env.state_space
+
+    def state(self) -> Array:
+        """The whole world, also what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
+        state: Array = self._batch.state()[0]
+        return state
+
+    def action_masks(self) -> Array:
+        """Which actions can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        mask: Array = self._batch.action_masks()[0]
+        return mask
 
     def get_state(self) -> State:
         """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -168,7 +193,8 @@ class SurvivalEnv(gymnasium.Env[Observation, Array]):
 
 
 def _first(observations: Observation) -> Observation:
-    return {key: values[0] for key, values in observations.items()}
+    first: Observation = each(observations, lambda values: values[0])
+    return first
 
 
 def _numbers(info: dict[str, Any]) -> dict[str, Any]:

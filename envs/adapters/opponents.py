@@ -60,7 +60,7 @@ class Opponents:
         """
         if not self.shape[1]:
             return np.zeros(self.shape, np.int8)
-        return self._policy({key: values[:, self.agent_indices] for key, values in self.base_env.observe().items()})
+        return self._policy({key: values[:, self.agent_indices] for key, values in self.base_env._reader.views.items()})
 
 
 def checked_others(others: Any) -> Entries:

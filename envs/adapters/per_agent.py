@@ -6,16 +6,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from outlast.components import Return
 from outlast.ecs import Worlds
 
+from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics, alive, counts_vary, present
 from ..core.described import Actions, Arrays
-from ..core.validation import Array, as_array, check_choice, check_count, checked_actions, reset_mask
+from ..core.observations import each
+from ..core.validation import Array, as_array, check_choice, check_count, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
@@ -32,16 +33,6 @@ def check_dead(dead: str, worlds: Worlds) -> None:
     check_choice("dead", dead, DEAD)
     if dead == "end" and Return in worlds:
         raise ValueError("dead = 'end': agents come back in this scenario, so none ends at its death; take dead='keep'")
-
-
-def agent_spaces(base_env: SurvivalVectorEnv) -> tuple[list[spaces.Dict], list[spaces.MultiDiscrete]]:
-    """The observation and the action space of each agent: row i of the spaces of a world, in objects of their own."""
-    world: Any = base_env.single_observation_space
-    observations = [
-        spaces.Dict({key: spaces.Box(box.low[i], box.high[i], dtype=np.float32) for key, box in world.items()})
-        for i in range(base_env.num_agents)
-    ]
-    return observations, [spaces.MultiDiscrete(base_env.action_sizes) for _ in observations]
 
 
 def requested(
@@ -72,7 +63,9 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         copy: Whether observations are copies, and not views of the engine's memory.
         check_actions: Whether to check the range of actions.
         check_joint: Whether base_env checks the range of the actions of all agents.
-        options: Further arguments of base_env: seed, threads, render_mode.
+        actions: "multi" or "joint", see action_spaces.ActionSpace; base_env has "multi".
+        action_masks: Whether info has masks.
+        options: Further arguments of base_env: seed, threads, render_mode, observations, scaled.
     """
 
     def __init__(
@@ -84,6 +77,8 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         copy: bool = True,
         check_actions: bool = True,
         check_joint: bool = False,
+        actions: str = "multi",
+        action_masks: bool = False,
         **options: Any,
     ) -> None:
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
@@ -98,9 +93,9 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         chosen = range(self.num_agents)[self._indices]
         self._each = len(chosen)
         self.num_envs = self.num_worlds * self._each
-        observations, actions = agent_spaces(self.base_env)
-        self.single_observation_space, self.single_action_space = observations[chosen[0]], actions[chosen[0]]
-        self._views = {key: self._rows(buffer) for key, buffer in self.base_env.observe().items()}
+        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions), bool(action_masks)
+        self.single_observation_space = self.base_env._reader.of_agent(chosen[0])
+        self.single_action_space = self._actions.single
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -125,7 +120,7 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
                 world must agree. No other options are known.
 
         Returns:
-            Observations, float32 (num_envs, ...) by key, and info, which has "alive" for those that were reset.
+            Observations, float32 (num_envs, ...), and info, which has "alive" for those that were reset.
 
         Raises:
             ValueError: No such seed or option, or agents of one world that disagree.
@@ -145,10 +140,10 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         info["final_obs"] and info["final_info"] are of the end. DISABLED: reset it yourself.
 
         Args:
-            actions: Integers of any type, (num_envs, actions).
+            actions: Integers of any type, (num_envs, actions); with actions="joint" (num_envs,).
 
         Returns:
-            Observations, float32 (num_envs, ...) by key; rewards, float32 (num_envs,); terminated and truncated, bool
+            Observations, float32 (num_envs, ...); rewards, float32 (num_envs,); terminated and truncated, bool
             (num_envs,); info.
 
         Raises:
@@ -156,11 +151,8 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
             NotResetError: Some world has not started, or has ended and autoreset_mode is DISABLED.
         """
         self._check_running("step")
-        shape = self.num_envs, len(self.base_env.action_sizes)
-        rows = checked_actions(
-            actions, shape, self.base_env.action_sizes, self.check_actions,
-            axes="(num_envs, actions)", who="sub-environment {0}",
-        )  # fmt: skip
+        shape, who = (self.num_envs,), "sub-environment {0}"
+        rows = self._actions.rows(actions, shape, self.check_actions, axes="num_envs", who=who)
         _, reward, terminated, truncated, _ = self.base_env.step(self._joint(rows))
         done = terminated | truncated
         info = self._finish(done) if done.any() else {}
@@ -176,6 +168,24 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
             self._check_running("render")
         frames = self.base_env.render()
         return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
+
+    @property
+    def state_space(self) -> Any:
+        """Of `state`, for a world: Box, float32 (size,)."""
+        return self.base_env.state_space
+
+    @property
+    def state_names(self) -> list[str]:
+        """What the numbers of `state` are, see SurvivalVectorEnv.state_names."""
+        return self.base_env.state_names
+
+    def state(self, out: Any = None) -> Array:
+        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        return self.base_env.state(out)
+
+    def action_masks(self) -> Array:
+        """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
+        return self._rows(self._actions.masks())
 
     def get_state(self) -> State:
         """The worlds as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -217,6 +227,8 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         """What info has after every call, about the worlds `where`, bool (worlds,)."""
         rows = self._spread(where)
         info = {"alive": self._rows(alive(self.base_env.worlds)) & rows, "_alive": rows}
+        if self._masked:
+            info |= {"action_mask": (self.action_masks() & rows[:, None]).view(np.int8), "_action_mask": rows}
         if counts_vary(self.base_env.worlds):
             info |= {"present": self._rows(present(self.base_env.worlds)) & rows, "_present": rows}
         return info
@@ -226,15 +238,21 @@ class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
         info = self._report(done)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             rows, final = self._spread(done), np.full(self.num_envs, None, object)
+            last = self._views()
             for k in np.flatnonzero(rows):
-                final[k] = {key: view[k].copy() for key, view in self._views.items()}
+                final[k] = each(last, lambda view: view[k].copy())  # noqa: B023
             info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
             info |= {"final_obs": final, "_final_obs": rows}
             self.base_env.reset(options={"reset_mask": done})
         return info
 
     def _observe(self) -> Arrays:
-        return {key: view.copy() if self.copy else view for key, view in self._views.items()}
+        observed: Arrays = each(self._views(), lambda view: view.copy() if self.copy else view)
+        return observed
+
+    def _views(self) -> Any:
+        """What the sub-environments observe now, in memory that base_env overwrites."""
+        return each(self.base_env._observe(), self._rows)
 
     def _statistics(self, statistics: Arrays) -> Arrays:
         """Each sub-environment's own entry of statistics of worlds, (num_envs,) by key."""

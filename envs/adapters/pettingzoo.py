@@ -6,18 +6,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
+from ..core.action_spaces import ActionSpace
 from ..core.agents import alive, counts_vary, present
-from ..core.validation import Array, check_choice, check_count, checked_actions
+from ..core.observations import each
+from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError, install
 from ..rendering import modes
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
-from .global_state import GlobalState
-from .per_agent import agent_spaces, check_dead, requested
+from .per_agent import check_dead, requested
 
 try:
     from pettingzoo import ParallelEnv
@@ -26,8 +26,8 @@ except ModuleNotFoundError as error:
     hint = f"parallel_env and aec_env need PettingZoo: {install('pettingzoo')}"
     raise ModuleNotFoundError(hint, name=error.name) from error
 
-Observations = dict[str, dict[str, Array]]
-Infos = dict[str, dict[str, int]]
+Observations = dict[str, Any]  # by agent
+Infos = dict[str, dict[str, Any]]
 
 RENDER_MODES = (*modes.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
@@ -47,10 +47,10 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
 
     ## Action Space
     MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
-    attack, use, give.
+    attack, use, give. With actions="joint" Discrete(216).
 
     ## Observation Space
-    Dict of float32 arrays for each agent, new in every step.
+    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single one.
 
     ## Rewards
     A float for each agent.
@@ -75,14 +75,32 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
     """
 
     def __init__(
-        self, scenario: Scenario, *, render_mode: str | None = None, seed: int | None = None, dead: str = "end"
+        self,
+        scenario: Scenario,
+        *,
+        render_mode: str | None = None,
+        seed: int | None = None,
+        dead: str = "end",
+        actions: str = "multi",
+        observations: str = "dict",
+        scaled: bool = False,
+        action_masks: bool = False,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
-        self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead)
+        spaces: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
+        spaces["action_masks"] = action_masks
+        self._recipe = partial(type(self), scenario, render_mode=render_mode, seed=seed, dead=dead, **spaces)
         self._window = Window("outlast", modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
-            scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False, check_actions=False
+            scenario,
+            1,
+            seed=seed,
+            autoreset_mode="Disabled",
+            copy=False,
+            check_actions=False,
+            observations=observations,
+            scaled=scaled,
         )
         check_dead(dead, self.base_env.worlds)
         self._counts_vary = counts_vary(self.base_env.worlds)
@@ -91,16 +109,17 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         self.agents: list[str] = []
         self.statistics: dict[str, Any] = {}
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
-        self._observation_spaces, self._action_spaces = agent_spaces(self.base_env)
-        self._global_state = GlobalState(self.base_env.worlds)
-        self.state_space = self._global_state.space
+        self._actions, self._masked = ActionSpace(self.base_env.worlds, actions), bool(action_masks)
+        self._observation_spaces = [self.base_env._reader.of_agent(i) for i in self._index.values()]
+        self._action_spaces = [self._actions.single for _ in self.possible_agents]
+        self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
 
-    def observation_space(self, agent: str) -> spaces.Dict:
-        """What the agent sees: Dict of float32 Boxes; the same object in every call."""
+    def observation_space(self, agent: str) -> Any:
+        """What the agent sees: Dict of float32 Boxes, or a flat Box; the same object in every call."""
         return self._observation_spaces[self._number(agent)]
 
-    def action_space(self, agent: str) -> spaces.MultiDiscrete:
-        """What the agent does: MultiDiscrete, [3, 3, 3, 2, 2, 2] in the paper; the same object in every call."""
+    def action_space(self, agent: str) -> Any:
+        """What the agent does: MultiDiscrete, [3, 3, 3, 2, 2, 2] in the paper, or Discrete; always the same object."""
         return self._action_spaces[self._number(agent)]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
@@ -128,8 +147,8 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         """One tick. A refused call changes nothing.
 
         Args:
-            actions: By agent, integers of any type, as many as its action space has, as an array or a list. An agent
-                without one does nothing; actions of the dead are ignored.
+            actions: By agent, integers of any type, as many as its action space has, as an array or a list, or a single
+                one. An agent without one does nothing; actions of the dead are ignored.
 
         Returns:
             Observations, rewards, terminated, truncated and infos, of those who were in `agents` before the call.
@@ -157,9 +176,15 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         )
 
     def state(self) -> Array:
-        """The whole world, also what no agent sees, as a float32 vector; see global_state.GlobalState."""
+        """The whole world, also what no agent sees, as a float32 vector; see core.global_state.GlobalState."""
         self._check_running("state")
-        return self._global_state()
+        state: Array = self.base_env.state()[0]
+        return state
+
+    def action_masks(self) -> dict[str, Array]:
+        """Which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
+        masks = self._actions.masks()[0]
+        return {agent: masks[self._index[agent]] for agent in self.agents}
 
     def get_state(self) -> State:
         """The world as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
@@ -199,15 +224,14 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         """The actions of all agents, int64 (1, agents, actions)."""
         if not isinstance(actions, Mapping):
             raise ActionError(f"actions are {actions!r}: a dict of agent -> action is needed")
-        sizes, living = self.base_env.action_sizes, alive(self.base_env.worlds, 0)
+        living = alive(self.base_env.worlds, 0)
         joint = np.tile(self.base_env.noop, (1, self.base_env.num_agents, 1))
         for agent, action in actions.items():
             i = self._index.get(agent)
             if i is None:
                 raise ActionError(f"there is no agent {agent!r} to act; there are: {', '.join(self.possible_agents)}")
             if agent in self.agents and living[i]:
-                what, axes = f"actions of {agent}", "(actions,)"
-                joint[0, i] = checked_actions(action, sizes.shape, sizes, what=what, axes=axes, who=agent)
+                joint[0, i] = self._actions.rows(action, (), what=f"actions of {agent}", who=agent)
         return joint
 
     def _beginning(self) -> list[str]:
@@ -223,14 +247,19 @@ class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see py
         return [agent for agent in agents if self.dead == "keep" or living[self._index[agent]]]
 
     def _observe(self, agents: Iterable[str]) -> Observations:
-        fresh = {key: buffer[0].copy() for key, buffer in self.base_env.observe().items()}
-        return {agent: {key: rows[self._index[agent]] for key, rows in fresh.items()} for agent in agents}
+        fresh = each(self.base_env.observe(), lambda buffer: buffer[0].copy())
+        return {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
 
     def _infos(self, agents: Iterable[str]) -> Infos:
         found = {"alive": alive(self.base_env.worlds, 0)}
         if self._counts_vary:
             found["present"] = present(self.base_env.worlds, 0)
-        return {agent: {key: int(each[self._index[agent]]) for key, each in found.items()} for agent in agents}
+        infos: Infos = {agent: {key: int(ones[self._index[agent]]) for key, ones in found.items()} for agent in agents}
+        if self._masked:
+            masks = self._actions.masks()[0].view(np.int8)
+            for agent, info in infos.items():
+                info["action_mask"] = masks[self._index[agent]]
+        return infos
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -259,6 +288,10 @@ def parallel_env(
     dead: str = "end",
     max_episode_steps: int | None = None,
     max_cycles: int | None = None,
+    actions: str = "multi",
+    observations: str = "dict",
+    scaled: bool = False,
+    action_masks: bool = False,
     **numbers: Number,
 ) -> SurvivalParallelEnv:
     """One world for PettingZoo's learners and wrappers.
@@ -272,6 +305,10 @@ def parallel_env(
         dead: "end": who dies leaves. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
         max_episode_steps: Ticks until the world is truncated: the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
+        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
+        scaled: Whether observations and `state` are divided by the scales of their fields, see `make_vec`.
+        action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
@@ -286,25 +323,24 @@ def parallel_env(
         warnings.warn("dead='remove' is now called dead='end'", DeprecationWarning, stacklevel=2)
         dead = "end"
     scenario = requested(parallel_env, scenario, numbers, max_episode_steps)
-    return SurvivalParallelEnv(scenario, render_mode=render_mode, seed=seed, dead=dead)
+    return SurvivalParallelEnv(
+        scenario,
+        render_mode=render_mode,
+        seed=seed,
+        dead=dead,
+        actions=actions,
+        observations=observations,
+        scaled=scaled,
+        action_masks=action_masks,
+    )
 
 
-def aec_env(
-    scenario: str | Scenario = "ffa_3",
-    *,
-    render_mode: str | None = None,
-    seed: int | None = None,
-    dead: str = "end",
-    max_episode_steps: int | None = None,
-    max_cycles: int | None = None,
-    **numbers: Number,
-) -> Any:
+def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
 
     Arguments and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
     """
-    rest: Any = {"max_episode_steps": max_episode_steps, "max_cycles": max_cycles, **numbers}
-    return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, seed=seed, dead=dead, **rest))
+    return parallel_to_aec(parallel_env(scenario, **options))
 
 
 env = aec_env  # the name that PettingZoo's modules have for it

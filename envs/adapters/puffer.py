@@ -3,14 +3,14 @@
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import flatten_space
 
+from ..core.action_spaces import ActionSpace
 from ..core.agents import alive
-from ..core.validation import Array, check_choice, checked_actions
+from ..core.validation import Array, check_choice
 from ..core.vector_env import SurvivalVectorEnv
 from ..rendering.modes import RENDER_MODES, render_world
 from ..scenarios.scenario import Number, Scenario
-from .per_agent import agent_spaces, requested
+from .per_agent import requested
 
 try:
     from pufferlib import PufferEnv
@@ -34,6 +34,8 @@ def make_puffer(
     max_episode_steps: int | None = None,
     check_actions: bool = True,
     render_mode: str | None = None,
+    actions: str = "multi",
+    scaled: bool = False,
     buf: dict[str, Array] | None = None,
     **numbers: Number,
 ) -> "SurvivalPufferEnv":
@@ -51,6 +53,8 @@ def make_puffer(
         max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, "rgb_array" or "ansi".
+        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
         buf: PufferLib's arrays.
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
@@ -60,9 +64,17 @@ def make_puffer(
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     scenario = requested(make_puffer, scenario, numbers, max_episode_steps)
     base_env = SurvivalVectorEnv(
-        scenario, num_worlds, seed=seed, threads=threads, autoreset_mode="SameStep", copy=False, check_actions=False
+        scenario,
+        num_worlds,
+        seed=seed,
+        threads=threads,
+        autoreset_mode="SameStep",
+        copy=False,
+        check_actions=False,
+        observations="flat",
+        scaled=scaled,
     )
-    return SurvivalPufferEnv(base_env, check_actions=check_actions, render_mode=render_mode, buf=buf)
+    return SurvivalPufferEnv(base_env, actions=actions, check_actions=check_actions, render_mode=render_mode, buf=buf)
 
 
 class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -85,19 +97,26 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
     of agents and sides one for each that the episode had.
 
-    gymnasium.spaces.unflatten(agent_observation_space, row) takes a row of observations apart.
+    base_env.flat_names says what the columns of observations are.
 
     Attributes:
         base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP.
     """
 
     def __init__(
-        self, base_env: SurvivalVectorEnv, *, check_actions: bool, render_mode: str | None, buf: dict[str, Array] | None
+        self,
+        base_env: SurvivalVectorEnv,
+        *,
+        actions: str,
+        check_actions: bool,
+        render_mode: str | None,
+        buf: dict[str, Array] | None,
     ) -> None:
         self.base_env, self.check_actions, self.render_mode = base_env, check_actions, render_mode
         self.num_worlds, self.num_agents = base_env.num_worlds, base_env.num_worlds * base_env.num_agents
-        (self.agent_observation_space, *_), (self.single_action_space, *_) = agent_spaces(base_env)  # all are alike
-        self.single_observation_space = flatten_space(self.agent_observation_space)
+        self._actions = ActionSpace(base_env.worlds, actions)
+        self.single_observation_space = base_env._reader.of_agent(0)  # all are alike
+        self.single_action_space = self._actions.single
         super().__init__(buf)
 
     def reset(self, seed: int | None = None) -> tuple[Array, Infos]:
@@ -111,12 +130,11 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
     def step(self, actions: Array) -> Outcome:
         """One tick of every world, then new episodes where it was the last.
 
-        actions: integers (num_agents, actions). Returns (observations, rewards, terminals, truncations, infos). A
-        refused call (ActionError, NotResetError, ClosedError) changes nothing.
+        actions: integers (num_agents, actions), or (num_agents,). Returns (observations, rewards, terminals,
+        truncations, infos). A refused call (ActionError, NotResetError, ClosedError) changes nothing.
         """
-        shape, sizes = (self.num_agents, len(self.base_env.action_sizes)), self.base_env.action_sizes
-        axes, who = "(num_agents, actions)", "sub-environment {0}"
-        rows = checked_actions(actions, shape, sizes, self.check_actions, axes=axes, who=who)
+        shape, who = (self.num_agents,), "sub-environment {0}"
+        rows = self._actions.rows(actions, shape, self.check_actions, axes="num_agents", who=who)
         _, rewards, terminated, truncated, info = self.base_env.step(self._by_world(rows))
         self.rewards[:] = rewards.ravel()
         self._by_world(self.terminals)[:] = terminated[:, None]
@@ -133,6 +151,15 @@ class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproj
             )
         self._observe()
         return self.observations, self.rewards, self.terminals, self.truncations, infos
+
+    def action_masks(self) -> Array:
+        """Which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
+        masks: Array = self._actions.masks().reshape(self.num_agents, -1)
+        return masks
+
+    def state(self, out: Any = None) -> Array:
+        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        return self.base_env.state(out)
 
     def render(self) -> Any:
         """World 0 as uint8 (height, width, 3) RGB or as text, as render_mode says."""

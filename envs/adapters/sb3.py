@@ -32,6 +32,9 @@ def make_sb3(
     check_actions: bool = True,
     render_mode: str | None = None,
     render_worlds: int = 1,
+    actions: str = "multi",
+    observations: str = "dict",
+    scaled: bool = False,
     **numbers: Number,
 ) -> "SurvivalVecEnv":
     """All agents of `num_worlds` worlds for Stable-Baselines3.
@@ -47,6 +50,9 @@ def make_sb3(
         check_actions: Whether to check the range of actions. Without, actions out of range mean nothing in particular.
         render_mode: None, or "rgb_array", which render(mode="human") needs, too.
         render_worlds: render() shows the first so many worlds.
+        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other ("MlpPolicy").
+        scaled: Whether observations are divided by the scales of their fields, see `make_vec`.
         numbers: Other numbers of the scenario, as in Scenario.replace.
 
     Raises:
@@ -62,6 +68,9 @@ def make_sb3(
         autoreset_mode="SameStep",
         check_actions=check_actions,
         render_mode=render_mode,
+        actions=actions,
+        observations=observations,
+        scaled=scaled,
     )
     return SurvivalVecEnv(agents, seed=seed, render_worlds=render_worlds)
 
@@ -69,8 +78,9 @@ def make_sb3(
 class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
     """All agents of all worlds: sub-environment w * num_agents + i is agent i of world w.
 
-    Observations: dict of float32 (num_envs, ...), copies, because SB3's algorithms keep the last ones during a step.
-    Actions: integers (num_envs, actions). Rewards: float32 (num_envs,). Dones: bool (num_envs,).
+    Observations: dict of float32 (num_envs, ...), or a flat array, copies, because SB3's algorithms keep the last ones
+    during a step. Actions: integers (num_envs, actions), or (num_envs,). `action_masks` is what MaskablePPO of
+    sb3-contrib asks for. Rewards: float32 (num_envs,). Dones: bool (num_envs,).
 
     An agent is done when its world ends, and starts anew in that very step. Until then a dead one stays (dead="keep" of
     other adapters): it has the rewards and observations of the scenario, and its actions are ignored. Every info has
@@ -178,10 +188,26 @@ class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
         setattr(self, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """The one method that a single sub-environment has is render(): a picture of its world."""
-        if method_name != "render" or args or kwargs:
-            raise AttributeError(f"sub-environments have the method render() and no other; {method_name} was asked for")
+        """Sub-environments have the methods render(), a picture of their world, and action_masks(), bool (entries,)."""
+        if method_name not in ("render", "action_masks") or args or kwargs:
+            known = "the methods render() and action_masks() and no other"
+            raise AttributeError(f"sub-environments have {known}; {method_name} was asked for")
+        if method_name == "action_masks":
+            return list(self.action_masks()[self._chosen(indices)])
         return self._pictures(i // self.num_agents for i in self._chosen(indices))
+
+    def action_masks(self) -> Array:
+        """Which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
+        return self._agents.action_masks()
+
+    @property
+    def state_space(self) -> Any:
+        """Of `state`, for a world: Box, float32 (size,)."""
+        return self._agents.state_space
+
+    def state(self, out: Any = None) -> Array:
+        """Each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        return self._agents.state(out)
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Never: there are no single environments that could be."""

@@ -13,25 +13,67 @@ def flat_size(observations: Mapping[str, Array]) -> int:
     return sum(int(np.prod(array.shape[2:])) for array in observations.values())
 
 
-def write(observations: Mapping[str, Array], out: Any) -> None:
-    """Copy observations of shape (worlds, agents, ...) into `out`.
-
-    out: a mapping with a float32 array of the same shape for each key, or one float32 array (worlds, agents, numbers),
-    `flat_size` numbers in order of the keys. Raises ValueError, before anything is written, if it is neither.
-    """
-    if isinstance(out, Mapping):
-        _check_mapping(observations, out)
+def write(observations: Mapping[str, Array], arrays: Any) -> None:
+    """Copy observations of shape (worlds, agents, ...) into what `checked` returned."""
+    if isinstance(arrays, Mapping):
         for key, array in observations.items():
-            out[key][...] = array
+            arrays[key][...] = array
         return
-    worlds, agents = next(iter(observations.values())).shape[:2]
-    shape = (worlds, agents, flat_size(observations))
-    _check("out", out, shape)
     start = 0
     for array in observations.values():
         numbers = int(np.prod(array.shape[2:]))
-        out[:, :, start : start + numbers] = array.reshape(worlds, agents, numbers)
+        arrays[:, :, start : start + numbers] = array.reshape(*array.shape[:2], numbers)
         start += numbers
+
+
+def checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> Any:
+    """Memory of the caller's for observations.
+
+    Args:
+        observations: By key, of shape (worlds, agents, ...).
+        out: A mapping with a float32 array of the same shape for each key, or one float32 array
+            (worlds, agents, numbers), `flat_size` numbers in order of the keys; see `writable`.
+        name: What it is called in errors.
+
+    Returns:
+        `out` as numpy arrays that share its memory.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    if not isinstance(out, Mapping):
+        worlds, agents = next(iter(observations.values())).shape[:2]
+        return writable(name, out, (worlds, agents, flat_size(observations)))
+    if out.keys() != observations.keys():
+        raise ValueError(f"{name} has the keys {sorted(out)}: {sorted(observations)} are needed")
+    return {key: writable(f"{name}[{key!r}]", out[key], array.shape) for key, array in observations.items()}
+
+
+def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.float32) -> Array:
+    """Memory of the caller's as a numpy array.
+
+    Args:
+        name: What it is called in errors.
+        given: A numpy array, or a tensor of a library that shares its memory with numpy, such as PyTorch's on the CPU,
+            pinned or not.
+        shape: That it must have.
+        dtype: Likewise.
+
+    Raises:
+        ValueError: It has another shape or type, cannot be written to, or is on another device.
+    """
+    array = given
+    if not isinstance(given, np.ndarray) and hasattr(given, "__dlpack__") and hasattr(given, "__array__"):
+        try:
+            array = given.__array__()
+        except (TypeError, RuntimeError) as error:  # it is on a GPU, or has a gradient
+            raise ValueError(f"{name} shares no memory with numpy: {error}") from None
+    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != shape:
+        found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise ValueError(f"{name} is {found}: a {np.dtype(dtype)} array of shape {shape} is needed")
+    if not array.flags.writeable:
+        raise ValueError(f"{name} is read-only")
+    return array
 
 
 def final_observations(observations: Mapping[str, Array], where: Array) -> Array:
@@ -40,21 +82,6 @@ def final_observations(observations: Mapping[str, Array], where: Array) -> Array
     for w in np.flatnonzero(where):
         found[w] = {key: array[w].copy() for key, array in observations.items()}
     return found
-
-
-def _check_mapping(observations: Mapping[str, Array], out: Mapping[str, Any]) -> None:
-    if out.keys() != observations.keys():
-        raise ValueError(f"out has the keys {sorted(out)}: {sorted(observations)} are needed")
-    for key, array in observations.items():
-        _check(f"out[{key!r}]", out[key], array.shape)
-
-
-def _check(name: str, array: Any, shape: tuple[int, ...]) -> None:
-    if not isinstance(array, np.ndarray) or array.dtype != np.float32 or array.shape != shape:
-        found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-        raise ValueError(f"{name} is {found}: a float32 array of shape {shape} is needed")
-    if not array.flags.writeable:
-        raise ValueError(f"{name} is read-only")
 
 
 def read_only(array: Array) -> Array:

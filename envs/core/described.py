@@ -10,8 +10,12 @@ from gymnasium.vector.utils import batch_space
 from outlast.ecs import AgentRoles, Fields, Worlds
 
 from ..scenarios.scenario import Scenario
+from .action_spaces import ActionSpace
 from .agents import alive, counted, present
-from .buffers import flat_size
+from .buffers import writable
+from .concurrency import exclusive
+from .global_state import GlobalState
+from .observations import Observations
 from .spaces import statistics
 
 Arrays = dict[str, np.ndarray[Any, Any]]
@@ -24,7 +28,9 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     scenario: Scenario
     worlds: Worlds
     num_worlds: int
-    _observations: Arrays
+    _reader: Observations
+    _actions: ActionSpace
+    _masked: bool
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -58,11 +64,94 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     @property
     def flat_size(self) -> int:
         """Numbers in the observation of one agent: the length of its row in a flat array."""
-        return flat_size(self._observations)
+        return self._reader.flat_size
+
+    @property
+    def flat_names(self) -> list[str]:
+        """What the columns of a flat array hold: "own.health", "heals.3.x" (of the fourth heal), "heals_mask.3"."""
+        return self._reader.names
+
+    @property
+    def action_columns(self) -> list[tuple[str, int]]:
+        """The name of each action, and the value that 0 stands for."""
+        return list(zip(self._actions.keys, (-self._actions.zeros).tolist(), strict=True))
+
+    @property
+    def action_sizes(self) -> Actions:
+        """How many values each action has, integers (actions,)."""
+        return self._actions.sizes
+
+    @property
+    def noop(self) -> Actions:
+        """The action that does nothing, integers (actions,); with actions="joint" a single one."""
+        return self._actions.noop
+
+    @property
+    def action_mask_size(self) -> int:
+        """Entries of an agent's action mask: 15 in the paper, with actions="joint" 216."""
+        return self._actions.mask_size
+
+    @cached_property
+    def _global_state(self) -> GlobalState:
+        return GlobalState(self.worlds, self._reader.scaled)
+
+    @property
+    def state_space(self) -> Any:
+        """Of `state`, for a world: Box, float32 (size,)."""
+        return self._global_state.space
+
+    @property
+    def state_names(self) -> list[str]:
+        """What the numbers of `state` are: "agent_0.health", "box_3.x" ..."""
+        return self._global_state.names
+
+    @exclusive
+    def state(self, out: Any = None) -> Actions:
+        """Each world as one vector, also what no agent sees, for centralised critics; see global_state.GlobalState.
+
+        Args:
+            out: Where to write it: a float32 array (worlds, size), of numpy or a tensor that shares its memory with it.
+
+        Returns:
+            float32 (worlds, size), scaled if observations are: a new array, or `out` as one of numpy.
+
+        Raises:
+            ValueError: `out` has another shape or type.
+        """
+        if out is None:
+            return self._global_state(slice(None))
+        array = writable("out", out, (self.num_worlds, *self.state_space.shape))
+        array[...] = self._global_state(slice(None))
+        return array
+
+    @exclusive
+    def action_masks(self, out: Any = None) -> Actions:
+        """Which actions can change anything in the next step, or are `noop`.
+
+        What is False leaves the same world behind as `noop` does, to the bit: attacks while the weapon waits, the use
+        of an empty bag, all that the dead do. Of what is True, some may still do nothing.
+
+        Args:
+            out: Where to write it, bool of that shape, as in `state`.
+
+        Returns:
+            bool (worlds, agents, action_mask_size): the values of all actions, one action behind the other; with
+            actions="joint" all joint actions. A new array, or `out` as one of numpy.
+
+        Raises:
+            ValueError: `out` has another shape or type.
+        """
+        if out is None:
+            return self._actions.masks()
+        array = writable("out", out, (self.num_worlds, self.worlds.dims["agents"], self.action_mask_size), bool)
+        array[...] = self._actions.masks()
+        return array
 
     def _info(self) -> dict[str, Any]:
         """What info has of the observations that are returned."""
         info: dict[str, Any] = {"alive": alive(self.worlds)}
+        if self._masked:
+            info["action_mask"] = self._actions.masks().view(np.int8)  # as gymnasium's spaces sample with
         if self.worlds.layout.varied:
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
         if AgentRoles in self.worlds:

@@ -21,6 +21,10 @@ def make_vec(
     check_actions: bool = True,
     first_world: int = 0,
     render_mode: str | None = None,
+    actions: str = "multi",
+    observations: str = "dict",
+    scaled: bool = False,
+    action_masks: bool = False,
     interpret: Collection[str] = (),
     **numbers: Number,
 ) -> SurvivalVectorEnv:
@@ -40,6 +44,11 @@ def make_vec(
             meaning, but do no harm.
         first_world: Number of the first world: world i of a batch is world i of any other batch of the same seed.
         render_mode: "rgb_array", "ansi" or None.
+        actions: "multi", an integer for each action, or "joint", one for all of an agent's: 0 to 215 in the paper.
+        observations: "dict", arrays by key, or "flat", one array with all keys one behind the other.
+        scaled: Whether observations, and `state`, are divided by the scales of their fields to about -1 to 1, with
+            angles wrapped; what has no bounds is clipped to -10 to 10.
+        action_masks: Whether info has "action_mask", int8: what `action_masks` returns.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
 
@@ -60,6 +69,10 @@ def make_vec(
         check_actions=check_actions,
         first_world=first_world,
         render_mode=render_mode,
+        actions=actions,
+        observations=observations,
+        scaled=scaled,
+        action_masks=action_masks,
         interpret=interpret,
     )
 

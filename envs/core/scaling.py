@@ -2,18 +2,74 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.ecs.fields import Fields
+from outlast.ecs.fields import Field, Fields
 
 from .validation import Array
+
+LIMIT = 10.0  # of scaled values whose range is not known, as wrappers that normalise have it, too
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What becomes of the columns of a row.
+
+    Attributes:
+        divisors: float32 (columns,).
+        angles: Indices of columns in radians, which are wrapped to -pi to pi first.
+        unlimited: Indices of columns whose range is not known: they are clipped to -LIMIT to LIMIT.
+    """
+
+    divisors: Array
+    angles: Array
+    unlimited: Array
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Field], columns: int) -> "Scale":
+        """Of a row with these fields, whose ranges do not matter; without any, it stays as it is."""
+        divisors, angle = np.ones(columns, np.float32), np.zeros(columns, bool)
+        for field in fields.values():
+            divisors[field.columns], angle[field.columns] = field.scale, field.unit == "rad"
+        return cls(divisors, np.flatnonzero(angle), np.zeros(0, int))
+
+    def limited(self, low: Array, high: Array) -> tuple["Scale", Array, Array]:
+        """The same, clipped where one of the ends (..., columns) is infinite; and the ends of what comes of it."""
+        low, high = low.copy(), high.copy()
+        low[..., self.angles], high[..., self.angles] = -np.float32(math.pi), np.float32(math.pi)
+        endless = np.isinf(low) | np.isinf(high)
+        scale = Scale(self.divisors, self.angles, np.flatnonzero(endless.reshape(-1, endless.shape[-1]).any(0)))
+        for ends, limit in ((low, -LIMIT), (high, LIMIT)):
+            ends /= self.divisors
+            at = ends[..., scale.unlimited]
+            ends[..., scale.unlimited] = np.where(np.isinf(at), limit, np.clip(at, -LIMIT, LIMIT))
+        return scale, low, high
+
+    def apply(self, rows: Array) -> None:
+        """Scale rows (..., columns) in place."""
+        if len(self.angles):
+            rows[..., self.angles] = np.remainder(rows[..., self.angles] + math.pi, math.tau) - math.pi
+        rows /= self.divisors
+        if len(self.unlimited):
+            rows[..., self.unlimited] = np.clip(rows[..., self.unlimited], -LIMIT, LIMIT)
+
+
+def joined(scales: list[Scale]) -> Scale:
+    """Of rows that lie one behind the other."""
+    starts = np.cumsum([0, *(len(scale.divisors) for scale in scales)])[:-1]
+    shifted = [(scale.angles + at, scale.unlimited + at) for scale, at in zip(scales, starts, strict=True)]
+    angles, unlimited = (np.concatenate(each) for each in zip(*shifted, strict=True))
+    return Scale(np.concatenate([scale.divisors for scale in scales]), angles, unlimited)
 
 
 def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array]:
     """Observations divided by the scales of their fields; angles (rad) are wrapped to -pi to pi first.
 
     >>> seen = outlast.scaled(observations, env.fields)
+
+    Environments that are made with scaled=True do that by themselves, and clip what has no bounds.
 
     Args:
         observations: By key, float32 (..., length of a row), of any adapter.
@@ -28,10 +84,6 @@ def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array
     found = dict(observations)
     for key, named in fields.items():
         row: Array = np.array(observations[key], np.float32)
-        for field in named.values():
-            own = row[..., field.columns]
-            if field.unit == "rad":
-                own[...] = np.remainder(own + math.pi, math.tau) - math.pi
-            own /= np.float32(field.scale)
+        Scale.of(named, row.shape[-1]).apply(row)
         found[key] = row
     return found

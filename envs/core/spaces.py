@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
 from outlast.ecs.varied import extreme_layouts
@@ -108,17 +107,6 @@ def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
     if not (low <= high).all():
         raise DeclarationError(f"{what} have a low end above the high one: {ends}; swap them")
     return low, high
-
-
-def observation_space(worlds: Worlds) -> spaces.Dict:
-    """What all agents of one world see: key -> Box float32 of shape (agents, ...)."""
-    return spaces.Dict({key: spaces.Box(low, high, dtype=np.float32) for key, (low, high) in bounds(worlds).items()})
-
-
-def action_space(worlds: Worlds) -> spaces.MultiDiscrete:
-    """What all agents of one world do: MultiDiscrete of shape (agents, actions), (3, 3, 3, 2, 2, 2) in the paper."""
-    sizes = [int(column.high - column.low) + 1 for _, _, _, column in published(worlds, Action)]
-    return spaces.MultiDiscrete(np.tile(sizes, (worlds.dims["agents"], 1)))
 
 
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:

@@ -8,23 +8,26 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP, Action, Observation
+from outlast.ecs import RESET, SKIP, STEP
 
 from ..errors import RecordingError
 from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from .buffers import final_observations, read_only, write
+from .action_spaces import ActionSpace
+from .buffers import final_observations
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
 from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
-from .spaces import action_space, check_published, observation_space, published
+from .observations import Observations
+from .spaces import check_published
+from .step_buffers import StepBuffers
 from .step_events import StepEvents
-from .validation import MAX_WORLDS, check_choice, check_count, checked_actions, keys, reset_mask
+from .validation import MAX_WORLDS, check_choice, check_count, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
@@ -44,13 +47,15 @@ class SurvivalVectorEnv(Described):
 
     ## Action Space
     MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants
-    [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. `noop` is the action that does
-    nothing, integers (actions,).
+    [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. With actions="joint" a single
+    integer (worlds, agents) stands for all of them, 0 to 215. `noop` is the action that does nothing; `action_masks()`
+    says which others would do as little.
 
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres a second, radians and hit points. Which keys there are
     depends on the mechanics; what an agent does not see is 0, and so is its entry in the key's mask (`others_mask`).
-    Mechanics may add to rows: read them by the names in `fields`.
+    Mechanics may add to rows: read them by the names in `fields`. With observations="flat" a single Box, float32
+    (worlds, agents, flat_size), whose columns have the names `flat_names`. `state()` is the whole world.
 
     ## Rewards
     float32 (worlds, agents): every agent of a world has its own. Wrappers that sum one reward for each sub-environment
@@ -88,6 +93,10 @@ class SurvivalVectorEnv(Described):
         check_actions: bool = True,
         first_world: int = 0,
         render_mode: str | None = None,
+        actions: str = "multi",
+        observations: str = "dict",
+        scaled: bool = False,
+        action_masks: bool = False,
         interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
@@ -106,16 +115,11 @@ class SurvivalVectorEnv(Described):
         check_published(self.worlds)
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
-        self.single_observation_space = observation_space(self.worlds)
-        self.single_action_space = action_space(self.worlds)
-        actions = published(self.worlds, Action)
-        self.action_columns = [(key, int(column.low)) for key, _, _, column in actions]
-        self.noop = np.array([-low for _, low in self.action_columns])
-        self.noop.flags.writeable = False
-        self.action_sizes = self.single_action_space.nvec[0]
-        self._observations = {
-            k: read_only(getattr(self.worlds[c], n)) for k, c, n, _ in published(self.worlds, Observation)
-        }
+        self._reader = Observations(self.worlds, observations, scaled)
+        self._actions = ActionSpace(self.worlds, actions)
+        self._masked = bool(action_masks)
+        self.single_observation_space = self._reader.space
+        self.single_action_space = self._actions.batched(self.num_agents)
         self._mode = np.zeros(self.num_worlds, np.int8)
         self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode is AutoresetMode.SAME_STEP)
         self._step_events = StepEvents(self.worlds)
@@ -158,14 +162,20 @@ class SurvivalVectorEnv(Described):
         return self._observe(), self._info()
 
     @exclusive
-    def step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
+    def step(
+        self, actions: Actions, *, out: Mapping[str, Any] | None = None
+    ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """Take every world through one tick. A refused call changes nothing.
 
         NEXT_STEP: a world that ended is reset by the next call, which ignores its actions. SAME_STEP: it is reset at
         once; info["final_obs"] holds its last observation. DISABLED: reset it yourself.
 
         Args:
-            actions: Integers of any type, (worlds, agents, actions), each from 0 to its size - 1.
+            actions: Integers of any type, (worlds, agents, actions), each from 0 to its size - 1; with actions="joint"
+                (worlds, agents).
+            out: Where to write what is returned, instead of into new arrays: memory of the caller's, such as a tensor
+                of PyTorch, by name. "observations" as in `observe`, "rewards", "terminated", "truncated"; "state" and
+                "action_mask" as `state` and `action_masks` have them; some or all.
 
         Returns:
             Observations; rewards, float32 (worlds, agents); terminated and truncated, bool (worlds,); and info, which
@@ -175,6 +185,7 @@ class SurvivalVectorEnv(Described):
             ActionError: Actions of the wrong shape or type, or out of range.
             NotResetError: Worlds that have not been reset, or have ended under DISABLED.
             FaultError: A world is in a state that physics cannot take; the others have been stepped.
+            ValueError: `out` has other names, shapes or types.
             TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
         if (
@@ -182,9 +193,12 @@ class SurvivalVectorEnv(Described):
         ):  # what can be wrapped around it between two resets is not worth every step's time
             refuse_reward_sums(sys._getframe(2))
             self._wrappers_checked = True
-        return self._step(actions)
+        return self._step(actions, out)
 
-    def _step(self, actions: Actions) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
+    def _step(
+        self, actions: Actions, out: Mapping[str, Any] | None = None
+    ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
+        buffers = StepBuffers(self, out)
         self._tracker.check(resets=self.autoreset_mode is not AutoresetMode.DISABLED)
         self._take(actions)
         self._step_events.forget()
@@ -193,12 +207,14 @@ class SurvivalVectorEnv(Described):
         terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
         self._stop(slice(None), terminated, truncated)
         log_deaths(self.worlds, self.first_world)
-        reward = self.worlds[Reward].reward.copy()
+        reward = buffers.put("rewards", self.worlds[Reward].reward)
         try:
             check_faults(self.worlds)
         finally:  # the other worlds go on
             info: dict[str, Any] = self._finish(done) if (done := self._tracker.done).any() else {}
-        return self._observe(), reward, terminated, truncated, info | self._info()
+        ends = buffers.put("terminated", terminated), buffers.put("truncated", truncated)
+        observed = buffers.fill()
+        return self._observe() if observed is None else observed, reward, *ends, info | self._info()
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
@@ -228,7 +244,8 @@ class SurvivalVectorEnv(Described):
 
         Args:
             out: Where to write them, too: float32 arrays (worlds, agents, ...) by key, or one float32 array
-                (worlds, agents, flat_size) in which the keys lie one behind the other.
+                (worlds, agents, flat_size) in which the keys lie one behind the other; of numpy, or tensors that share
+                their memory with it.
 
         Returns:
             As `step`: copies, or views if copy=False.
@@ -237,7 +254,7 @@ class SurvivalVectorEnv(Described):
             ValueError: `out` has other keys, shapes or types; nothing was written.
         """
         if out is not None:
-            write(self._observations, out)
+            self._reader.write(self._reader.check(out))
         return self._observe()
 
     @exclusive
@@ -362,7 +379,7 @@ class SurvivalVectorEnv(Described):
         info = self._ended(done)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info |= {"final_info": info | self._info(), "_final_info": done.copy()}
-            info |= {"final_obs": final_observations(self._observations, done), "_final_obs": done.copy()}
+            info |= {"final_obs": final_observations(self._reader.read(copy=False), done), "_final_obs": done.copy()}
             self._step_events.keep(done)
             self._run(done)
         return info
@@ -384,7 +401,8 @@ class SurvivalVectorEnv(Described):
         self._tracker.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:
-        return {key: buffer.copy() if self.copy else buffer for key, buffer in self._observations.items()}
+        observed: Arrays = self._reader.read(self.copy)
+        return observed
 
     def _check_unrecorded(self, call: str) -> None:
         if self._recording:
@@ -395,6 +413,8 @@ class SurvivalVectorEnv(Described):
         return self._runner is not self.worlds and bool(self._runner.recording)
 
     def _take(self, actions: Any) -> None:
-        shape = (self.num_worlds, self.num_agents, len(self.action_sizes))
-        actions = checked_actions(actions, shape, self.action_sizes, self.check_actions or self._recording)
-        np.subtract(actions.transpose(2, 0, 1), self.noop[:, None, None], out=self.worlds.actions, casting="unsafe")
+        shape, ranges = (self.num_worlds, self.num_agents), self.check_actions or self._recording
+        rows = self._actions.rows(actions, shape, ranges, axes="worlds, agents", who="agent {1} in world {0}")
+        np.subtract(
+            rows.transpose(2, 0, 1), self._actions.zeros[:, None, None], out=self.worlds.actions, casting="unsafe"
+        )

@@ -12,7 +12,8 @@ from gymnasium import spaces
 
 from outlast.ecs import Worlds
 
-from ..core.spaces import action_space, observation_space
+from ..core.action_spaces import ActionSpace
+from ..core.observations import Observations
 from ..errors import RecordingError, install
 from ..recording import Replay
 from ..storage import atomic_write
@@ -118,10 +119,6 @@ def _episode(whole: Samples, i: int) -> Any:
     )
 
 
-def _spaces(worlds: Worlds) -> tuple[spaces.Dict, spaces.MultiDiscrete]:
+def _spaces(worlds: Worlds) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
     """What one agent sees and does; the same for all of them."""
-    boxes: Any = observation_space(worlds)
-    seen: dict[str, spaces.Space[Any]] = {
-        key: spaces.Box(box.low[0], box.high[0], dtype=np.float32) for key, box in boxes.items()
-    }
-    return spaces.Dict(seen), spaces.MultiDiscrete(action_space(worlds).nvec[0])
+    return Observations(worlds, "dict", scaled=False).of_agent(0), ActionSpace(worlds, "multi").single

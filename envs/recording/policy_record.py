@@ -62,7 +62,7 @@ class PolicyRecorder:
         found = np.zeros((self._env.num_worlds, self._env.num_agents), self.dtype)
         if steps.any():
             tell(self._explain, self._begins.look())
-            found["value"], found["probabilities"], found["attention"] = self._explain(self._env._observations)
+            found["value"], found["probabilities"], found["attention"] = self._explain(self._env._reader.views)
             if self._plays is not None:
                 found[~np.asarray(self._plays())] = np.full((), np.nan, self.dtype)
         return found[steps]

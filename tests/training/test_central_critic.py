@@ -9,7 +9,7 @@ import pytest
 
 from outlast import load_policy, make_vec, parallel_env, variant
 from outlast.components import Body
-from outlast.envs.adapters.global_state import GlobalState
+from outlast.envs.core.global_state import GlobalState
 from outlast.envs.rollout.memory import told
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")

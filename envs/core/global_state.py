@@ -1,14 +1,18 @@
 """The state of a whole world as one vector, for centralised critics."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from gymnasium import spaces
 
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, Wall, ZoneView
 from outlast.components.box import VERTICES
 from outlast.ecs import Distribution, Entity, Worlds
+from outlast.ecs.fields import column_names
 
-from ..core.spaces import bounds
-from ..core.validation import Array
+from .scaling import Scale
+from .spaces import bounds
+from .validation import Array
 
 POSE = ("x", "y", "angle")
 
@@ -31,10 +35,12 @@ class GlobalState:
 
     Attributes:
         space: Of the vector.
+        names: Of its numbers: "agent_0.health", "zone.x", "box_3.stands" ...
         scale: What its numbers are to be divided by to be about -1 to 1, float32 like the vector.
     """
 
-    def __init__(self, worlds: Worlds) -> None:
+    def __init__(self, worlds: Worlds, scaled: bool = False) -> None:
+        """scaled: whether it is divided by them, with angles wrapped, and what has no bounds clipped: scaling.Scale."""
         rows = worlds.layout.rows
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
@@ -43,6 +49,12 @@ class GlobalState:
         self.objects = np.setdiff1d(rows(Body, Shape, Health), np.concatenate([self.agents, self.items]))
         blocks = [np.tile(block, count) for count, block in self._blocks()]
         low, high, self.scale = np.concatenate(blocks, 1, dtype=np.float32)
+        self.names = list(self._names())
+        radians = {"angle", *(name for name, field in worlds.layout.fields["own"].items() if field.unit == "rad")}
+        angles = np.flatnonzero([name.split(".")[1] in radians for name in self.names])
+        self._scale: Scale | None = None
+        if scaled:
+            self._scale, low, high = Scale(self.scale, angles, angles[:0]).limited(low, high)
         self.space = spaces.Box(low, high, dtype=np.float32)
 
     def __call__(self, w: int | slice = 0) -> Array:
@@ -51,7 +63,10 @@ class GlobalState:
         if ZoneView in self.worlds:
             parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # the same for all agents
         flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
-        return np.concatenate(flat, -1, dtype=np.float32)
+        state = np.concatenate(flat, -1, dtype=np.float32)
+        if self._scale is not None:
+            self._scale.apply(state)
+        return state
 
     def _blocks(self) -> list[tuple[int, Array]]:
         """(number of rows, low, high and scale of the numbers of a row, float32 (3, numbers)) of every block."""
@@ -68,6 +83,26 @@ class GlobalState:
             (len(self.walls), np.hstack([flag, *place, half, half])),
             *((1, _column(*_extent(number.distribution))) for number in self.numbers.values()),
         ]
+
+    def _names(self) -> Iterator[str]:
+        """Of the numbers, in the order of the blocks."""
+        fields, half = self.worlds.layout.fields, ("half_width", "half_height")
+        own, zone = (column_names(fields.get(key, {})) for key in ("own", "zone"))
+        blocks = [
+            (self.agents, ("alive", *own)),
+            (self.objects, ("stands", *POSE, *half, "health")),
+            (self.items, ("lies", "x", "y", "carrier")),
+            (self.walls, ("stands", *POSE, *half)),
+        ]
+        entities = [[f"{self._called(row)}.{name}" for row in rows for name in names] for rows, names in blocks]
+        if ZoneView in self.worlds:
+            entities.insert(1, [f"zone.{name}" for name in zone])
+        for names in (*entities, [f"numbers.{name}" for name in self.numbers]):
+            yield from names
+
+    def _called(self, row: int) -> str:
+        """An entity by its archetype and its number among those: "box_3"."""
+        return next(f"{name}_{row - span.start}" for name, span in self.worlds.layout.spans.items() if row in span)
 
     def _scales(self, key: str, *names: str) -> list[float]:
         """Of these fields of an observation, or of all of them in order of columns."""

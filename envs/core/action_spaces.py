@@ -1,0 +1,135 @@
+"""What agents choose from: an integer for each action, or one for all of them together; and what would do nothing."""
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.ecs import Action, Worlds
+
+from .spaces import published
+from .validation import Array, check_choice, checked_actions
+
+KINDS = ("multi", "joint")
+MOST = 1 << 16  # joint actions: learners have an output for each
+
+
+class ActionSpace:
+    """The actions of an agent in the form that a learner wants, and their masks.
+
+    "multi": an integer for each action, as in `MultiDiscrete([3, 3, 3, 2, 2, 2])`. "joint": one for all of them, as in
+    `Discrete(216)`: numbers of base `sizes` whose first digit is the first action, as numpy.unravel_index has it.
+
+    Attributes:
+        kind: One of KINDS.
+        keys: The name of each action.
+        sizes: How many values each has, (actions,).
+        zeros: Which of them does nothing, (actions,).
+        noop: The action that does nothing, as a learner would give it: integers (actions,), or () of kind "joint".
+        mask_size: Entries of an agent's mask: of kind "multi" all values of all actions, one action behind the other;
+            of kind "joint" all joint actions.
+    """
+
+    def __init__(self, worlds: Worlds, kind: str) -> None:
+        """ValueError for another kind, or for more joint actions than MOST."""
+        check_choice("actions", kind, KINDS)
+        columns = published(worlds, Action)
+        self.kind, self.keys = kind, [key for key, *_ in columns]
+        self.sizes = np.array([int(column.high - column.low) + 1 for *_, column in columns])
+        self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
+        self._readers = [_readers(worlds, component) for _, component, *_ in columns]
+        self._table: Array | None = None  # integers (joint actions, actions)
+        self.noop, self.mask_size = self.zeros, int(self.sizes.sum())
+        if kind == "joint":
+            self.mask_size = math.prod(self.sizes.tolist())
+            if self.mask_size > MOST:
+                raise ValueError(
+                    f"actions = 'joint': there are {self.mask_size:,} joint actions here, at most {MOST:,} can be; "
+                    "take actions='multi'"
+                )
+            digits = np.unravel_index(np.arange(self.mask_size), tuple(self.sizes))
+            self._table = np.stack(digits, 1)
+            self.noop = np.array(np.ravel_multi_index(tuple(self.zeros), tuple(self.sizes)))
+        self.noop.flags.writeable = self.zeros.flags.writeable = False
+
+    @property
+    def single(self) -> spaces.Space[Any]:
+        """Of one agent, a new object: MultiDiscrete (actions,), or Discrete."""
+        return spaces.MultiDiscrete(self.sizes) if self._table is None else spaces.Discrete(self.mask_size)
+
+    def batched(self, agents: int) -> spaces.MultiDiscrete:
+        """Of all agents of a world, a new object: MultiDiscrete (agents, actions), or (agents,)."""
+        return spaces.MultiDiscrete(np.tile(self.sizes if self._table is None else self.mask_size, self._shape(agents)))
+
+    def _shape(self, agents: int) -> tuple[int, ...]:
+        return (agents, 1) if self._table is None else (agents,)
+
+    def rows(
+        self,
+        given: Any,
+        shape: tuple[int, ...],
+        ranges: bool = True,
+        *,
+        axes: str = "",
+        who: str,
+        what: str = "actions",
+    ) -> Array:
+        """Actions that a learner gave, as integers (*shape, actions).
+
+        Args:
+            given: Integers of any type: of kind "multi" (*shape, actions), of kind "joint" (*shape).
+            shape: That of agents.
+            ranges: Whether to check that each is in its range. Joint ones always are.
+            axes: What `shape` is called in errors: "worlds, agents".
+            who: What the agent of the indices is called in errors: "agent {1} in world {0}".
+            what: What `given` is called in errors.
+
+        Raises:
+            ActionError: The wrong shape or type, or an action that is out of range.
+        """
+        if self._table is None:
+            axes = f"({axes}, actions)" if axes else "(actions,)"
+            return checked_actions(given, (*shape, len(self.sizes)), self.sizes, ranges, axes=axes, who=who, what=what)
+        axes = f"({axes}{',' if len(shape) == 1 else ''})"
+        sizes = np.array([self.mask_size])
+        joint = checked_actions(np.asarray(given)[..., None], (*shape, 1), sizes, axes=axes, who=who, what=what)
+        rows: Array = self._table[joint[..., 0]]
+        return rows
+
+    def masks(self) -> Array:
+        """Which values can change anything in the next tick, or are the one that does nothing: bool, a new array.
+
+        What is False would leave the same world behind as `noop`, to the bit; not all that is True does something. It
+        is False where the weapon waits, for `use`, `give` and `drop` with an empty bag, and for all that the dead do.
+
+        Returns:
+            (worlds, agents, mask_size).
+        """
+        worlds, agents = self._worlds.count, self._worlds.dims["agents"]
+        said = {module.name: module.idle_actions(self._worlds) for module in self._worlds.modules}
+        parts = []
+        for key, size, none, readers in zip(self.keys, self.sizes, self.zeros, self._readers, strict=True):
+            idle = np.ones((worlds, agents), bool)
+            for name in readers:
+                idle = idle & said[name].get(key, False)
+            part = np.repeat(~idle[..., None], size, 2)
+            part[..., none] = True
+            parts.append(part)
+        if self._table is None:
+            return np.concatenate(parts, 2)
+        joint = parts[0]
+        for part in parts[1:]:
+            joint = (joint[..., :, None] & part[..., None, :]).reshape(worlds, agents, -1)
+        return joint
+
+
+def _readers(worlds: Worlds, action: type[Any]) -> set[str]:
+    """The mechanics with systems that run and look at an action."""
+    kinds = ("read", "write", "add")
+    return {
+        system.module
+        for system in worlds.schedule.systems
+        for parameter in system.parameters
+        if parameter.kind in kinds and action in parameter.components
+    }

@@ -1,0 +1,115 @@
+"""What all agents observe, in the form that a learner wants: by key or flat, in units or scaled."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.ecs import Observation, Worlds
+from outlast.ecs.fields import Field, column_names
+
+from .buffers import checked, flat_size, read_only, write
+from .scaling import Scale, joined
+from .spaces import bounds, published
+from .validation import Array, check_choice
+
+KINDS = ("dict", "flat")
+Arrays = dict[str, Array]
+
+
+class Observations:
+    """Reads what agents observe.
+
+    "dict": float32 arrays (worlds, agents, ...) by key. "flat": one float32 array (worlds, agents, flat_size), the keys
+    one behind the other in their order.
+
+    Attributes:
+        kind: One of KINDS.
+        views: By key, what the engine writes, read-only and in units, whatever the kind.
+        space: Of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size).
+        names: Of the columns of a flat row: "own.health", "heals.3.x", "heals_mask.3".
+    """
+
+    def __init__(self, worlds: Worlds, kind: str, scaled: bool) -> None:
+        """ValueError for another kind. scaled: as scaling.Scale has it; all bounds are finite then."""
+        check_choice("observations", kind, KINDS)
+        self.kind, self.scaled = kind, bool(scaled)
+        found = published(worlds, Observation)
+        self.views = {key: read_only(getattr(worlds[component], name)) for key, component, name, _ in found}
+        self.flat_size = flat_size(self.views)
+        ends, fields, scales = bounds(worlds), worlds.layout.fields, list[Scale]()
+        self._scales = dict[str, Scale]()
+        for key, (low, high) in ends.items():
+            scale = Scale.of(fields.get(key, {}), low.shape[-1])
+            if self.scaled:
+                scale, *ends[key] = scale.limited(low, high)  # type: ignore[assignment]
+            self._scales[key] = scale
+            scales += [scale] * math.prod(low.shape[1:-1])
+        self._flat = joined(scales)
+        self.names = [name for key, (low, _) in ends.items() for name in _names(key, low[0], fields.get(key, {}))]
+        if kind == "flat":
+            low, high = (
+                np.concatenate([each[k].reshape(len(each[k]), -1) for each in ends.values()], 1) for k in (0, 1)
+            )
+            self.space: Any = spaces.Box(low, high, dtype=np.float32)
+        else:
+            self.space = spaces.Dict({key: spaces.Box(*each, dtype=np.float32) for key, each in ends.items()})
+        self._buffer: Any = None
+
+    def read(self, copy: bool) -> Any:
+        """What is observed now: new arrays, or without `copy` read-only ones that the next call overwrites."""
+        if self.kind == "dict" and not self.scaled:
+            return {key: view.copy() if copy else view for key, view in self.views.items()}
+        room = self._room() if copy or self._buffer is None else self._buffer
+        self.write(room)
+        if copy:
+            return room
+        self._buffer = room
+        return each(room, read_only)
+
+    def check(self, out: Any, name: str = "out") -> Any:
+        """Memory of the caller's as numpy arrays, for `write`; see buffers.checked. Raises ValueError."""
+        return checked(self.views, out, name)
+
+    def write(self, arrays: Any) -> None:
+        """Write what is observed now, of either kind, into what `check` returned."""
+        write(self.views, arrays)
+        if not self.scaled:
+            return
+        if isinstance(arrays, dict):
+            for key, scale in self._scales.items():
+                scale.apply(arrays[key])
+        else:
+            self._flat.apply(arrays)
+
+    def of_agent(self, i: int) -> Any:
+        """The space of agent `i`, a new object: Dict of Box (...), or Box (flat_size,)."""
+        if self.kind == "flat":
+            return spaces.Box(self.space.low[i], self.space.high[i], dtype=np.float32)
+        return spaces.Dict(
+            {key: spaces.Box(box.low[i], box.high[i], dtype=np.float32) for key, box in self.space.items()}
+        )
+
+    def _room(self) -> Any:
+        if self.kind == "dict":
+            return {key: np.empty_like(view) for key, view in self.views.items()}
+        return np.empty((*next(iter(self.views.values())).shape[:2], self.flat_size), np.float32)
+
+
+def each(observations: Any, change: Any) -> Any:
+    """What `change` makes of each array: of observations by key, or of flat ones."""
+    return (
+        {key: change(array) for key, array in observations.items()}
+        if isinstance(observations, dict)
+        else change(observations)
+    )
+
+
+def _names(key: str, row: Array, fields: Mapping[str, Field]) -> list[str]:
+    """Of the numbers of an agent's entry of a key, in order."""
+    columns = column_names(fields) or [str(k) for k in range(row.shape[-1])]
+    if row.ndim == 1:
+        return [f"{key}.{column}" for column in columns]
+    return [f"{key}.{k}.{column}" for k in range(len(row)) for column in columns]
