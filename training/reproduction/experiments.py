@@ -1,5 +1,6 @@
 """What `outlast paper` trains: the paper's eight experiments, its method as the text has it, and its games mended."""
 
+import ast
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
@@ -67,7 +68,7 @@ class Experiment:
     def scenario(self) -> Scenario:
         """What is played."""
         pairs = (pair.partition("=") for pair in self.numbers)
-        return resolve(self.game, {number: float(value) for number, _, value in pairs})
+        return resolve(self.game, {number: ast.literal_eval(value) for number, _, value in pairs})
 
     @property
     def steps(self) -> int:
