@@ -8,8 +8,9 @@ from gymnasium import spaces
 
 from outlast.ecs import Action, Worlds
 
+from ..errors import ActionError
 from .spaces import published
-from .validation import Array, check_choice, checked_actions
+from .validation import Array, as_array, check_choice, checked_actions
 
 KINDS = ("multi", "joint")
 MOST = 1 << 16  # joint actions: learners have an output for each
@@ -91,9 +92,12 @@ class ActionSpace:
         if self._table is None:
             axes = f"({axes}, actions)" if axes else "(actions,)"
             return checked_actions(given, (*shape, len(self.sizes)), self.sizes, ranges, axes=axes, who=who, what=what)
-        axes = f"({axes}{',' if len(shape) == 1 else ''})"
-        sizes = np.array([self.mask_size])
-        joint = checked_actions(np.asarray(given)[..., None], (*shape, 1), sizes, axes=axes, who=who, what=what)
+        joint: Array = as_array(given)
+        if joint.shape != shape:
+            wanted = f"({axes}) = {shape}" if axes else "a single one"
+            raise ActionError(f"{what} have shape {joint.shape}: {wanted} is needed, as each is a joint action")
+        count = np.array([self.mask_size])
+        joint = checked_actions(joint[..., None], (*shape, 1), count, who=who, what=what)
         rows: Array = self._table[joint[..., 0]]
         return rows
 

@@ -1,0 +1,277 @@
+"""Actions, observations and states in the forms that learners ask for, against those of the plain environment."""
+
+import itertools
+import math
+from collections import Counter
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Bag, Body, Weapon
+from outlast.ecs import Entity
+from outlast.envs.core.scaling import LIMIT
+from outlast.errors import ActionError
+from outlast.systems import DropLast, Respawn
+from tests.conftest import digest, draw_actions, scaled
+
+TEAMS = outlast.variant("teams_3")
+MASKED = {
+    "teams_3": TEAMS.replace(melee_cooldown=4),
+    "drop, agents that come back": outlast.variant("ffa_3")
+    .with_(DropLast(offset=2.0), Respawn(ticks=5))
+    .replace(ending_rule="never", ending_limit=150, melee_damage=60, melee_cooldown=3),
+    "one bag each": TEAMS.replace(give_last_passes_on=False, melee_damage=50),
+    "steering": outlast.variant("teams_3+steering").replace(melee_damage=50),
+    "counts vary": TEAMS.vary(n_agents=outlast.integers(2, 4)).replace(melee_damage=50),
+}
+JOINT = list(itertools.product(range(3), range(3), range(3), range(2), range(2), range(2)))  # the first counts most
+
+
+def busy(env: Any, rng: np.random.Generator) -> Any:
+    """Random actions that nearly always press every button, and seldom turn, so that agents meet."""
+    actions = draw_actions(env, rng)
+    actions[..., 3:] |= rng.random(actions[..., 3:].shape) < 0.7
+    return actions
+
+
+@pytest.mark.parametrize("name", MASKED)
+def test_what_is_masked_changes_no_bit(name: str) -> None:
+    """Two batches, one of which does nothing wherever the mask says that this would be the same, stay equal."""
+    worlds = scaled(64, 2)
+    one, other = (outlast.make_vec(MASKED[name], worlds, seed=3, interpret=()) for _ in range(2))
+    one.reset()
+    other.reset()
+    rng, masked, starts = np.random.default_rng(0), Counter[str](), np.cumsum([0, *one.action_sizes])
+    for _ in range(scaled(300, 30)):
+        masks, actions = one.action_masks(), busy(one, rng)
+        assert np.array_equal(masks, other.action_masks())
+        allowed = np.take_along_axis(masks, starts[:-1] + actions, 2)
+        for (key, _), some in zip(one.action_columns, ~allowed.reshape(-1, len(one.noop)).T, strict=True):
+            masked[key] += int(some.sum())
+        one.step(actions)
+        other.step(np.where(allowed, actions, other.noop))
+        for env in (one, other):
+            env.worlds.actions[...] = 0
+        assert digest(one.worlds) == digest(other.worlds)
+    buttons = {key for key, _ in one.action_columns} - {"attack", "ahead", "left", "turn"}
+    assert buttons <= masked.keys()
+    assert all(masked[key] for key in (*buttons, "ahead"))  # or the test says nothing
+
+
+def test_masks_are_what_the_rules_say() -> None:
+    env = outlast.make_vec(MASKED["teams_3"], 32, seed=0)
+    env.reset()
+    rng = np.random.default_rng(1)
+    for _ in range(scaled(200, 20)):
+        env.step(busy(env, rng))
+    agents, masks = env.worlds.span("agent"), env.action_masks()
+    dead = env.worlds[Entity].alive[:, agents] == 0
+    waits, empty = env.worlds[Weapon].cooldown[:, agents] > 0, env.worlds[Bag].count[:, agents] == 0
+    nothing = np.tile([False, True, False] * 3 + [True, False] * 3, (*dead.shape, 1))
+    all_empty = np.broadcast_to(empty.all(1)[:, None], empty.shape)  # in the paper's runs gifts are passed on at once
+    assert np.array_equal(masks[dead], nothing[dead])
+    assert masks[~dead][:, :9].all()
+    for column, idle in ((10, waits), (12, empty), (14, all_empty)):
+        assert np.array_equal(masks[..., column], ~(dead | idle))
+    assert masks[..., [1, 4, 7, 9, 11, 13]].all()
+
+
+def test_a_mechanic_that_reads_an_action_has_a_say() -> None:
+    """An action that another mechanic reads, too, is masked only where both say that it does nothing."""
+    from outlast.components import Attack, Health, Phase
+    from outlast.ecs import Module, Read, Rows, Write
+
+    class Breath(Module):
+        """Attacking heals, whether the weapon waits or not."""
+
+    @Breath.system(Phase.EFFECT, after="heals.heal")
+    def breathe(health: Write[Health], attack: Read[Attack], agents: Rows[Weapon]) -> None:
+        for i in range(agents.size):
+            health.points[agents[i]] += attack.attack[i]
+
+    try:
+        env = outlast.make_vec(outlast.variant("ffa_1").with_(Breath()).replace(melee_cooldown=50), 4, seed=0)
+        env.reset()
+        for _ in range(5):
+            env.step(np.tile([1, 1, 1, 1, 1, 1], (4, 2, 1)))
+        masks = env.action_masks()
+        assert masks[..., 10].all()  # attack
+        assert not masks[..., 12].any()  # use, of which nobody else knows
+    finally:
+        Breath.registered.clear()
+
+
+@pytest.mark.parametrize("scenario", ["ffa_1", "teams_3"])
+def test_joint_actions_are_those_of_their_digits(scenario: str) -> None:
+    one, joint = (outlast.make_vec(scenario, 8, seed=1, actions=kind) for kind in ("multi", "joint"))
+    assert joint.single_action_space == gymnasium.spaces.MultiDiscrete([216] * joint.num_agents)
+    assert JOINT[int(joint.noop)] == tuple(one.noop)
+    one.reset()
+    joint.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(scaled(100, 10)):
+        masks = one.action_masks().reshape(-1, 15)
+        starts = np.cumsum([0, *one.action_sizes])[:-1]
+        naive = [[all(row[starts + np.array(digits)]) for digits in JOINT] for row in masks[:4]]
+        assert np.array_equal(joint.action_masks().reshape(-1, 216)[:4], naive)
+        numbers = rng.integers(0, 216, (8, joint.num_agents))
+        one.step(np.array([[JOINT[k] for k in row] for row in numbers]))
+        joint.step(numbers)
+        assert digest(one.worlds) == digest(joint.worlds)
+
+
+@pytest.mark.parametrize("kind", ["dict", "flat"])
+@pytest.mark.parametrize("name", ["ffa_2", "teams_4", "counts vary"])
+def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
+    """Flat rows are the keys one behind the other, as gymnasium flattens them; scaled ones are what scaled() makes."""
+    scenario: Any = MASKED.get(name, name)
+    plain, form, scale = (
+        outlast.make_vec(scenario, 4, seed=2, **options)
+        for options in ({}, {"observations": kind}, {"observations": kind, "scaled": True})
+    )
+    seen = [env.reset()[0] for env in (plain, form, scale)]
+    own: Any = plain.single_observation_space
+    agent = gymnasium.spaces.Dict({key: gymnasium.spaces.Box(box.low[0], box.high[0]) for key, box in own.items()})
+    for _ in range(scaled(40, 8)):
+        actions = draw_actions(plain, np.random.default_rng(0))
+        seen = [env.step(actions)[0] for env in (plain, form, scale)]
+        expected = outlast.scaled(seen[0], plain.fields)
+        limits = bounded(scale.single_observation_space)
+        for env, got, want in ((form, seen[1], seen[0]), (scale, seen[2], expected)):
+            assert env.observation_space.contains(got)
+            if kind == "flat":
+                rows = np.stack([gymnasium.spaces.flatten(agent, row_of(want, 3, i)) for i in range(env.num_agents)])
+                assert np.array_equal(np.clip(rows, *limits) if env is scale else rows, got[3])
+            else:
+                for key, values in want.items():
+                    clipped = np.clip(values, limits[0][key], limits[1][key]) if env is scale else values
+                    assert np.array_equal(clipped, got[key])
+    assert all(
+        np.isfinite(ends).all()
+        for ends in (limits if kind == "flat" else (each for d in limits for each in d.values()))
+    )
+    assert len(form.flat_names) == form.flat_size == len(set(form.flat_names))
+
+
+def row_of(observations: Any, world: int, agent: int) -> dict[str, Any]:
+    return {key: values[world, agent] for key, values in observations.items()}
+
+
+def bounded(space: Any) -> Any:
+    """The ends of a space, as arrays or by key."""
+    if isinstance(space, gymnasium.spaces.Box):
+        return space.low, space.high
+    return {key: box.low for key, box in space.items()}, {key: box.high for key, box in space.items()}
+
+
+def test_names_of_columns_lead_to_their_numbers() -> None:
+    env = outlast.make_vec("teams_3", 3, seed=0, observations="flat")
+    seen, _ = env.reset()
+    body, agents = env.worlds[Body], env.worlds.span("agent")
+    for name, values in (("x", body.x), ("y", body.y), ("angle", body.angle)):
+        assert np.array_equal(seen[..., env.flat_names.index(f"own.{name}")], values[:, agents])
+        for i in range(4):
+            assert np.array_equal(env.state()[:, env.state_names.index(f"agent_{i}.{name}")], values[:, agents][:, i])
+    box = env.worlds.span("box").start + 5
+    assert np.array_equal(env.state()[:, env.state_names.index("box_5.x")], body.x[:, box])
+    assert len(env.state_names) == env.state_space.shape[0] == len(set(env.state_names))
+
+
+def test_without_copies_arrays_are_reused() -> None:
+    env = outlast.make_vec("ffa_1", 2, seed=0, observations="flat", scaled=True, copy=False)
+    first, _ = env.reset()
+    second = env.step(np.tile(env.noop, (2, 2, 1)))[0]
+    assert np.shares_memory(first, second)
+    assert not first.flags.writeable
+
+
+def test_scaled_states_are_states_divided_by_their_scales() -> None:
+    plain, scale = (outlast.make_vec("teams_3", 4, seed=0, scaled=each) for each in (False, True))
+    for env in (plain, scale):
+        env.reset()
+        rng = np.random.default_rng(0)
+        for _ in range(scaled(30, 5)):
+            env.step(draw_actions(env, rng))
+    angle = np.array([name.endswith(".angle") for name in plain.state_names])
+    raw = plain.state()
+    raw[:, angle] = np.remainder(raw[:, angle] + math.pi, math.tau) - math.pi
+    divided = np.clip(raw / plain._global_state.scale, scale.state_space.low, scale.state_space.high)
+    assert np.array_equal(scale.state(), divided)
+    assert scale.state_space.contains(scale.state()[0])
+    assert np.isfinite([scale.state_space.low, scale.state_space.high]).all()
+    assert abs(scale.state()).max() <= LIMIT
+
+
+def test_a_step_writes_into_memory_of_the_callers() -> None:
+    torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
+    plain, env = (outlast.make_vec("teams_3", 4, seed=0, observations=kind) for kind in ("flat", "flat"))
+    plain.reset()
+    env.reset()
+    out = {
+        "observations": torch.zeros(4, 4, env.flat_size),
+        "rewards": np.zeros((4, 4), np.float32),
+        "terminated": torch.zeros(4, dtype=torch.bool),
+        "truncated": np.zeros(4, bool),
+        "state": torch.zeros(4, *env.state_space.shape),
+        "action_mask": torch.zeros(4, 4, 15, dtype=torch.bool),
+    }
+    rng = np.random.default_rng(0)
+    for _ in range(scaled(60, 10)):
+        actions = draw_actions(plain, rng)
+        wanted, got = plain.step(actions), env.step(torch.from_numpy(actions), out=out)
+        for name, values, given in zip(("observations", "rewards", "terminated", "truncated"), wanted, got):
+            assert given is out[name]
+            assert np.array_equal(given, values)
+        assert np.array_equal(out["state"], plain.state())
+        assert np.array_equal(out["action_mask"], plain.action_masks())
+    by_key = {key: torch.zeros(array.shape) for key, array in outlast.make_vec("teams_3", 4).observe().items()}
+    seen = env.step(actions, out={"observations": by_key})[0]
+    assert seen is by_key
+    assert all(np.array_equal(by_key[key], array) for key, array in env._reader.views.items())
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ({"reward": 0}, r"out has the name 'reward': a mapping is needed, with names among observations, rewards,"),
+        (3, "out has type int: a mapping is needed"),
+        ({"rewards": np.zeros((2, 2))}, r"out\['rewards'\] is float64 \(2, 2\): a float32 array of shape \(2, 2\)"),
+        ({"terminated": np.zeros(3, bool)}, r"out\['terminated'\] is bool \(3,\): a bool array of shape \(2,\)"),
+        ({"observations": {"own": 0}}, r"out\['observations'\] has the keys \['own'\]: \['heal_slot'"),
+        ({"state": [0]}, r"out\['state'\] is list: a float32 array of shape \(2, 84\) is needed"),
+    ],
+)
+def test_memory_that_does_not_fit_is_refused_before_the_step(out: Any, message: str) -> None:
+    env = outlast.make_vec("ffa_1", 2, seed=0)
+    env.reset()
+    before = digest(env.worlds)
+    with pytest.raises(ValueError, match=message):
+        env.step(np.tile(env.noop, (2, 2, 1)), out=out)
+    assert digest(env.worlds) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint'"),
+        ({"observations": "box"}, "observations = 'box': allowed are 'dict', 'flat'"),
+    ],
+)
+def test_forms_that_there_are_not_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        outlast.make_vec("ffa_1", 2, **options)
+
+
+def test_joint_actions_out_of_range_are_named() -> None:
+    env = outlast.make_vec("ffa_1", 2, seed=0, actions="joint")
+    env.reset()
+    with pytest.raises(ActionError, match="action 0 of agent 1 in world 0 is 216: 0 to 215 is allowed"):
+        env.step(np.array([[0, 216], [0, 0]]))
+    with pytest.raises(
+        ActionError,
+        match=r"actions have shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint",
+    ):
+        env.step(np.zeros((2, 2, 6), int))
