@@ -9,14 +9,17 @@ from gymnasium.vector.utils import batch_space
 
 from outlast.ecs import AgentRoles, Fields, Worlds
 
+from ..levels import Level
 from ..scenarios.scenario import Scenario
 from .action_spaces import ActionSpace
 from .agents import alive, counted, present
 from .buffers import writable
 from .concurrency import exclusive
 from .global_state import GlobalState
+from .numbers import current_levels, current_numbers
 from .observations import Observations
 from .spaces import statistics
+from .step_events import StepEvents
 
 Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
@@ -31,6 +34,7 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     _reader: Observations
     _actions: ActionSpace
     _masked: bool
+    _step_events: StepEvents
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -146,6 +150,31 @@ class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
         array = writable("out", out, (self.num_worlds, self.worlds.dims["agents"], self.action_mask_size), bool)
         array[...] = self._actions.masks()
         return array
+
+    @exclusive
+    def events(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What happened in the last step, or reset, of each world: who hit, killed, used, gave, broke what.
+
+        Returns:
+            By name of the event ("hit", "death", "item_used" ...), a structured array with a row for each event, in
+            order of worlds: `world`, its index, `episode` and `tick`, int64, and the columns of the event (see
+            docs/events.md), in which entities are rows of the world. Copies. Worlds that SAME_STEP has reset at once
+            have those of the step that ended their episode.
+        """
+        return self._step_events.read()
+
+    @exclusive
+    def numbers(self) -> dict[str, Any]:
+        """All numbers of the game by name, as they are now.
+
+        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in.
+        """
+        return current_numbers(self.worlds)
+
+    @exclusive
+    def levels(self, mask: Any = None) -> list[Level]:
+        """What the episodes of worlds were made from, see outlast.levels. mask: bool (worlds,)."""
+        return current_levels(self.worlds, mask)
 
     def _info(self) -> dict[str, Any]:
         """What info has of the observations that are returned."""

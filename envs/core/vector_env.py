@@ -22,7 +22,7 @@ from .deaths import log_deaths
 from .described import Actions, Arrays, Described
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
 from .notice import announce_compilation
-from .numbers import change_levels, change_numbers, current_levels, current_numbers
+from .numbers import change_levels, change_numbers
 from .observations import Observations
 from .spaces import check_published
 from .step_buffers import StepBuffers
@@ -258,18 +258,6 @@ class SurvivalVectorEnv(Described):
         return self._observe()
 
     @exclusive
-    def events(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What happened in the last step, or reset, of each world: who hit, killed, used, gave, broke what.
-
-        Returns:
-            By name of the event ("hit", "death", "item_used" ...), a structured array with a row for each event, in
-            order of worlds: `world`, its index, `episode` and `tick`, int64, and the columns of the event (see
-            docs/events.md), in which entities are rows of the world. Copies. Worlds that SAME_STEP has reset at once
-            have those of the step that ended their episode.
-        """
-        return self._step_events.read()
-
-    @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
         return snapshot(self.scenario, self.worlds, self._masks, where)
@@ -297,14 +285,6 @@ class SurvivalVectorEnv(Described):
         return self._observe()
 
     @exclusive
-    def numbers(self) -> dict[str, Any]:
-        """All numbers of the game by name, as they are now.
-
-        Those that vary (see Scenario.vary) are arrays (worlds, ...), of the episode that each world is in.
-        """
-        return current_numbers(self.worlds)
-
-    @exclusive
     def set_numbers(self, given: Mapping[str, Any] | None = None, /, *, mask: Any = None, **numbers: Any) -> None:
         """Change numbers of the game.
 
@@ -326,11 +306,6 @@ class SurvivalVectorEnv(Described):
         """
         asked = {**(given or {}), **numbers}
         change_numbers(self.scenario, self.worlds, asked, mask, lambda: self._check_unrecorded("set_numbers"))
-
-    @exclusive
-    def levels(self, mask: Any = None) -> list[Level]:
-        """What the episodes of worlds were made from, see outlast.levels. mask: bool (worlds,)."""
-        return current_levels(self.worlds, mask)
 
     @exclusive
     def set_levels(self, levels: Sequence[Level], mask: Any = None) -> None:
