@@ -56,6 +56,23 @@ class Curves:
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
+def thinned(curves: Curves, most: int) -> Curves:
+    """At most so many points, each the mean of as many neighbours, at the step of the last of them."""
+    starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
+    ends = np.append(starts[1:], len(curves.steps)) - 1
+    values = {tag: _means(own, starts) for tag, own in curves.values.items()}
+    return Curves(curves.steps[ends], values)
+
+
+def _means(values: Array, starts: Array) -> Array:
+    """The means of parts that begin at `starts`, without NaN; NaN where there is nothing else."""
+    there = np.isfinite(values)
+    counts = np.add.reduceat(there, starts, dtype=np.float64)
+    sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
+    means: Array = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
+    return means
+
+
 class Logged:
     """What all runs that were read have in common: the plan of run.json, and curves."""
 

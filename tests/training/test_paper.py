@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -104,6 +105,12 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     before[evaluation] = evaluation.stat().st_mtime_ns
     assert outlast_paper(*words) == 0
     assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing is trained or measured twice
+    ends = (tmp_path / "mended/ffa_2/ends.csv").read_text()
+    shutil.rmtree(tmp_path / "runs")
+    assert outlast_paper(*words) == 0  # what is kept is enough
+    assert not (tmp_path / "runs").exists()
+    assert (tmp_path / "mended/measured.md").read_text() == table
+    assert (tmp_path / "mended/ffa_2/ends.csv").read_text() == ends
 
 
 @pytest.mark.nightly
@@ -118,7 +125,14 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
             assert (tmp_path / "text" / f"{name}{end}").exists()
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
-    assert (tmp_path / "seconds.csv").read_text().count("text,teams_2,") == 2
+    seconds = (tmp_path / "seconds.csv").read_text()
+    assert seconds.count("text,teams_2,") == 2
+    shutil.rmtree(tmp_path / "runs")
+    monkeypatch.setattr(experiments, "PAPER_STEPS", 4000)  # kept curves end where the last rollout began
+    assert outlast_paper(*words) == 0  # what is kept is enough
+    assert not (tmp_path / "runs").exists()
+    assert (tmp_path / "text/ends.md").read_text() == text
+    assert (tmp_path / "seconds.csv").read_text() == seconds
 
 
 def test_parts_are_named_in_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -108,11 +108,13 @@ def _train(plan: Plan, seconds: Sequence[float], options: argparse.Namespace, ab
     """Train what is not trained yet; the exit status. Progress is counted in the seconds that were expected."""
     runs = [ChildRun(each.folder(options.out, seed), each.words(seed), resume=True) for each, seed in plan]
     weights = [each / experiment.steps for (experiment, _), each in zip(plan, seconds, strict=True)]
-    waiting = [run for run, (experiment, _) in zip(runs, plan, strict=True) if run.steps() < experiment.steps]
+    kept = [each.steps_done(options.out, seed) for each, seed in plan]
+    waiting = [run for run, (each, _), done in zip(runs, plan, kept, strict=True) if done < each.steps]
     total = round(sum(seconds))
 
     def done() -> int:
-        return min(total, round(sum(weight * run.steps() for weight, run in zip(weights, runs, strict=True))))
+        steps = (max(run.steps(), before) for run, before in zip(runs, kept, strict=True))
+        return min(total, round(sum(weight * each for weight, each in zip(weights, steps, strict=True))))
 
     view = LiveView(done(), total, quiet=options.quiet, about=about, unit="core-seconds")
     return side_by_side(waiting, jobs, view, done)

@@ -19,7 +19,9 @@ def behaviour(name: str) -> Quantity:
 SEEN = (
     *map(behaviour, ("attack_near", "attack_far", "near", "heals_given", "heals_held", "zone_distance")),
     *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
-)  # that the paper has no curves of: what claims about behaviour are measured by
+    *(Quantity(name, f"rollout/{name}", sided=True) for name in ("damage_dealt", "strikes_landed", "heals_given")),
+    Quantity("wins against scripted", "wins/scripted"),
+)  # that the paper has no curves of: what claims about behaviour, and mended games, are measured by
 
 
 def is_kept(tag: str) -> bool:

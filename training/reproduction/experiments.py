@@ -2,6 +2,7 @@
 
 import ast
 import csv
+import glob
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,10 @@ from outlast.envs.scenarios.naming import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
+from ..curves import read_curves
 from ..errors import TrainingError
+from ..log_file import NAME as LOG
+from ..log_file import last_step
 from ..paper.curves import PAPER_STEPS
 from ..plots.panels import hours
 from ..plots.runs import load
@@ -23,6 +27,7 @@ PARTS = {
     "mended": "games without the flaws that the paper names, against a pool of opponents",
 }
 SECONDS = "seconds.csv"  # how long runs took, beside this file
+SAVED = "steps_*.zip"  # the checkpoints in a run's folder
 GUESS = 20_000  # agent-steps a second of a run that nobody has timed
 FEW_WORLDS = ("--worlds", "4")  # of teams: with many, what the paper saw of them does not come out (docs/paper.md)
 MENDED_STEPS = 50_000_000
@@ -90,6 +95,23 @@ class Experiment:
         """Of a run."""
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
+    def kept(self, out: Path, seed: int) -> Path:
+        """The curves of a run that are kept, with its policy beside them; its folder is not needed any more then."""
+        return out / self.part / f"{self.folder(out, seed).name}.csv"
+
+    def results(self, out: Path) -> list[Path]:
+        """Of all its runs that are there, in order of seeds: their folders, or what is kept of them."""
+        name = f"{self.name}-{self.preset}-"
+        found = [*self.kept(out, 0).parent.glob(f"{glob.escape(name)}*.csv")]
+        found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if any(path.glob(SAVED))]
+        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in found}  # folders come last
+        return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
+
+    def steps_done(self, out: Path, seed: int) -> int:
+        """Agent-steps of a run, by its log or by what is kept."""
+        kept = self.kept(out, seed)
+        return max(last_step(self.folder(out, seed) / LOG), read_curves(kept)[1].steps[-1] if kept.exists() else 0)
+
     @property
     def key(self) -> tuple[str, str, str]:
         """By which its time is known."""
@@ -127,20 +149,29 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
     return [known.get(each.key, each.steps / GUESS) for each in chosen], all(each.key in known for each in chosen)
 
 
-def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]]) -> str:
-    """SECONDS out of runs: for each experiment the mean over those of its folders in which something was logged."""
-    text = io.StringIO()
+def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]], before: str = "") -> str:
+    """SECONDS out of runs: for each experiment the mean over those of its folders in which something was logged.
+
+    Args:
+        timed: The experiments, with their runs.
+        before: The table as it was: what it says of experiments without a log stays.
+    """
+    text, known = io.StringIO(), _read_seconds(before)
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["part", "game", "preset", "seconds"])
     for experiment, folders in timed:
-        if every := [seconds for folder in folders if (seconds := _seconds(folder))]:
-            rows.writerow([*experiment.key, round(sum(every) / len(every))])
+        every = [seconds for folder in folders if folder.is_dir() and (seconds := _seconds(folder))]
+        if every or experiment.key in known:
+            rows.writerow([*experiment.key, round(sum(every) / len(every) if every else known[experiment.key])])
     return text.getvalue()
 
 
 def _timed() -> dict[tuple[str, str, str], float]:
-    file = files(__package__).joinpath(SECONDS)
-    rows = csv.DictReader(io.StringIO(file.read_text(encoding="utf-8")))
+    return _read_seconds(files(__package__).joinpath(SECONDS).read_text(encoding="utf-8"))
+
+
+def _read_seconds(text: str) -> dict[tuple[str, str, str], float]:
+    rows = csv.DictReader(io.StringIO(text))
     return {(row["part"], row["game"], row["preset"]): float(row["seconds"]) for row in rows}
 
 

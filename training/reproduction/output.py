@@ -8,6 +8,7 @@ import outlast
 from outlast.envs.scenarios.scenario import Scenario
 
 from .. import checkpoint
+from ..curves import format_curves, thinned
 from ..files import write_files
 from ..paper.report import figures_and_tables
 from ..paper.results import files_to_keep, group_runs, load_runs, policy_only
@@ -17,6 +18,7 @@ from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
+POINTS = 200  # of a curve of a mended game that is kept
 FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 
@@ -33,15 +35,15 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
     Raises:
         TrainingError: Runs are not there, or something cannot be written.
     """
-    yield from _written(
-        {out / SECONDS: seconds_table((each, _folders(each, out)) for each in experiments(PARTS)).encode()}
-    )
+    before = (out / SECONDS).read_text(encoding="utf-8") if (out / SECONDS).exists() else ""
+    timed = seconds_table(((each, each.results(out)) for each in experiments(PARTS)), before)
+    yield from _written({out / SECONDS: timed.encode()})
     yield from (_mended if part == "mended" else _beside_the_paper)(part, chosen, out, progress)
 
 
 def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
     """Results to keep, figures, tables, and a film of each variant."""
-    runs = load_runs(folder for each in chosen for folder in _folders(each, out))
+    runs = load_runs(place for each in chosen for place in each.results(out))
     yield from _written(files_to_keep(runs, out / part))
     kept = [out / FIRST / path.name for path in sorted((out / FIRST).glob("*.csv")) if part != FIRST]
     beside = [run for run in load_runs(kept) if run.variant in {each.game for each in chosen}]
@@ -49,31 +51,38 @@ def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progre
     yield from _written({out / part / name: content for name, content in files.items()})
     progress(1)
     for each in chosen:
-        yield _film(each.scenario, _folders(each, out)[0], out / part / f"{each.game}-{each.preset}.gif")
+        yield _film(each.scenario, each.results(out)[0], out / part / f"{each.name}-{each.preset}.gif")
         progress(1)
 
 
 def _mended(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
     """Policies to keep, what was measured of them, a figure for each variant, and a film of each game."""
-    measured: dict[str, list[Path]] = {}
+    measured, curves = dict[str, list[Path]](), dict[str, list[Path]]()
     for each in chosen:
-        for folder in _folders(each, out):
-            place = out / part / "measured" / folder.name
-            mended.measure(each.scenario, folder, place)
-            measured.setdefault(each.name, []).append(place)
-            yield from _written({out / part / f"{folder.name}.zip": policy_only(checkpoint.newest(folder))})
+        for place in each.results(out):
+            tables = out / part / "measured" / place.name.removesuffix(".csv")
+            kept = tables.parents[1] / f"{tables.name}.csv"
+            if place.is_dir():
+                mended.measure(each.scenario, place, tables)
+                yield from _written(_kept(place, kept))
+            measured.setdefault(each.name, []).append(tables)
+            curves.setdefault(each.game.partition("+")[0], []).append(kept)
             progress(1)
     yield from _written({out / part / "measured.md": (mended.table(measured) + "\n").encode()})
-    for name in dict.fromkeys(each.game.partition("+")[0] for each in chosen):
-        changed = sorted(
-            {pair.partition("=")[0] for each in chosen if each.game.partition("+")[0] == name for pair in each.numbers}
-        )
-        own = [folder for each in chosen if each.game.partition("+")[0] == name for folder in _folders(each, out)]
+    changed = sorted({pair.partition("=")[0] for each in chosen for pair in each.numbers})
+    for name, own in curves.items():
         yield from plot(own, out / part / name, by=("scenario", *changed), curves=CURVES).files
         progress(1)
     for each in chosen:
-        yield _film(each.scenario, _folders(each, out)[0], out / part / f"{each.name}.gif")
+        yield _film(each.scenario, each.results(out)[0], out / part / f"{each.name}.gif")
         progress(1)
+
+
+def _kept(run: Path, place: Path) -> dict[Path, bytes]:
+    """Curves and policy of a run, by path."""
+    (result,) = load_runs([run])
+    text = format_curves(result.about, thinned(result.curves, POINTS))
+    return {place: text.encode(), place.with_suffix(".zip"): policy_only(checkpoint.newest(run))}
 
 
 def _written(contents: dict[Path, bytes]) -> list[Path]:
@@ -83,14 +92,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 def _film(game: Scenario, run: Path, path: Path) -> Path:
     """An episode of a run's last policy."""
-    policy = checkpoint.newest(run)
+    policy = checkpoint.newest(run) if run.is_dir() else run.with_suffix(".zip")
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
     return outlast.film(game, path, policy=policy, worlds=1, seed=0, steps=length, **FILM)
-
-
-def _folders(experiment: Experiment, out: Path) -> list[Path]:
-    """Of the runs of an experiment, in order of seeds."""
-    place = experiment.folder(out, 0).parent
-    found = [path for path in place.glob(f"{experiment.name}-{experiment.preset}-*") if checkpoint.checkpoints(path)]
-    return sorted(found, key=lambda path: int(path.name.rpartition("-")[2]))
