@@ -42,8 +42,11 @@ TOGETHER = {
     "teams_2": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
     "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
 }
-LONGER_FIGHTS = ("melee_damage=2",)  # with the paper's 5, agents die before a mate can heal them
-GENTLE = ("teams_2+health_cap+team_share+bounty+steering", "teams_3+health_cap+team_share+bounty+steering")
+TO_HEAL_MATES = (
+    ("teams_2", ("melee_damage=2",)),  # the paper's 5 kill before a mate is there
+    ("teams_2", ("give_last_reach=10",)),  # the paper's 2 metres seldom have a mate within
+    ("teams_3", ("give_last_reach=10",)),
+)  # games, with their first combination of TOGETHER, in which it is easier to heal each other
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,8 @@ def _mended() -> Iterator[Experiment]:
     for game, together in TOGETHER.items():
         for mended in ("", *SINGLE.get(game, ()), *together):
             yield Experiment("mended", "+".join(filter(None, (game, mended))), "fast", POOL)
-    for game in GENTLE:
-        yield Experiment("mended", game, "fast", POOL, LONGER_FIGHTS)
+    for game, numbers in TO_HEAL_MATES:
+        yield Experiment("mended", f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers)
 
 
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
