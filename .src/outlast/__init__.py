@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .envs.adapters.puffer import make_puffer
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
+    from .envs.adapters.torchrl import make_torchrl
     from .envs.films import film
     from .envs.levels import Level
     from .envs.recording import Recording, Replay, record
@@ -87,6 +88,7 @@ __all__ = [
     "make_agents",
     "make_puffer",
     "make_sb3",
+    "make_torchrl",
     "make_vec",
     "noop_policy",
     "parallel_env",
@@ -123,6 +125,7 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "make_agents": "envs.adapters.gymnasium_agents",
     "make_puffer": "envs.adapters.puffer",
     "make_sb3": "envs.adapters.sb3",
+    "make_torchrl": "envs.adapters.torchrl",
     "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
     "play": "envs.web.play.call",

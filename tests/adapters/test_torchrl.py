@@ -1,11 +1,9 @@
-"""TorchRL: its PettingZoo wrapper over worlds in which agents die one by one."""
+"""make_torchrl: a batched environment of TorchRL's, against make_vec and TorchRL's own checks."""
 
-import runpy
+import itertools
 import warnings
-from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -13,119 +11,143 @@ import outlast
 from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
-pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
-    pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
+    pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install 'outlast[torchrl]'")
     import torch
-    from torchrl.envs import GymWrapper, SerialEnv
-    from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+    from torchrl.envs import ParallelEnv, SerialEnv
     from torchrl.envs.utils import check_env_specs
 
-pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own, also about the version of PettingZoo
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_rollout.py"
-SEED = 3
-SHORT: dict[str, Any] = {
-    "agents_health": 10,
-    "safe_zone_radii": (6.0,),
-    "safe_zone_stand": 1000,
-}  # agents outside soon die
-LIMIT = scaled(60, least=15)
-FIXED = ("ffa_3", "teams_3", ROLES, MAZE)  # all episodes have all agents
-GAMES = pytest.mark.parametrize(
-    ("name", "dead"),  # TorchRL needs the same agents in every reset
-    [*((name, dead) for name in FIXED for dead in ("end", "keep")), (COUNTS, "keep"), (ALL, "keep")],
-)
+pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own
+SEED, WORLDS = 3, 4
+QUICK: dict[str, Any] = {"agents_health": 10, "max_episode_steps": scaled(25, least=6), "seed": SEED}
+OWN = {"one": ["agent_2", "agent_0"], "two": ["agent_3", "agent_1"]}  # in an order of its own
 
 
-def world(name: str, dead: str) -> Any:
-    """With four agents; one of LEVELS with up to four."""
+def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
     counts = {} if name in LEVELS else {"n_agents": 4}
-    return outlast.parallel_env(short(name), dead=dead, max_cycles=LIMIT, **SHORT, **counts)
+    return outlast.make_torchrl(short(name), worlds, **(QUICK | counts | options))
 
 
-def wrapped(name: str, dead: str) -> Any:
-    env = PettingZooWrapper(world(name, dead), use_mask=True, done_on_any=False)
-    env.set_seed(SEED)
-    torch.manual_seed(SEED)
-    return env
-
-
-@GAMES
-def test_specs(name: str, dead: str) -> None:
-    """TorchRL's own check; agents are one group, by the prefix of their names."""
-    env = wrapped(name, dead)
+@pytest.mark.parametrize("groups", ["all", "sides", OWN], ids=["all", "sides", "own"])
+@pytest.mark.parametrize(
+    ("actions", "observations", "scale"), [*itertools.product(["joint", "multi"], ["flat", "dict"], [False, True])]
+)
+def test_specs(actions: str, observations: str, scale: bool, groups: Any) -> None:
+    """TorchRL's own check of every combination."""
+    env = make(actions=actions, observations=observations, scaled=scale, groups=groups)
     check_env_specs(env)
-    assert env.group_map == {"agent": ["agent_0", "agent_1", "agent_2", "agent_3"]}
-    assert env.action_spec_unbatched["agent", "action"].nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * 4
+    assert env.batch_size == (WORLDS,)
+    assert sorted(name for own in env.group_map.values() for name in own) == [f"agent_{i}" for i in range(4)]
+    env.close()
 
 
-def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
-    """Both rebuild specs from keyword arguments, which an observation called "self" does not survive."""
-    assert wrapped("ffa_3", "keep").to("cpu").device == torch.device("cpu")
-    several = SerialEnv(2, lambda: wrapped("ffa_3", "keep"))
-    assert several.rollout(3)["agent", "observation", "own"].shape[:3] == (2, 3, 4)
+@pytest.mark.parametrize("name", ["ffa_3", ROLES, MAZE, COUNTS, ALL])
+def test_specs_of_other_games(name: str) -> None:
+    check_env_specs(make(name))
+
+
+@pytest.mark.parametrize("groups", ["all", OWN], ids=["all", "own"])
+def test_a_rollout_is_that_of_plain_worlds(groups: Any) -> None:
+    """Bit for bit, through ends and partial resets: observations, rewards, ends, states and masks."""
+    env, steps = make(groups=groups, melee_damage=10), scaled(120, least=20)
+    torch.manual_seed(SEED)
+    rollout = env.rollout(steps, break_when_any_done=False)
+    plain = outlast.make_vec(
+        short("teams_3"), WORLDS, seed=SEED, autoreset_mode="Disabled", observations="flat", actions="joint",
+        agents_health=10, melee_damage=10, ending_limit=QUICK["max_episode_steps"], n_agents=4,
+    )  # fmt: skip
+    seen, info = plain.reset()
+    ends = np.zeros(WORLDS, int)
+    for t in range(steps):
+        now, after = rollout[:, t], rollout[:, t]["next"]
+        actions = np.zeros((WORLDS, 4), int)
+        for group, names in env.group_map.items():
+            members = [int(name[-1]) for name in names]
+            assert np.array_equal(now[group, "observation"], seen[:, members])
+            assert np.array_equal(now[group, "mask"], info["alive"][:, members])
+            assert np.array_equal(now[group, "action_mask"], plain.action_masks()[:, members])
+            actions[:, members] = now[group, "action"]
+        assert np.array_equal(now["state"], plain.state())
+        seen, rewards, terminated, truncated, info = plain.step(actions)
+        for group, names in env.group_map.items():
+            members = [int(name[-1]) for name in names]
+            assert np.array_equal(after[group, "observation"], seen[:, members])
+            assert np.array_equal(after[group, "reward"][..., 0], rewards[:, members])
+        assert np.array_equal(after["terminated"][:, 0], terminated)
+        assert np.array_equal(after["truncated"][:, 0], truncated)
+        assert np.array_equal(after["done"][:, 0], terminated | truncated)
+        if (done := terminated | truncated).any():
+            ends += done
+            seen, info = plain.reset(options={"reset_mask": done})
+    assert (ends > 0).all() or not COMPILED
+    assert len(set(ends)) > 1 or not COMPILED  # or resets were never partial
+    assert env.statistics["length"].shape == (int(done.sum()) or env.statistics["length"].shape[0],)
+
+
+def test_groups_of_sides_and_roles() -> None:
+    assert make(groups="sides").group_map == {"team_0": ["agent_0", "agent_1"], "team_1": ["agent_2", "agent_3"]}
+    assert len(make("ffa_3", groups="sides").group_map) == 4
+    roles = make(ROLES, groups="sides")
+    assert sum(map(len, roles.group_map.values())) == roles.base_env.num_agents
+
+
+def test_seeds() -> None:
+    """The seed of the call, and that of set_seed; every reset goes on to the next episode."""
+    first, again, other = make(), make(), make(seed=None)
+    other.set_seed(SEED)
+    starts = [env.reset()["agents", "observation"] for env in (first, again, other)]
+    assert torch.equal(starts[0], starts[1])
+    assert torch.equal(starts[0], starts[2])
+    assert not torch.equal(starts[0], first.reset()["agents", "observation"])
+    with pytest.raises(ValueError, match="seed = -1"):
+        first.set_seed(-1)
+
+
+def test_tensors_of_a_step_stay_as_they_are() -> None:
+    env = make()
+    one = env.rollout(1)
+    kept = one["next", "agents", "observation"].clone()
+    env.rollout(5)
+    assert torch.equal(one["next", "agents", "observation"], kept)
+
+
+def test_masked_actions_are_not_drawn() -> None:
+    """TorchRL's transform draws among what the mask leaves."""
+    from torchrl.envs import ActionMask, TransformedEnv
+
+    keys = {"action_key": ("agents", "action"), "mask_key": ("agents", "action_mask")}
+    rollout = TransformedEnv(make(melee_cooldown=5), ActionMask(**keys)).rollout(scaled(40, least=5))
+    allowed = rollout["agents", "action_mask"].gather(-1, rollout["agents", "action"][..., None])
+    assert allowed.all()
+    assert not rollout["agents", "action_mask"].all()
+
+
+def test_it_moves_and_stands_beside_others() -> None:
+    assert make().to("cpu").device == torch.device("cpu")
+    several = SerialEnv(2, make)
+    assert several.rollout(3)["agents", "observation"].shape[:4] == (2, WORLDS, 3, 4)
     several.close()
 
 
-@GAMES
-def test_a_rollout_through_deaths(name: str, dead: str) -> None:
-    """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
-    rollout = wrapped(name, dead).rollout(10 * LIMIT)
-    group, following = rollout["agent"], rollout["next", "agent"]
-    plain = world(name, dead)
-    plain.reset(seed=SEED)  # as set_seed does; the rollout begins with the next episode
-    seen, _ = plain.reset()
-    deaths = 0
-    for tick in range(len(rollout)):
-        assert shows(group["observation"][tick], seen)
-        assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
-        actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
-        before = list(plain.agents)
-        seen, rewards, terminated, truncated, infos = plain.step(actions)
-        deaths += len(before) - len(plain.agents) if plain.agents else 0
-        assert shows(following["observation"][tick], seen)
-        for i, agent in enumerate(plain.possible_agents):
-            assert following["reward"][tick, i].item() == rewards.get(agent, 0)
-            assert following["terminated"][tick, i].item() is terminated.get(agent, True)
-            assert following["truncated"][tick, i].item() is truncated.get(agent, True)
-            assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
-        assert rollout["next", "done"][tick].item() is (not plain.agents)
-    assert not plain.agents
-    assert (deaths > 0) == (dead == "end")
+@pytest.mark.slow
+def test_processes() -> None:
+    several = ParallelEnv(2, make)
+    assert several.rollout(3)["agents", "observation"].shape[:4] == (2, WORLDS, 3, 4)
+    several.close()
 
 
-def shows(rows: Any, seen: dict[str, Any]) -> bool:
-    """Whether the rows of a group are what agents see; of those that are not there, zeros."""
-    return all(
-        np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
-        for key, values in rows.items()
-        for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
-    )
-
-
-VECTORS = {
-    "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
-    "make_agents of levels": lambda mode: outlast.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
-    "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
-        "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
-    ),
-}
-
-
-@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
-@pytest.mark.parametrize("name", VECTORS)
-def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
-    """TorchRL's own check, and a rollout with ends; TorchRL takes no NEXT_STEP."""
-    env = GymWrapper(VECTORS[name](mode))
-    check_env_specs(env)
-    rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
-    assert rollout.batch_size[0] == env.batch_size[0] == (2 if name == "gymnasium.make_vec" else 8)
-    assert rollout["next", "done"].any() or not COMPILED
-    with pytest.raises(RuntimeError, match="NEXT_STEP"):
-        GymWrapper(VECTORS[name]("NextStep"))
-
-
-def test_the_example() -> None:
-    main = runpy.run_path(str(EXAMPLE))["main"]
-    assert main(scaled(50, least=3)) > 0
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"groups": "teams"}, "groups = 'teams': allowed are 'all', 'sides', 'roles', or names of agents by group"),
+        ({"groups": {"a": ["agent_0"]}}, "each of agent_0, agent_1, agent_2, agent_3 has to be in one of them, once"),
+        ({"groups": "roles"}, "this scenario has no roles, or draws who has them"),
+        ({"name": COUNTS, "groups": "sides"}, "the number of agents varies, so groups would, too; take 'all'"),
+        ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint'"),
+        ({"dead": "end"}, "dead = 'end': 'keep' is needed"),
+    ],
+)
+def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make(**options)

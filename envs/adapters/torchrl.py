@@ -1,0 +1,242 @@
+"""TorchRL: many worlds as one batched EnvBase, whose agents are in groups that share networks."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from outlast.ecs import AgentRoles, Clock
+
+from ..core.agents import alive, counts_vary, side
+from ..core.observations import each
+from ..core.validation import Array, check_choice, keys
+from ..core.vector_env import SurvivalVectorEnv
+from ..errors import install
+from ..scenarios.scenario import Number, Scenario
+from .per_agent import requested
+
+try:
+    import torch
+    from tensordict import TensorDict, TensorDictBase
+    from torchrl.data import Binary, Bounded, Categorical, Composite, MultiCategorical, Unbounded
+    from torchrl.envs import EnvBase
+except ImportError as error:
+    raise ModuleNotFoundError(f"make_torchrl needs TorchRL: {install('torchrl')}", name="torchrl") from error
+
+GROUPS = ("all", "sides", "roles")
+Groups = str | Mapping[str, Sequence[str]]
+
+
+def make_torchrl(
+    scenario: str | Scenario,
+    num_worlds: int,
+    *,
+    groups: Groups = "all",
+    seed: int | None = None,
+    threads: int = 1,
+    max_episode_steps: int | None = None,
+    actions: str = "joint",
+    observations: str = "flat",
+    scaled: bool = False,
+    device: Any = "cpu",
+    **numbers: Number,
+) -> "SurvivalTorchEnv":
+    """Many worlds for TorchRL.
+
+    >>> env = outlast.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)
+    >>> print(env.rollout(100))
+
+    Args:
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        num_worlds: How many worlds: the batch size.
+        groups: "all": one group, "agents". "sides": one for each side: "team_0", or "agent_0" in free-for-all.
+            "roles": one for each role, called like it. Or names of agents by group: {"hunters": ["agent_0"], ...}.
+        seed: World w is keyed by (seed, w), as by `set_seed`. None: a seed that cannot be foreseen.
+        threads: How many threads step the worlds.
+        max_episode_steps: Ticks until a world is truncated: the scenario's ending_limit.
+        actions: "joint", an integer for all actions of an agent, as TorchRL's discrete losses need it; or "multi".
+        observations: "flat", an array, or "dict", arrays by key.
+        scaled: Whether observations and the state are divided by the scales of their fields, see `make_vec`.
+        device: Where tensors are; the worlds are on the CPU.
+        numbers: Other numbers of the scenario, as in Scenario.replace.
+
+    Raises:
+        ScenarioError, NumberError: As `outlast.make_vec`.
+        ValueError: An option that is out of its range, or groups that are not the same in all episodes.
+    """
+    base_env = SurvivalVectorEnv(
+        requested(make_torchrl, scenario, numbers, max_episode_steps),
+        num_worlds,
+        seed=seed,
+        threads=threads,
+        autoreset_mode="Disabled",
+        copy=False,
+        actions=actions,
+        observations=observations,
+        scaled=scaled,
+    )
+    return SurvivalTorchEnv(base_env, groups, device)
+
+
+class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
+    """All worlds of a SurvivalVectorEnv; made by `outlast.make_torchrl`. Batch size: (worlds,).
+
+    ==================== ========================================================================================
+    (group, observation) float32 (worlds, n, ...): n agents of the group; with observations="dict" entries by key
+    (group, action)      int64 (worlds, n), or (worlds, n, actions)
+    (group, action_mask) bool (worlds, n, entries), see SurvivalVectorEnv.action_masks
+    (group, mask)        bool (worlds, n): whether the agent is alive
+    (group, reward)      float32 (worlds, n, 1)
+    state                float32 (worlds, size): what no agent sees, for critics, see SurvivalVectorEnv.state
+    done, terminated,    bool (worlds, 1): worlds end for all of their agents at once. The dead stay until then, with
+    truncated            the rewards of the scenario; their actions are ignored
+    ==================== ========================================================================================
+
+    Worlds that are done are reset by TorchRL, each by itself ("_reset"). World w of seed s is world w of
+    `outlast.make_vec` with that seed. Every step has tensors of its own, which the worlds write into.
+
+    Attributes:
+        base_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
+        group_map: Names of agents by group.
+        statistics: Of the episodes that ended last, by name, (episodes,) or (episodes, n); {} before that.
+    """
+
+    def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:
+        super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
+        self.base_env, self.statistics = base_env, dict[str, Array]()
+        self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
+        names = [f"agent_{i}" for i in range(base_env.num_agents)]
+        self.group_map = _group_map(base_env, groups, names)
+        self._members = {
+            group: _selection([names.index(name) for name in own]) for group, own in self.group_map.items()
+        }
+        self._make_specs()
+
+    def _make_specs(self) -> None:
+        """What TorchRL allocates and checks by."""
+        env, worlds, device = self.base_env, self.base_env.num_worlds, self.device
+        seen, done = Composite(shape=(worlds,), device=device), Composite(shape=(worlds,), device=device)
+        acts, rewards = Composite(shape=(worlds,), device=device), Composite(shape=(worlds,), device=device)
+        for group, own in self._members.items():
+            n = len(self.group_map[group])
+            parts = {
+                "observation": _spec(env.single_observation_space, own, worlds, device),
+                "action_mask": Binary(shape=(worlds, n, env.action_mask_size), dtype=torch.bool, device=device),
+                "mask": Binary(shape=(worlds, n), dtype=torch.bool, device=device),
+            }
+            seen[group] = Composite(parts, shape=(worlds, n), device=device)
+            if env.noop.ndim:
+                shape = (worlds, n, len(env.action_sizes))
+                action: Any = MultiCategorical(env.action_sizes.tolist(), shape=shape, device=device)
+            else:
+                action = Categorical(env.action_mask_size, shape=(worlds, n), device=device)
+            acts[group] = Composite({"action": action}, shape=(worlds, n), device=device)
+            reward = Unbounded(shape=(worlds, n, 1), dtype=torch.float32, device=device)
+            rewards[group] = Composite({"reward": reward}, shape=(worlds, n), device=device)
+        seen["state"] = _spec(env.state_space, ..., worlds, device)
+        for name in ("done", "terminated", "truncated"):
+            done[name] = Binary(shape=(worlds, 1), dtype=torch.bool, device=device)
+        self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = seen, acts, rewards, done
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        seed, self._seed = self._seed, None  # the first reset begins the first episode
+        some = None if tensordict is None else tensordict.get("_reset", None)
+        options = None if some is None or seed is not None else {"reset_mask": some.cpu().numpy()[:, 0]}
+        self.base_env.reset(seed=seed, options=options)
+        out = self._room()
+        self.base_env.observe(out["observations"])
+        self.base_env.state(out["state"])
+        self.base_env.action_masks(out["action_mask"])
+        out["terminated"] = torch.from_numpy(self.base_env._tracker.done)
+        out["truncated"] = torch.zeros_like(out["terminated"])
+        return self._entries(out, ())
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        env, out = self.base_env, self._room()
+        actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
+        for group, own in self._members.items():
+            actions[:, own] = tensordict[group, "action"].cpu().numpy()
+        out |= {name: torch.empty(env.num_worlds, dtype=torch.bool) for name in ("terminated", "truncated")}
+        out["rewards"] = torch.empty(env.num_worlds, env.num_agents)
+        *_, info = env.step(actions, out=out)
+        if "statistics" in info:
+            self.statistics = {name: values[info["_statistics"]] for name, values in info["statistics"].items()}
+        return self._entries(out, ("rewards",))
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            keys(seed, 1, 0)
+        self._seed = seed
+
+    def _room(self) -> dict[str, Any]:
+        """Tensors that a step, or a reset, writes into."""
+        env = self.base_env
+        rows = env.num_worlds, env.num_agents
+        return {
+            "observations": each(env._reader.read(copy=False), lambda array: torch.empty(array.shape)),
+            "state": torch.empty(env.num_worlds, *env.state_space.shape),
+            "action_mask": torch.empty(*rows, env.action_mask_size, dtype=torch.bool),
+        }
+
+    def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
+        """What TorchRL gets of a reset, or with rewards of a step."""
+        living = torch.from_numpy(alive(self.base_env.worlds))
+        told: dict[str, Any] = {"state": out["state"]}
+        for group, own in self._members.items():
+            parts = {
+                "observation": each(out["observations"], lambda array: array[:, own]),  # noqa: B023
+                "action_mask": out["action_mask"][:, own],
+                "mask": living[:, own],
+            }
+            if more:
+                parts["reward"] = out["rewards"][:, own, None]
+            told[group] = TensorDict(parts, batch_size=(len(living), len(self.group_map[group])))
+        told |= {name: out[name][:, None] for name in ("terminated", "truncated")}
+        told["done"] = told["terminated"] | told["truncated"]
+        return TensorDict(told, batch_size=self.batch_size).to(self.device)
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Close the worlds and their threads."""
+        self.base_env.close()
+        super().close(raise_if_closed=raise_if_closed)
+
+
+def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict[str, list[str]]:
+    """Names of agents by group. Raises ValueError."""
+    if isinstance(groups, Mapping):
+        given = [name for own in groups.values() for name in own]
+        if sorted(given) != sorted(names):
+            raise ValueError(f"groups = {groups!r}: each of {', '.join(names)} has to be in one of them, once")
+        return {group: list(own) for group, own in groups.items()}
+    check_choice("groups", groups, GROUPS, ", or names of agents by group")
+    if groups == "all":
+        return {"agents": names}
+    if groups == "roles" and (not env.worlds.layout.roles or env.worlds.layout.roles.random):
+        raise ValueError("groups = 'roles': this scenario has no roles, or draws who has them; take 'all' or 'sides'")
+    if counts_vary(env.worlds):
+        raise ValueError(f"groups = {groups!r}: the number of agents varies, so groups would, too; take 'all'")
+    env.reset()  # of the first worlds of this seed, which the first reset begins again
+    numbers = (side(env.worlds) if groups == "sides" else env.worlds[AgentRoles].role)[0]
+    called = env.sides if groups == "sides" else env.roles
+    found: dict[str, list[str]] = {}
+    for name, number in zip(names, numbers.tolist(), strict=True):
+        found.setdefault(called[number].replace(" ", "_"), []).append(name)
+    return found
+
+
+def _selection(indices: list[int]) -> Any:
+    """Agents as an index: a slice where that is possible, which copies nothing."""
+    run = range(indices[0], indices[0] + len(indices))
+    return slice(run.start, run.stop) if indices == list(run) else indices
+
+
+def _spec(space: Any, agents: Any, worlds: int, device: Any) -> Any:
+    """Of a batch of what a Box or a Dict of Boxes says of some agents: Bounded if it is."""
+    if isinstance(space, spaces.Dict):
+        parts = {key: _spec(box, agents, worlds, device) for key, box in space.items()}
+        return Composite(parts, shape=next(iter(parts.values())).shape[:2], device=device)
+    low, high = (torch.from_numpy(ends[agents]).expand(worlds, *ends[agents].shape) for ends in (space.low, space.high))
+    if torch.isfinite(low).all() and torch.isfinite(high).all():
+        return Bounded(low, high, dtype=torch.float32, device=device)
+    return Unbounded(low.shape, dtype=torch.float32, device=device)

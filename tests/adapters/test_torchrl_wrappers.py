@@ -1,0 +1,123 @@
+"""TorchRL's own wrappers of PettingZoo and Gymnasium around worlds in which agents die one by one."""
+
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import outlast
+from tests.conftest import COMPILED, scaled
+from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
+
+pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'outlast[pettingzoo]'")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install torchrl")
+    import torch
+    from torchrl.envs import GymWrapper, SerialEnv
+    from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+    from torchrl.envs.utils import check_env_specs
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own, also about the version of PettingZoo
+SEED = 3
+SHORT: dict[str, Any] = {
+    "agents_health": 10,
+    "safe_zone_radii": (6.0,),
+    "safe_zone_stand": 1000,
+}  # agents outside soon die
+LIMIT = scaled(60, least=15)
+FIXED = ("ffa_3", "teams_3", ROLES, MAZE)  # all episodes have all agents
+GAMES = pytest.mark.parametrize(
+    ("name", "dead"),  # TorchRL needs the same agents in every reset
+    [*((name, dead) for name in FIXED for dead in ("end", "keep")), (COUNTS, "keep"), (ALL, "keep")],
+)
+
+
+def world(name: str, dead: str) -> Any:
+    """With four agents; one of LEVELS with up to four."""
+    counts = {} if name in LEVELS else {"n_agents": 4}
+    return outlast.parallel_env(short(name), dead=dead, max_cycles=LIMIT, **SHORT, **counts)
+
+
+def wrapped(name: str, dead: str) -> Any:
+    env = PettingZooWrapper(world(name, dead), use_mask=True, done_on_any=False)
+    env.set_seed(SEED)
+    torch.manual_seed(SEED)
+    return env
+
+
+@GAMES
+def test_specs(name: str, dead: str) -> None:
+    """TorchRL's own check; agents are one group, by the prefix of their names."""
+    env = wrapped(name, dead)
+    check_env_specs(env)
+    assert env.group_map == {"agent": ["agent_0", "agent_1", "agent_2", "agent_3"]}
+    assert env.action_spec_unbatched["agent", "action"].nvec.tolist() == [[3, 3, 3, 2, 2, 2]] * 4
+
+
+def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
+    """Both rebuild specs from keyword arguments, which an observation called "self" does not survive."""
+    assert wrapped("ffa_3", "keep").to("cpu").device == torch.device("cpu")
+    several = SerialEnv(2, lambda: wrapped("ffa_3", "keep"))
+    assert several.rollout(3)["agent", "observation", "own"].shape[:3] == (2, 3, 4)
+    several.close()
+
+
+@GAMES
+def test_a_rollout_through_deaths(name: str, dead: str) -> None:
+    """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
+    rollout = wrapped(name, dead).rollout(10 * LIMIT)
+    group, following = rollout["agent"], rollout["next", "agent"]
+    plain = world(name, dead)
+    plain.reset(seed=SEED)  # as set_seed does; the rollout begins with the next episode
+    seen, _ = plain.reset()
+    deaths = 0
+    for tick in range(len(rollout)):
+        assert shows(group["observation"][tick], seen)
+        assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
+        actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
+        before = list(plain.agents)
+        seen, rewards, terminated, truncated, infos = plain.step(actions)
+        deaths += len(before) - len(plain.agents) if plain.agents else 0
+        assert shows(following["observation"][tick], seen)
+        for i, agent in enumerate(plain.possible_agents):
+            assert following["reward"][tick, i].item() == rewards.get(agent, 0)
+            assert following["terminated"][tick, i].item() is terminated.get(agent, True)
+            assert following["truncated"][tick, i].item() is truncated.get(agent, True)
+            assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
+        assert rollout["next", "done"][tick].item() is (not plain.agents)
+    assert not plain.agents
+    assert (deaths > 0) == (dead == "end")
+
+
+def shows(rows: Any, seen: dict[str, Any]) -> bool:
+    """Whether the rows of a group are what agents see; of those that are not there, zeros."""
+    return all(
+        np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
+        for key, values in rows.items()
+        for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
+    )
+
+
+VECTORS = {
+    "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
+    "make_agents of levels": lambda mode: outlast.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
+    "gymnasium.make_vec": lambda mode: gymnasium.make_vec(
+        "outlast/Teams3-v1", num_envs=2, dead="keep", autoreset_mode=mode, **SHORT
+    ),
+}
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+@pytest.mark.parametrize("name", VECTORS)
+def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
+    """TorchRL's own check, and a rollout with ends; TorchRL takes no NEXT_STEP."""
+    env = GymWrapper(VECTORS[name](mode))
+    check_env_specs(env)
+    rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
+    assert rollout.batch_size[0] == env.batch_size[0] == (2 if name == "gymnasium.make_vec" else 8)
+    assert rollout["next", "done"].any() or not COMPILED
+    with pytest.raises(RuntimeError, match="NEXT_STEP"):
+        GymWrapper(VECTORS[name]("NextStep"))
