@@ -19,7 +19,7 @@ from .per_agent import requested
 try:
     import torch
     from tensordict import TensorDict, TensorDictBase
-    from torchrl.data import Binary, Bounded, Categorical, Composite, MultiCategorical, Unbounded
+    from torchrl.data import Bounded, Categorical, Composite, MultiCategorical, Unbounded
     from torchrl.envs import EnvBase
 except ImportError as error:
     raise ModuleNotFoundError(f"make_torchrl needs TorchRL: {install('torchrl')}", name="torchrl") from error
@@ -97,14 +97,14 @@ class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
     `outlast.make_vec` with that seed. Every step has tensors of its own, which the worlds write into.
 
     Attributes:
-        base_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
+        vector_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
         group_map: Names of agents by group.
         statistics: Of the episodes that ended last, by name, (episodes,) or (episodes, n); {} before that.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, groups: Groups, device: Any) -> None:
         super().__init__(device=device, batch_size=torch.Size([base_env.num_worlds]))
-        self.base_env, self.statistics = base_env, dict[str, Array]()
+        self.vector_env, self.statistics = base_env, dict[str, Array]()
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
         names = [f"agent_{i}" for i in range(base_env.num_agents)]
         self.group_map = _group_map(base_env, groups, names)
@@ -114,46 +114,44 @@ class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
         self._make_specs()
 
     def _make_specs(self) -> None:
-        """What TorchRL allocates and checks by."""
-        env, worlds, device = self.base_env, self.base_env.num_worlds, self.device
-        seen, done = Composite(shape=(worlds,), device=device), Composite(shape=(worlds,), device=device)
-        acts, rewards = Composite(shape=(worlds,), device=device), Composite(shape=(worlds,), device=device)
+        """What TorchRL allocates and checks by, for one world."""
+        env, device = self.vector_env, self.device
+        seen, acts, rewards = (Composite(device=device) for _ in range(3))
         for group, own in self._members.items():
             n = len(self.group_map[group])
             parts = {
-                "observation": _spec(env.single_observation_space, own, worlds, device),
-                "action_mask": Binary(shape=(worlds, n, env.action_mask_size), dtype=torch.bool, device=device),
-                "mask": Binary(shape=(worlds, n), dtype=torch.bool, device=device),
+                "observation": _spec(env.single_observation_space, own, device),
+                "action_mask": _flags((n, env.action_mask_size), device),
+                "mask": _flags((n,), device),
             }
-            seen[group] = Composite(parts, shape=(worlds, n), device=device)
             if env.noop.ndim:
-                shape = (worlds, n, len(env.action_sizes))
-                action: Any = MultiCategorical(env.action_sizes.tolist(), shape=shape, device=device)
+                action: Any = MultiCategorical(env.action_sizes.tolist(), (n, len(env.action_sizes)), device=device)
             else:
-                action = Categorical(env.action_mask_size, shape=(worlds, n), device=device)
-            acts[group] = Composite({"action": action}, shape=(worlds, n), device=device)
-            reward = Unbounded(shape=(worlds, n, 1), dtype=torch.float32, device=device)
-            rewards[group] = Composite({"reward": reward}, shape=(worlds, n), device=device)
-        seen["state"] = _spec(env.state_space, ..., worlds, device)
-        for name in ("done", "terminated", "truncated"):
-            done[name] = Binary(shape=(worlds, 1), dtype=torch.bool, device=device)
-        self.observation_spec, self.action_spec, self.reward_spec, self.done_spec = seen, acts, rewards, done
+                action = Categorical(env.action_mask_size, (n,), device=device)
+            reward = Unbounded((n, 1), device=device)
+            seen[group] = Composite(parts, shape=(n,), device=device)
+            acts[group] = Composite({"action": action}, shape=(n,), device=device)
+            rewards[group] = Composite({"reward": reward}, shape=(n,), device=device)
+        seen["state"] = _spec(env.state_space, ..., device)
+        ends = Composite({name: _flags((1,), device) for name in ("done", "terminated", "truncated")}, device=device)
+        self.full_observation_spec_unbatched, self.full_action_spec_unbatched = seen, acts
+        self.full_reward_spec_unbatched, self.full_done_spec_unbatched = rewards, ends
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         seed, self._seed = self._seed, None  # the first reset begins the first episode
         some = None if tensordict is None else tensordict.get("_reset", None)
         options = None if some is None or seed is not None else {"reset_mask": some.cpu().numpy()[:, 0]}
-        self.base_env.reset(seed=seed, options=options)
+        self.vector_env.reset(seed=seed, options=options)
         out = self._room()
-        self.base_env.observe(out["observations"])
-        self.base_env.state(out["state"])
-        self.base_env.action_masks(out["action_mask"])
-        out["terminated"] = torch.from_numpy(self.base_env._tracker.done)
+        self.vector_env.observe(out["observations"])
+        self.vector_env.state(out["state"])
+        self.vector_env.action_masks(out["action_mask"])
+        out["terminated"] = torch.from_numpy(self.vector_env._tracker.done)
         out["truncated"] = torch.zeros_like(out["terminated"])
         return self._entries(out, ())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        env, out = self.base_env, self._room()
+        env, out = self.vector_env, self._room()
         actions = np.tile(env.noop, (env.num_worlds, env.num_agents, *[1] * env.noop.ndim))
         for group, own in self._members.items():
             actions[:, own] = tensordict[group, "action"].cpu().numpy()
@@ -171,7 +169,7 @@ class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
 
     def _room(self) -> dict[str, Any]:
         """Tensors that a step, or a reset, writes into."""
-        env = self.base_env
+        env = self.vector_env
         rows = env.num_worlds, env.num_agents
         return {
             "observations": each(env._reader.read(copy=False), lambda array: torch.empty(array.shape)),
@@ -181,7 +179,7 @@ class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
 
     def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
         """What TorchRL gets of a reset, or with rewards of a step."""
-        living = torch.from_numpy(alive(self.base_env.worlds))
+        living = torch.from_numpy(alive(self.vector_env.worlds))
         told: dict[str, Any] = {"state": out["state"]}
         for group, own in self._members.items():
             parts = {
@@ -198,7 +196,7 @@ class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """Close the worlds and their threads."""
-        self.base_env.close()
+        self.vector_env.close()
         super().close(raise_if_closed=raise_if_closed)
 
 
@@ -231,12 +229,16 @@ def _selection(indices: list[int]) -> Any:
     return slice(run.start, run.stop) if indices == list(run) else indices
 
 
-def _spec(space: Any, agents: Any, worlds: int, device: Any) -> Any:
-    """Of a batch of what a Box or a Dict of Boxes says of some agents: Bounded if it is."""
+def _spec(space: Any, agents: Any, device: Any) -> Any:
+    """Of what a Box, or a Dict of Boxes, says of some agents: Bounded if it is."""
     if isinstance(space, spaces.Dict):
-        parts = {key: _spec(box, agents, worlds, device) for key, box in space.items()}
-        return Composite(parts, shape=next(iter(parts.values())).shape[:2], device=device)
-    low, high = (torch.from_numpy(ends[agents]).expand(worlds, *ends[agents].shape) for ends in (space.low, space.high))
+        parts = {key: _spec(box, agents, device) for key, box in space.items()}
+        return Composite(parts, shape=next(iter(parts.values())).shape[:1], device=device)
+    low, high = (torch.from_numpy(ends[agents]) for ends in (space.low, space.high))
     if torch.isfinite(low).all() and torch.isfinite(high).all():
         return Bounded(low, high, dtype=torch.float32, device=device)
-    return Unbounded(low.shape, dtype=torch.float32, device=device)
+    return Unbounded(low.shape, device=device)
+
+
+def _flags(shape: tuple[int, ...], device: Any) -> Any:
+    return Categorical(2, shape, dtype=torch.bool, device=device)

@@ -1,6 +1,7 @@
 """What agents choose from: an integer for each action, or one for all of them together; and what would do nothing."""
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -110,22 +111,24 @@ class ActionSpace:
         Returns:
             (worlds, agents, mask_size).
         """
-        worlds, agents = self._worlds.count, self._worlds.dims["agents"]
         said = {module.name: module.idle_actions(self._worlds) for module in self._worlds.modules}
-        parts = []
-        for key, size, none, readers in zip(self.keys, self.sizes, self.zeros, self._readers, strict=True):
-            idle = np.ones((worlds, agents), bool)
+        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)  # a bit for each action, 1: idle
+        for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
+            idle: Any = True
             for name in readers:
-                idle = idle & said[name].get(key, False)
-            part = np.repeat(~idle[..., None], size, 2)
-            part[..., none] = True
-            parts.append(part)
+                idle = np.logical_and(idle, said[name].get(key, False))
+            code += np.where(idle, 1 << k, 0)
+        masks: Array = self._by_idle[code]
+        return masks
+
+    @cached_property
+    def _by_idle(self) -> Array:
+        """The mask for each set of actions that do nothing: bool (sets, mask_size)."""
+        sets = np.arange(1 << len(self.keys))[:, None] >> np.arange(len(self.keys)) & 1  # (sets, actions)
+        allowed = [(sets[:, [k]] == 0) | (np.arange(size) == self.zeros[k]) for k, size in enumerate(self.sizes)]
         if self._table is None:
-            return np.concatenate(parts, 2)
-        joint = parts[0]
-        for part in parts[1:]:
-            joint = (joint[..., :, None] & part[..., None, :]).reshape(worlds, agents, -1)
-        return joint
+            return np.concatenate(allowed, 1)
+        return np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
 
 
 def _readers(worlds: Worlds, action: type[Any]) -> set[str]:

@@ -89,7 +89,7 @@ def test_groups_of_sides_and_roles() -> None:
     assert make(groups="sides").group_map == {"team_0": ["agent_0", "agent_1"], "team_1": ["agent_2", "agent_3"]}
     assert len(make("ffa_3", groups="sides").group_map) == 4
     roles = make(ROLES, groups="sides")
-    assert sum(map(len, roles.group_map.values())) == roles.base_env.num_agents
+    assert sum(map(len, roles.group_map.values())) == roles.vector_env.num_agents
 
 
 def test_seeds() -> None:

@@ -1,0 +1,87 @@
+"""MAPPO of BenchMARL in outlast's worlds: train, and say by how many standard errors the returns have risen.
+
+python benchmarl_mappo.py --frames 2000000 --out runs/mappo
+"""
+
+import json
+from argparse import ArgumentParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig, VdnConfig
+from benchmarl.experiment import Experiment, ExperimentConfig
+from benchmarl.models.mlp import MlpConfig
+from torch import nn
+
+from outlast.envs.adapters.benchmarl import task
+
+ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig, "vdn": VdnConfig}
+WORLDS, BATCH = 64, 8192  # worlds that are stepped together; frames of all of them between two updates
+
+
+def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0, **changes: Any) -> Experiment:
+    """What BenchMARL is to do. A frame is a tick of one world."""
+    config = ExperimentConfig.get_from_yaml()
+    config.max_n_frames, config.save_folder, config.loggers = frames, str(out), ["csv"]
+    config.lr, config.prefer_continuous_actions = 3e-4, False
+    config.on_policy_n_envs_per_worker = config.off_policy_n_envs_per_worker = WORLDS
+    config.on_policy_collected_frames_per_batch = config.off_policy_collected_frames_per_batch = BATCH
+    config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, 2048
+    config.off_policy_n_optimizer_steps, config.off_policy_train_batch_size = 100, 512
+    config.evaluation_interval, config.evaluation_episodes = 10 * BATCH, 32
+    for key, value in changes.items():
+        setattr(config, key, value)
+    model = MlpConfig(num_cells=[128, 128], layer_class=nn.Linear, activation_class=nn.Tanh)
+    return Experiment(
+        task=task(name, max_episode_steps=600),
+        algorithm_config=ALGORITHMS[algorithm].get_from_yaml(),
+        model_config=model,
+        critic_model_config=model,
+        seed=seed,
+        config=config,
+    )
+
+
+def returns(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Frames, and the mean return of an episode, of all evaluations, from BenchMARL's file for marl-eval."""
+    (file,) = folder.glob("*/*.json")
+    (run,) = (
+        run
+        for tasks in json.loads(file.read_text()).values()
+        for own in tasks.values()
+        for each in own.values()
+        for run in each.values()
+    )
+    steps = [value for key, value in run.items() if key.startswith("step_")]
+    return np.array([step["step_count"] for step in steps]), np.array([np.mean(step["return"]) for step in steps])
+
+
+def rise(values: np.ndarray[Any, Any]) -> float:
+    """Standard errors between the last fifth of the evaluations and the first one."""
+    part = max(2, len(values) // 5)
+    first, last = values[:part], values[-part:]
+    error = np.sqrt(first.var(ddof=1) / part + last.var(ddof=1) / part)
+    return float((last.mean() - first.mean()) / error)
+
+
+def main() -> None:
+    """Train, and print."""
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("--scenario", default="teams_2")
+    parser.add_argument("--algorithm", default="mappo", choices=ALGORITHMS)
+    parser.add_argument("--frames", type=int, default=2_000_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("runs/mappo"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True)
+    experiment(options.scenario, options.algorithm, options.frames, options.out, options.seed).run()
+    frames, values = returns(options.out)
+    print(
+        f"{options.algorithm} on {options.scenario}: {frames[-1]:,} frames, return {values[0]:.1f} at first, "
+        f"{values[-1]:.1f} at the end; it has risen by {rise(values):.1f} standard errors"
+    )
+
+
+if __name__ == "__main__":
+    main()

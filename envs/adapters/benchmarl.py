@@ -1,0 +1,126 @@
+"""BenchMARL: scenarios as tasks, with all worlds of a batch in one environment.
+
+>>> from outlast.envs.adapters.benchmarl import OutlastTask, task
+>>> Experiment(task=OutlastTask.TEAMS_2.get_task(), algorithm_config=MappoConfig.get_from_yaml(), ...)
+>>> Experiment(task=task("teams_2+bounty", melee_damage=20), ...)
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import install
+from ..scenarios.naming import resolve
+from .torchrl import SurvivalTorchEnv, make_torchrl
+
+try:
+    from benchmarl.environments.common import Task, TaskClass
+    from torchrl.data import Composite
+    from torchrl.envs import EnvBase
+except ImportError as error:
+    raise ModuleNotFoundError(f"this needs BenchMARL: {install('benchmarl')}", name="benchmarl") from error
+
+DEFAULTS = {"groups": "sides", "scaled": True}  # arguments of make_torchrl
+LONGEST = 10_000  # ticks of an evaluation, where the scenario has no limit
+
+
+class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
+    """A scenario as a task of BenchMARL; vectorised, with discrete actions, masks and a state.
+
+    name: That of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario. Sides are
+    groups, and observations scaled, unless it says otherwise.
+    """
+
+    def get_env_fun(
+        self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
+    ) -> Callable[[], EnvBase]:
+        """What makes an environment of so many worlds."""
+        options = {**DEFAULTS, **self.config}
+        return lambda: make_torchrl(self.name.lower(), num_envs, seed=seed, device=device, **options)
+
+    def supports_continuous_actions(self) -> bool:
+        """No."""
+        return False
+
+    def supports_discrete_actions(self) -> bool:
+        """Yes: joint actions."""
+        return True
+
+    def max_steps(self, env: SurvivalTorchEnv) -> int:
+        """Ticks of an evaluation: the scenario's limit."""
+        return int(env.vector_env.scenario.numbers()["ending_limit"]) or LONGEST
+
+    def has_render(self, env: SurvivalTorchEnv) -> bool:
+        """No: films are made by `outlast film`."""
+        return False
+
+    def group_map(self, env: SurvivalTorchEnv) -> dict[str, list[str]]:
+        """Names of agents by group."""
+        return env.group_map
+
+    def observation_spec(self, env: SurvivalTorchEnv) -> Composite:
+        """Of what agents observe, by group."""
+        return _entries(env, "observation")
+
+    def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite:
+        """Of action masks, by group."""
+        return _entries(env, "action_mask")
+
+    def action_spec(self, env: SurvivalTorchEnv) -> Composite:
+        """Of actions, by group."""
+        return env.full_action_spec_unbatched
+
+    def state_spec(self, env: SurvivalTorchEnv) -> Composite:
+        """Of the state."""
+        return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
+
+    def info_spec(self, env: SurvivalTorchEnv) -> None:
+        """There is none."""
+        return None
+
+    @staticmethod
+    def env_name() -> str:
+        """As in BenchMARL's own names of tasks: "outlast/teams_2"."""
+        return "outlast"
+
+
+class OutlastTask(Task):  # type: ignore[misc]  # untyped
+    """The paper's eight variants."""
+
+    FFA_1 = None
+    FFA_2 = None
+    FFA_3 = None
+    FFA_4 = None
+    TEAMS_1 = None
+    TEAMS_2 = None
+    TEAMS_3 = None
+    TEAMS_4 = None
+
+    @staticmethod
+    def associated_class() -> type[TaskClass]:
+        """Of all of them."""
+        return OutlastClass
+
+    def get_from_yaml(self, path: str | None = None) -> TaskClass:
+        """The task as DEFAULTS has it; with a path, as that YAML file says."""
+        return super().get_from_yaml(path) if path else OutlastClass(self.name, {})
+
+
+def task(scenario: str, **config: Any) -> OutlastClass:
+    """Any scenario as a task.
+
+    Args:
+        scenario: The name of one: "teams_2+bounty", "mygame.py:arena".
+        config: Arguments of `outlast.make_torchrl`, and numbers of the scenario.
+
+    Raises:
+        ScenarioError: There is none of that name.
+    """
+    resolve(scenario)
+    return OutlastClass(scenario, config)
+
+
+def _entries(env: SurvivalTorchEnv, name: str) -> Composite:
+    """The specs of one entry of all groups, for one world."""
+    groups = {group: env.full_observation_spec_unbatched[group] for group in env.group_map}
+    parts = {group: Composite({name: own[name].clone()}, shape=own.shape) for group, own in groups.items()}
+    return Composite(parts)
