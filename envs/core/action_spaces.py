@@ -128,7 +128,8 @@ class ActionSpace:
         allowed = [(sets[:, [k]] == 0) | (np.arange(size) == self.zeros[k]) for k, size in enumerate(self.sizes)]
         if self._table is None:
             return np.concatenate(allowed, 1)
-        return np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
+        joint: Array = np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
+        return joint
 
 
 def _readers(worlds: Worlds, action: type[Any]) -> set[str]:
