@@ -8,6 +8,7 @@ from ..core.action_spaces import ActionSpace
 from ..core.agents import alive
 from ..core.validation import Array, check_choice
 from ..core.vector_env import SurvivalVectorEnv
+from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import requested
@@ -15,11 +16,7 @@ from .per_agent import requested
 try:
     from pufferlib import PufferEnv
 except ImportError as error:
-    raise ModuleNotFoundError(
-        "make_puffer needs PufferLib 3: pip install --no-deps --no-build-isolation pufferlib==3.0.0, then "
-        "pip install gym psutil (with all that it asks for, numpy would go back to 1; its setup imports torch)",
-        name="pufferlib",
-    ) from error
+    raise ModuleNotFoundError(f"make_puffer needs PufferLib 3: {install('puffer')}", name="pufferlib") from error
 
 Infos = list[dict[str, list[float]]]
 Outcome = tuple[Array, Array, Array, Array, Infos]

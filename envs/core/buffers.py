@@ -76,14 +76,6 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
     return array
 
 
-def final_observations(observations: Mapping[str, Array], where: Array) -> Array:
-    """A copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
-    found = np.full(len(where), None, object)
-    for w in np.flatnonzero(where):
-        found[w] = {key: array[w].copy() for key, array in observations.items()}
-    return found
-
-
 def read_only(array: Array) -> Array:
     """A view that cannot be written to: the engine writes only what changes, and relies on the rest."""
     view = array.view()

@@ -69,6 +69,13 @@ class Observations:
         self._buffer = room
         return each(room, read_only)
 
+    def of_each(self, where: Array) -> Array:
+        """A copy of what is observed now in each of the worlds `where`, None for the others; objects (worlds,)."""
+        observations, found = self.read(copy=False), np.full(len(where), None, object)
+        for w in np.flatnonzero(where):
+            found[w] = each(observations, lambda array, w=w: array[w].copy())
+        return found
+
     def check(self, out: Any, name: str = "out") -> Any:
         """Memory of the caller's as numpy arrays, for `write`; see buffers.checked. Raises ValueError."""
         return checked(self.views, out, name)

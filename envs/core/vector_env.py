@@ -16,7 +16,6 @@ from ..rendering.modes import FPS, RENDER_MODES, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from .action_spaces import ActionSpace
-from .buffers import final_observations
 from .concurrency import CallGuard, check_callable, exclusive
 from .deaths import log_deaths
 from .described import Actions, Arrays, Described
@@ -354,7 +353,7 @@ class SurvivalVectorEnv(Described):
         info = self._ended(done)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info |= {"final_info": info | self._info(), "_final_info": done.copy()}
-            info |= {"final_obs": final_observations(self._reader.read(copy=False), done), "_final_obs": done.copy()}
+            info |= {"final_obs": self._reader.of_each(done), "_final_obs": done.copy()}
             self._step_events.keep(done)
             self._run(done)
         return info

@@ -8,8 +8,8 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Box, Health, SelfView, Shape, Wall
 from outlast.ecs import Entity, Worlds
-from outlast.envs.core.global_state import GlobalState
 from outlast.envs.core.agents import present
+from outlast.envs.core.global_state import GlobalState
 from outlast.systems import GiveLast, Heals, Inventory, Pickup, SafeZone
 from tests.adapters.test_parallel import act, both, play, same, short
 from tests.conftest import scaled

@@ -158,6 +158,21 @@ def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
     assert len(form.flat_names) == form.flat_size == len(set(form.flat_names))
 
 
+def test_last_observations_of_episodes_have_the_form_of_all() -> None:
+    """With SameStep, in info["final_obs"]: what a batch that is reset by hand observes at the end of an episode."""
+    scenario = TEAMS.replace(ending_limit=7)
+    env = outlast.make_vec(scenario, 3, seed=2, observations="flat", scaled=True, autoreset_mode="SameStep")
+    other = outlast.make_vec(scenario, 3, seed=2, observations="flat", scaled=True, autoreset_mode="Disabled")
+    env.reset()
+    other.reset()
+    for tick in range(7):
+        actions = draw_actions(env, np.random.default_rng(tick))
+        info = env.step(actions)[4]
+        seen = other.step(actions)[0]
+    assert info["_final_obs"].all()
+    assert np.array_equal(np.stack(list(info["final_obs"])), seen)
+
+
 def row_of(observations: Any, world: int, agent: int) -> dict[str, Any]:
     return {key: values[world, agent] for key, values in observations.items()}
 

@@ -29,7 +29,6 @@ from outlast.ecs import (
 )
 from outlast.envs.cli.main import main
 from outlast.envs.cli.schedule import uses
-from outlast.envs.core.spaces import action_space, observation_space
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.naming import resolve
@@ -241,10 +240,10 @@ def test_every_module_is_left_out_once() -> None:
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
 def test_what_is_left_out_takes_only_its_own_keys_away(names: tuple[str, ...]) -> None:
     keys, sizes = LEFT_OUT[names]
-    full, rest = (Worlds(scenario.modules, 1) for scenario in (variant("teams_3"), derived(names)))
-    assert set(observation_space(full)) - set(observation_space(rest)) == keys
-    assert action_space(rest).nvec.tolist() == [sizes] * 4
-    assert observation_space(rest)["own"].shape == (4, 9)
+    full, rest = make_vec("teams_3", 1), make_vec(derived(names), 1)
+    assert set(full.single_observation_space) - set(rest.single_observation_space) == keys
+    assert rest.single_action_space.nvec.tolist() == [sizes] * 4
+    assert rest.single_observation_space["own"].shape == (4, 9)
 
 
 @pytest.mark.parametrize("names", LEFT_OUT, ids="-".join)
@@ -269,8 +268,8 @@ def test_modules_that_others_need_cannot_be_left_out_alone(names: tuple[str, ...
 
 def test_an_extra_module_adds_its_action() -> None:
     assert Pickup in variant("teams_3")
-    worlds = Worlds(variant("teams_3").with_(DropLast()).modules, 1)
-    assert action_space(worlds).nvec.tolist() == [[3, 3, 3, 2, 2, 2, 2]] * 4
+    env = make_vec(variant("teams_3").with_(DropLast()), 1)
+    assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2, 2]] * 4
 
 
 # ---- the tick
