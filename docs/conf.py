@@ -12,7 +12,8 @@ author = "The outlast authors"
 version = release = outlast.__version__
 html_title = f"outlast {version}"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
+nb_execution_mode = "off"  # their outputs are kept in them, by docs/notebooks.py
 exclude_patterns = ["_build", "benchmark", "examples", "training"]
 default_role = "code"  # single backticks, in docstrings
 napoleon_use_ivar = True  # attributes of a class as a list
@@ -27,6 +28,8 @@ myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 
 # Adapters are documented without their libraries, which need not be installed and take seconds to load.
-autodoc_mock_imports = ["pettingzoo", "pufferlib", "ray", "stable_baselines3", "torch"]
+autodoc_mock_imports = [
+    *("benchmarl", "pettingzoo", "pufferlib", "ray", "stable_baselines3", "tensordict", "torch", "torchrl"),
+]
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

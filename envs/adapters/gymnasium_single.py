@@ -10,6 +10,7 @@ from ..core.observations import each
 from ..core.validation import Array, check_choice, renamed
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
+from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
@@ -20,7 +21,7 @@ from .per_agent import requested
 Observation = dict[str, Array]
 
 
-class SurvivalEnv(gymnasium.Env[Observation, Array]):
+class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
     """One agent of one world learns; made by `gymnasium.make`.
 
     >>> env = gymnasium.make("outlast/Teams3-v1", others="scripted", melee_damage=20)

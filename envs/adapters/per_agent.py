@@ -21,6 +21,7 @@ from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..core.wrappers import refuse_dicts
 from ..errors import ClosedError, NotResetError
+from ..rendering.notebook import Pictured
 from ..scenarios.naming import resolve
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
@@ -50,7 +51,7 @@ def requested(
     return resolve(scenario, numbers, make.__kwdefaults__ or ())
 
 
-class PerAgentVectorEnv(VectorEnv[Arrays, Actions, Array]):
+class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     """Agents of every world as sub-environments, world by world. All those of a world end, and are reset, together.
 
     Episodes end and are reset by base_env, a SurvivalVectorEnv without copies. It resets as autoreset_mode says, but

@@ -14,6 +14,7 @@ from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, ClosedError, NotResetError, install
 from ..rendering import modes
+from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from ..snapshots.state import State
@@ -33,7 +34,7 @@ RENDER_MODES = (*modes.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
 
 
-class SurvivalParallelEnv(ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description

@@ -10,6 +10,7 @@ from ..core.validation import Array, check_choice
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
+from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import requested
 
@@ -74,7 +75,7 @@ def make_puffer(
     return SurvivalPufferEnv(base_env, actions=actions, check_actions=check_actions, render_mode=render_mode, buf=buf)
 
 
-class SurvivalPufferEnv(PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """All agents of all worlds: row w * agents + i of every array is agent i of world w. num_agents is their number.
 
     The arrays are those of PufferLib (buf) or, without it, the environment's own; every call overwrites them:

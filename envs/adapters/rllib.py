@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import install
+from ..rendering.notebook import Pictured
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
 
 try:
@@ -15,7 +16,7 @@ except ImportError as error:
     raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
 
-class SurvivalMultiAgentEnv(MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world for RLlib; its agents are agent_0, agent_1 ...
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})

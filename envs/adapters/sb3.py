@@ -8,6 +8,7 @@ import numpy as np
 from ..core.described import Arrays
 from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
+from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.scenario import Number, Scenario
 from .gymnasium_agents import SurvivalAgentVectorEnv
@@ -75,7 +76,7 @@ def make_sb3(
     return SurvivalVecEnv(agents, seed=seed, render_worlds=render_worlds)
 
 
-class SurvivalVecEnv(VecEnv):  # type: ignore[misc]  # mypy does not follow it
+class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not follow it
     """All agents of all worlds: sub-environment w * num_agents + i is agent i of world w.
 
     Observations: dict of float32 (num_envs, ...), or a flat array, copies, because SB3's algorithms keep the last ones

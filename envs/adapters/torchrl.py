@@ -13,6 +13,7 @@ from ..core.observations import each
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
+from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Number, Scenario
 from .per_agent import requested
 
@@ -79,7 +80,7 @@ def make_torchrl(
     return SurvivalTorchEnv(base_env, groups, device)
 
 
-class SurvivalTorchEnv(EnvBase):  # type: ignore[misc]  # untyped
+class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     """All worlds of a SurvivalVectorEnv; made by `outlast.make_torchrl`. Batch size: (worlds,).
 
     ==================== ========================================================================================

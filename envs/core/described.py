@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from outlast.ecs import AgentRoles, Fields, Worlds
 
 from ..levels import Level
+from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Scenario
 from .action_spaces import ActionSpace
 from .agents import alive, counted, present
@@ -25,7 +26,7 @@ Arrays = dict[str, np.ndarray[Any, Any]]
 Actions = np.ndarray[Any, Any]
 
 
-class Described(VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
+class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     """The base of SurvivalVectorEnv, whose constructor makes these."""
 
     scenario: Scenario

@@ -7,15 +7,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from outlast.ecs import Worlds
 
+from ..adapters.gymnasium_single import SurvivalEnv
+from ..adapters.registry import VERSION
 from ..core.action_spaces import ActionSpace
 from ..core.observations import Observations
 from ..errors import RecordingError, install
 from ..recording import Replay
+from ..scenarios.serialize import rebuilt
 from ..storage import atomic_write
 from .samples import Samples, Selection, concatenate, manifest, read_samples
 
@@ -37,7 +42,8 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     """Write the local dataset `name`, in Minari's format "arrow"; returns the number of agent-steps.
 
     Episodes have one observation more than steps, as Minari has it. One that was cut off, by a reset or by the end of
-    the recording, counts as truncated. The options in their metadata hold world, episode and agent.
+    the recording, counts as truncated. The options in their metadata hold world, episode and agent. The dataset's
+    `recover_environment` makes the game again: one agent of it acts, the others by a policy (see `recovered`).
     """
     try:
         parse_dataset_id(name)
@@ -49,11 +55,17 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     count = [0]
     observations, actions = _spaces(replay.worlds)
     about = manifest(replay)
+    own = EnvSpec(
+        f"outlast/recorded-{VERSION}",
+        entry_point=f"{__name__}:{recovered.__name__}",
+        kwargs={"game": about["scenario"], "mechanics": about["mechanics"]},
+    )
     with _staged(name, place), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that there is no EnvSpec: a world of agents has none
+        warnings.simplefilter("ignore", UserWarning)  # that there is no link to the code: it is of a package's release
         minari.create_dataset_from_buffers(
             name,
             _episodes(replay, selection, count),  # drawn one by one
+            env=own,
             observation_space=observations,
             action_space=actions,
             description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
@@ -61,6 +73,20 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
             requirements=[f"outlast=={about['outlast']}"],
         )
     return count[0]
+
+
+def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gymnasium.Env[Any, Any]:
+    """The environment of a dataset: one agent of the recorded scenario, as `gymnasium.make("outlast/Teams-v1")` has it.
+
+    Args:
+        game: The scenario, as recordings describe it.
+        mechanics: The full names of the classes of its mechanics.
+        options: Arguments of `SurvivalEnv`, given to `recover_environment`: others="scripted", render_mode="ansi".
+
+    Raises:
+        ScenarioError: The scenario has mechanics that cannot be imported here.
+    """
+    return SurvivalEnv(rebuilt(game, mechanics), **options)
 
 
 @contextlib.contextmanager

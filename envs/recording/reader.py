@@ -4,6 +4,7 @@ import json
 import math
 import os
 from collections.abc import Generator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -93,6 +94,11 @@ class Recording:
 
     def __repr__(self) -> str:
         return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a frame in which the first world plays; see web.replay.notebook.frame."""
+        pages = import_module("outlast.envs.web.replay.notebook")  # what shows recordings imports them
+        return str(pages.frame(self))
 
     def __len__(self) -> int:
         return self._length

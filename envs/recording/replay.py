@@ -66,6 +66,9 @@ class Replay:
     def __repr__(self) -> str:
         return f"<Replay of {self.recording.path}: {self.recording.contents}>"
 
+    def _repr_html_(self) -> str:
+        return self.recording._repr_html_()
+
     def ticks(
         self,
         verify: bool = True,

@@ -1,8 +1,9 @@
 """The summary of many episodes: means and standard errors of their statistics."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ Array = np.ndarray[Any, Any]
 RESULTS = ("won", "drawn", "lost")
 
 
-@dataclass
+@dataclass(repr=False)
 class Summary:
     """Means and standard errors of all statistics of episodes; `str(summary)` is a table.
 
@@ -147,18 +148,36 @@ class Summary:
         return found
 
     def __str__(self) -> str:
-        lines = ["no episode ended; take more steps"]
+        lines = [self._heading()]
         if self.episodes:
-            counts = self.episodes_of(" ")
-            lines = [self._heading(), "", f"{'per episode':<20} {'mean':>12} {'std. error':>12}"]
-            lines[-1] += f" {'episodes':>12}" if counts else ""
-            for name, mean, error in self.rows():
-                cells = [f"{each:.4f}" if math.isfinite(each) else "-" for each in (mean, error)]
-                cells += [f"{counts.get(name, self.episodes):,}"] if counts else []
-                lines.append(f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells))
+            lines.append("")
+            lines += [f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells) for name, *cells in self._table()]
         return "\n".join([*lines, *(["", against_table(self.outcomes)] if self.outcomes else [])])
 
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """The same for notebooks."""
+        lines = [
+            f'<td style="text-align: left">{name}</td>{"".join(f"<td>{cell}</td>" for cell in cells)}'
+            for name, *cells in (self._table() if self.episodes else ())
+        ]
+        rows = "".join(f'<tr style="text-align: right">{line}</tr>' for line in lines)
+        table = f'<table style="border-spacing: 1em 0">{rows}</table>'
+        against = f"<pre>{escape(against_table(self.outcomes))}</pre>" if self.outcomes else ""
+        return f"<p>{self._heading()}</p>{table if lines else ''}{against}"
+
+    def _table(self) -> Iterator[tuple[str, ...]]:
+        """Its cells, with a row of headings."""
+        counts = self.episodes_of(" ")
+        yield ("per episode", "mean", "std. error", *(["episodes"] if counts else []))
+        for name, *pair in self.rows():
+            cells = [f"{each:.4f}" if math.isfinite(each) else "-" for each in pair]
+            yield (name, *cells, *([f"{counts.get(name, self.episodes):,}"] if counts else []))
+
     def _heading(self) -> str:
+        if not self.episodes:
+            return "no episode ended; take more steps"
         if not self.episodes_per_world:
             return (
                 f"{self.episodes:,} episodes ended; those cut off at the end are missing, so means lean towards short "

@@ -11,17 +11,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pettingzoo
 import pytest
 
 import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
-from outlast.envs.adapters import pettingzoo as parallel
 from outlast.envs.core.agents import counts_vary, present
 from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, SHORT
 from tests.helpers.execution_modes import short as scenario
+
+pettingzoo = pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+
+from outlast.envs.adapters import pettingzoo as parallel  # noqa: E402
 
 with warnings.catch_warnings():  # of PettingZoo, about its own examples
     warnings.simplefilter("ignore", DeprecationWarning)

@@ -3,10 +3,12 @@
 import ast
 import functools
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from collections.abc import Iterator
@@ -15,6 +17,7 @@ from pathlib import Path
 import pytest
 from packaging.specifiers import SpecifierSet
 
+import outlast
 from outlast.systems.box2d.batch import CAPACITY
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,8 +29,8 @@ LONGEST_FILE = 400  # lines, docstrings included
 COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 # Libraries that a module may import though they are not installed.
-OPTIONAL = "PIL imageio_ffmpeg matplotlib minari pettingzoo pufferlib pyarrow ray stable_baselines3 "
-OPTIONAL += "tensorboard torch websockets"
+OPTIONAL = "PIL benchmarl imageio_ffmpeg matplotlib minari pettingzoo pufferlib pyarrow ray stable_baselines3 "
+OPTIONAL += "tensorboard tensordict torch torchrl websockets"
 
 # Written in two parts, as this file is searched, too.
 PLACES = re.compile(r"(?<![\w.])/(?:wor" + r"k|roo" + r"t)/")
@@ -99,18 +102,84 @@ def compilers(tree: ast.Module) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The wheel, built from a copy, as a build folder left in the tree would hide missing files."""
-    place = tmp_path_factory.mktemp("wheel")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what git has, as a build folder left in the tree would hide missing files."""
+    place = tmp_path_factory.mktemp("tree")
     for path in tracked():
-        copy = place / "tree" / path.relative_to(ROOT)
+        copy = place / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
+    return place
+
+
+@pytest.fixture(scope="module")
+def wheel(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    place = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
-    built = subprocess.run([*command, "--wheel-dir", place, place / "tree"], capture_output=True, text=True)
+    built = subprocess.run([*command, "--wheel-dir", place, tree], capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
     (path,) = place.glob("*.whl")
     return zipfile.ZipFile(path)
+
+
+def test_the_source_archive_holds_what_git_has(tree: Path, tmp_path: Path) -> None:
+    """So that its tests run, with the data and documents that they read; see .ci/package, which runs them."""
+    command = [sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", tmp_path, tree]
+    built = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout + built.stderr
+    (path,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames() if archive.getmember(name).isfile()}
+    held = {name for name in held if name not in ("PKG-INFO", "setup.cfg") and not name.startswith("outlast.egg-info/")}
+    here = {path.relative_to(ROOT).as_posix() for path in tracked()}
+    assert held == {name for name in here if not name.startswith((".git", ".devcontainer", ".dockerignore"))}
+
+
+@pytest.mark.slow
+def test_every_test_is_found_without_the_extras() -> None:
+    """Where a library is missing, its tests are skipped with a reason; not one file fails to be collected."""
+    program = (
+        "import json, sys\n"
+        "sys.modules.update(dict.fromkeys(json.loads(sys.argv[1])))\n"
+        "import pytest\n"
+        "sys.exit(pytest.main(['--collect-only', '-q', '-p', 'no:cacheprovider', '-m', '']))"
+    )
+    missing = [*OPTIONAL.split(), "hoptorch", "playwright", "pygame", "sb3_contrib", "supersuit"]
+    command = [sys.executable, "-c", program, json.dumps(missing)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    assert "needs torch: outlast[train]" in done.stdout
+
+
+@pytest.mark.nightly
+def test_the_containers_steps_work(tmp_path: Path) -> None:
+    """Those of Dockerfile, in a virtual environment and without its account."""
+    text = (ROOT / "Dockerfile").read_text("utf-8")
+    steps = [step.replace("/tmp/outlast", str(ROOT)) for step in re.findall(r"^RUN (.*)$", text, re.MULTILINE)]
+    install, account, compiled = steps
+    assert account.startswith("useradd")
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    environment = {
+        "PATH": f"{tmp_path / 'venv' / 'bin'}:{os.environ['PATH']}",
+        "EXTRAS": "video",
+        "HOME": str(tmp_path),
+    }
+    for step in (install.partition(" && rm ")[0], compiled, f"outlast {json.loads(command_of(text))[0]}"):
+        done = subprocess.run(["bash", "-c", step], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-3000:]
+    assert all(name in done.stdout for name in outlast.VARIANTS)
+
+
+def command_of(dockerfile: str) -> str:
+    (command,) = re.findall(r"^CMD (.*)$", dockerfile, re.MULTILINE)
+    return str(command)
+
+
+def test_the_citation_has_the_version() -> None:
+    """And is YAML with the keys that the format demands, see citation-file-format.github.io."""
+    text = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert re.findall(r"^version: (.+)$", text, re.MULTILINE) == [outlast.__version__]
+    assert {"cff-version", "message", "title", "authors"} <= set(re.findall(r"^([\w-]+):", text, re.MULTILINE))
 
 
 def test_every_source_file_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:

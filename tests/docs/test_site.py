@@ -32,7 +32,7 @@ from tests.conftest import COMPILED
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
-TOOLS = ("sphinx", "myst_parser", "furo")
+TOOLS = ("sphinx", "myst_nb", "furo")
 LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
 PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 

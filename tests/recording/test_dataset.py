@@ -211,6 +211,9 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
         for key, array in episode.observations.items():
             seen = [*(row["before"][key][i] for row in own), own[-1]["after"][key][i]]
             np.testing.assert_array_equal(array, np.array(seen))
+    env = found.recover_environment(others="noop").unwrapped
+    assert env.base_env.scenario == Recording.open(path).scenario
+    assert (env.observation_space, env.action_space) == (found.observation_space, found.action_space)
     status, _, err = export(capsys, path, "minari:outlast/test-v0")
     assert (status, "there is a Minari dataset outlast/test-v0" in err) == (2, True)
     status, _, err = export(capsys, path, "minari:nothing")

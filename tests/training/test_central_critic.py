@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import load_policy, make_vec, parallel_env, variant
+import outlast
+from outlast import make_vec, variant
 from outlast.components import Body
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.rollout.memory import told
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402
@@ -54,7 +56,7 @@ def test_the_states_of_many_worlds_are_those_of_each(name: str) -> None:
 
 
 def test_the_state_of_pettingzoo_is_that_of_the_world() -> None:
-    env, batch = parallel_env("teams_3", seed=4), make_vec("teams_3", 2, seed=4)
+    env, batch = outlast.parallel_env("teams_3", seed=4), make_vec("teams_3", 2, seed=4)
     env.reset(seed=4)
     batch.reset(seed=4)
     assert np.array_equal(env.state(), GlobalState(batch.worlds)(slice(None))[0])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import load_policy, make_vec, variant
+from outlast import make_vec, variant
 from outlast.components import Body
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.grammar import Parser
@@ -25,6 +25,7 @@ from tests.conftest import interrupted_after
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast import load_policy  # noqa: E402
 from outlast.training.cli import evaluate as evaluate_command  # noqa: E402
 from outlast.training.columns import COLUMNS, explained  # noqa: E402
 from outlast.training.errors import TrainingError  # noqa: E402

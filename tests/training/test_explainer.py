@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import Recording, Replay, load_policy, make_vec, record, variant
+from outlast import Recording, Replay, make_vec, record, variant
 from outlast.envs.rollout.memory import told
 from tests.conftest import run
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.networks import Extractor  # noqa: E402

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import load_policy, make_vec, variant
+from outlast import make_vec, variant
 from outlast.training.errors import TrainingError
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint, resume  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.player import Player  # noqa: E402

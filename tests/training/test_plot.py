@@ -14,7 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from outlast import load_policy, make_vec, variant
+import outlast
+from outlast import make_vec, variant
 from outlast.envs.cli.grammar import Parser
 from outlast.training.averages import average, end_value, smooth
 from outlast.training.cli import plot
@@ -285,7 +286,7 @@ def test_policies_are_kept_and_play(tmp_path: Path) -> None:
     (policy,) = kept.glob("*.zip")
     whole = checkpoint.newest(tmp_path / "run")
     assert policy.stat().st_size < whole.stat().st_size / 3
-    players = [load_policy(path) for path in (policy, whole)]
+    players = [outlast.load_policy(path) for path in (policy, whole)]
     with contextlib.closing(make_vec(players[0].scenario(variant("ffa_1")), 8, seed=1)) as env:
         observations = env.reset()[0]
         one, other = (player(observations) for player in players)

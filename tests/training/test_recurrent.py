@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from outlast import load_policy, make_vec, variant
+from outlast import make_vec, variant
 from outlast.envs.cli import main as cli
 from outlast.envs.rollout.memory import told
 from outlast.training.config import CHUNK, TrainingConfig
@@ -17,6 +17,7 @@ from outlast.training.errors import TrainingError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
+from outlast import load_policy  # noqa: E402
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training.evaluation.contenders import contenders  # noqa: E402
 from outlast.training.evaluation.evaluation import Evaluation  # noqa: E402

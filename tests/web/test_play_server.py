@@ -6,12 +6,13 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from websockets.exceptions import ConnectionClosed
 
 from outlast.ecs import Clock
 from outlast.envs.web.play.game import GamePhase
-from outlast.envs.web.play.session import MAX_PAGES
-from tests.web.clients import FPS, HANDSHAKE, MALFORMED, Page, answer
+from tests.web.clients import FPS, HANDSHAKE, MALFORMED, Page, answer  # first: skips this file without websockets
+
+from websockets.exceptions import ConnectionClosed  # isort: skip
+from outlast.envs.web.play.session import MAX_PAGES  # isort: skip
 
 
 @pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))

@@ -65,11 +65,11 @@ def replay_page(
         with contextlib.closing(Replay(each, threads)) as replay:
             ticks = replay.ticks(verify, first=first, last=end, worlds=shown)
             bar = tqdm(ticks, total=end - first + 1, unit="tick", disable=quiet)
-            rooms.append(Room(_name(each), record_ticks(replay.worlds, bar, shown, replay)))
+            rooms.append(Room(title_of(each), record_ticks(replay.worlds, bar, shown, replay)))
     save(target, rooms, title or " beside ".join(room.title for room in rooms))
     return target
 
 
-def _name(recording: Recording) -> str:
+def title_of(recording: Recording) -> str:
     """Scenario and file, printable whatever the file is called."""
     return f"{recording.scenario.name}: {os.fsencode(Path(recording.path).name).decode(errors='backslashreplace')}"

@@ -167,7 +167,7 @@ const Timeline = (() => {
         resize();
       }
       at = k;
-      if (!still) return;
+      if (!still?.width) return; // a frame that is not laid out yet has no width
       context.setTransform(1, 0, 0, 1, 0, 0);
       context.clearRect(0, 0, canvas.width, canvas.height);
       context.drawImage(still, 0, 0);

@@ -1,0 +1,41 @@
+"""Execute the notebooks of the site and keep their outputs in them: `python docs/notebooks.py`.
+
+They are written by hand, without outputs; this runs every cell in a new kernel and stores what came out, which is what
+the site shows. `--steps` is how long the second one trains; what is stored was made without it.
+"""
+
+import argparse
+import re
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).parent / "notebooks"
+STEPS = re.compile(r"^steps = [\d_]+", re.MULTILINE)
+
+
+def executed(path: Path, steps: int | None = None) -> nbformat.NotebookNode:
+    """The notebook with its outputs. Raises nbclient's CellExecutionError, with the cell and its traceback."""
+    notebook = nbformat.read(path, as_version=4)
+    if steps:
+        for cell in notebook.cells:
+            cell.source = STEPS.sub(f"steps = {steps}", cell.source)
+    NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": str(path.parent)}}).execute()
+    for cell in notebook.cells:
+        cell.metadata.pop("execution", None)  # when it ran: of no interest, and another one each time
+    return notebook
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python docs/notebooks.py", description=__doc__)
+    parser.add_argument("--steps", type=int, help="agent-steps of training instead of those that the notebook says")
+    parser.add_argument("--out", type=Path, default=FOLDER, help="folder for what was executed (default: their own)")
+    options = parser.parse_args()
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        nbformat.write(executed(path, options.steps), options.out / path.name)
+        print(options.out / path.name, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Pictures of environments in notebooks."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .rgb import draw
+
+
+class Pictured:
+    """An environment that shows its first world, as it is, where a notebook's cell ends with it.
+
+    A base of SurvivalVectorEnv; the environments on top of one have it as `base_env`, TorchRL's as `vector_env`.
+    """
+
+    def _repr_png_(self) -> bytes | None:
+        """World 0 as a PNG of 512 x 512 pixels; None, so that the text is shown, if closed or not yet reset."""
+        env: Any = getattr(self, "base_env", None) or getattr(self, "vector_env", None) or self
+        return None if env.closed or not env._tracker.running[0] else png(draw(env.worlds, 0))
+
+
+def png(image: np.ndarray[Any, Any]) -> bytes:
+    """An RGB picture, uint8 (height, width, 3), as the bytes of a PNG file."""
+    done, encoded = cv2.imencode(".png", image[..., ::-1])
+    if not done:
+        raise ValueError(f"a picture of {image.shape} cannot be a PNG")
+    return bytes(encoded)

@@ -1,0 +1,31 @@
+"""Recordings in notebooks: the replay page in a frame."""
+
+import contextlib
+import html
+
+from ...recording import Recording, Replay
+from ...recording.selection import last_tick
+from .from_recordings import title_of
+from .pack import Room
+from .write import page_html, record_ticks
+
+MOST = 2000  # ticks: about a megabyte in the notebook's file
+HEIGHT = 780  # pixels
+
+
+def frame(recording: Recording) -> str:
+    """HTML in which the first world plays, of its first `MOST` ticks; needs no network and no file beside it.
+
+    Raises:
+        RecordingError: The file is damaged.
+        ReplayError: The replay is not what was recorded.
+    """
+    end = last_tick(recording, 0, None, [0])
+    shown = min(end, MOST)
+    with contextlib.closing(Replay(recording)) as replay:
+        ticks = replay.ticks(last=shown, worlds=[0])
+        room = Room(title_of(recording), record_ticks(replay.worlds, ticks, [0], replay))
+    page = html.escape(page_html([room], room.title))
+    cut = f"<p>The first {shown:,} of {end:,} ticks; outlast.replay_page shows others.</p>" if shown < end else ""
+    attributes = f'width="100%" height="{HEIGHT}" style="border: 0" sandbox="allow-scripts"'
+    return f'<iframe srcdoc="{page}" {attributes}></iframe>{cut}'
