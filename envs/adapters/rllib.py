@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from ..errors import install
 from ..rendering.notebook import Pictured
@@ -24,11 +25,16 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     Observations, actions, rewards, flags and infos are those of `outlast.parallel_env`. Besides, "__all__" is
     terminated when the world has ended by its rule, and truncated at the time limit, also if agents died in that tick.
 
+    With config["action_masks"], what an agent observes is {"observations": as before, "action_mask": float32
+    (entries,), 1 for what can do something}, which is where RLlib's ActionMaskingTorchRLModule looks for them; that
+    takes actions="joint" and observations="flat".
+
     reset(seed=s) gives world 0 of a batch with that seed; in a training run, where copies play a world of their own
     each, another one: a function of s, config["seed"], worker and copy.
 
     Args:
-        config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", numbers ...
+        config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
+            "observations", "scaled", "action_masks", numbers ...
 
     Raises:
         ScenarioError, NumberError, ValueError: As `outlast.parallel_env`.
@@ -41,7 +47,8 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self._parallel: SurvivalParallelEnv = parallel_env(**(config or {}))
         self.possible_agents = self._parallel.possible_agents
         self.agents = self.possible_agents[:]
-        self.observation_spaces = {agent: self._parallel.observation_space(agent) for agent in self.agents}
+        self._masked = bool((config or {}).get("action_masks"))
+        self.observation_spaces = {agent: self._space(self._parallel.observation_space(agent)) for agent in self.agents}
         self.action_spaces = {agent: self._parallel.action_space(agent) for agent in self.agents}
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
@@ -54,7 +61,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         seed, self._seed = self._seed if seed is None else seed, None
         observations, infos = self._parallel.reset(seed=seed, options=options)
         self.agents = self._parallel.agents
-        return observations, infos
+        return self._with_masks(observations, infos), infos
 
     def step(
         self, action_dict: Mapping[str, Any]
@@ -64,7 +71,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         self.agents = self._parallel.agents
         cut = any(truncated.values())
         terminated["__all__"], truncated["__all__"] = not self.agents and not cut, cut
-        return observations, rewards, terminated, truncated, infos
+        return self._with_masks(observations, infos), rewards, terminated, truncated, infos
 
     def render(self) -> Any:
         """The picture, as config["render_mode"] says."""
@@ -73,6 +80,22 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     def close(self) -> None:
         """Close window and world; again does no harm."""
         self._parallel.close()
+
+    def _space(self, own: Any) -> Any:
+        """The space of what an agent observes, of that of `parallel_env`."""
+        if not self._masked:
+            return own
+        masks = spaces.Box(0, 1, (self._parallel._actions.mask_size,), np.float32)
+        return spaces.Dict({"action_mask": masks, "observations": own})
+
+    def _with_masks(self, observations: Observations, infos: Infos) -> Observations:
+        """The masks are in the infos, too."""
+        if not self._masked:
+            return observations
+        return {
+            agent: {"action_mask": infos[agent]["action_mask"].astype(np.float32), "observations": own}
+            for agent, own in observations.items()
+        }
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._config,)

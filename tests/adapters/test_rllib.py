@@ -1,9 +1,12 @@
 """RLlib: one world as a MultiAgentEnv."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import outlast
+from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.agents import present
 from tests.conftest import scaled
 from tests.helpers import execution_modes
@@ -89,8 +92,31 @@ def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
 
 @pytest.mark.parametrize("name", ["ffa_3", *execution_modes.EACH_LEVEL])
 def test_rllib_finds_nothing_wrong(name):
-    for dead in ("end", "keep"):
-        check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": execution_modes.short(name), "dead": dead}))
+    """In every form of actions and observations, with and without masks."""
+    forms = itertools.product(("end", "keep"), ("multi", "joint"), ("dict", "flat"), (False, True), (False, True))
+    for form in forms:
+        options = dict(zip(("dead", "actions", "observations", "scaled", "action_masks"), form, strict=True))
+        check_multiagent_environments(SurvivalMultiAgentEnv({"scenario": execution_modes.short(name), **options}))
+
+
+@pytest.mark.parametrize("actions", ["multi", "joint"])
+def test_masks_are_in_the_observations(actions):
+    options = {"scenario": execution_modes.short("teams_3"), "actions": actions}
+    plain, masked = SurvivalMultiAgentEnv(options), SurvivalMultiAgentEnv(options | {"action_masks": True})
+    batch = outlast.make_vec(options["scenario"], 1, seed=9, actions=actions)
+    batch.reset()
+    (mine, _), (theirs, _) = plain.reset(seed=9), masked.reset(seed=9)
+    while plain.agents:
+        masks = batch.action_masks()[0]
+        for agent, observation in theirs.items():
+            assert masked.observation_spaces[agent].contains(observation)
+            assert np.array_equal(observation["action_mask"], masks[int(agent[6:])])
+            for key, values in observation["observations"].items():
+                assert np.array_equal(values, mine[agent][key])
+        chosen = batch.action_space.sample()
+        acting = {agent: chosen[0, int(agent[6:])] for agent in plain.agents}
+        mine, theirs = plain.step(acting)[0], masked.step(acting)[0]
+        batch.step(chosen)
 
 
 def test_copies_of_a_run_play_worlds_of_their_own():
@@ -120,6 +146,66 @@ def test_a_wrong_configuration_is_reported():
     ):
         with pytest.raises(ValueError, match=words):
             SurvivalMultiAgentEnv(config)
+
+
+@pytest.mark.slow
+def test_ppo_trains_with_masks(workers):
+    """With RLlib's own module for them, which never draws a masked action."""
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.core.rl_module import MultiRLModuleSpec, RLModuleSpec
+    from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
+
+    scenario, drawn = execution_modes.short("teams_3").replace(**SHORT), []
+
+    class Watched(SurvivalMultiAgentEnv):
+        def step(self, action_dict):
+            masks = self._parallel.action_masks()
+            drawn.extend(masks[agent][action] for agent, action in action_dict.items())
+            return super().step(action_dict)
+
+    form = {"actions": "joint", "observations": "flat", "scaled": True, "action_masks": True}
+    module = RLModuleSpec(module_class=ActionMaskingTorchRLModule, model_config={"head_fcnet_hiddens": [16]})
+    config = (
+        PPOConfig()
+        .environment(Watched, env_config={"scenario": scenario, **form}, disable_env_checking=True)
+        .env_runners(num_env_runners=0, num_envs_per_env_runner=2)
+        .multi_agent(policies={"all"}, policy_mapping_fn=lambda agent, episode, **more: "all")
+        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={"all": module}))
+        .training(train_batch_size_per_learner=200, minibatch_size=50, num_epochs=1)
+        .debugging(seed=0)
+    )
+    algorithm = config.build_algo()
+    try:
+        assert np.isfinite(algorithm.train()["learners"]["all"]["total_loss"])
+    finally:
+        algorithm.stop()
+    assert len(drawn) >= 200
+    assert all(drawn)
+
+
+@pytest.mark.slow
+def test_ppo_trains_on_a_batch_of_worlds(workers):
+    """One learner a world, by the entry point of the batch: no environment is made for each world."""
+    from ray.rllib.algorithms.ppo import PPOConfig
+
+    config = (
+        PPOConfig()
+        .environment(
+            "outlast:outlast/Teams3-v1",
+            env_config={"observations": "flat", "scaled": True, "others": "scripted", "max_episode_steps": 25},
+        )
+        .env_runners(num_env_runners=0, num_envs_per_env_runner=8, gym_env_vectorize_mode="vector_entry_point")
+        .training(train_batch_size_per_learner=400, minibatch_size=100, num_epochs=1)
+        .debugging(seed=0)
+    )
+    algorithm = config.build_algo()
+    try:
+        assert isinstance(algorithm.env_runner.env.unwrapped, SurvivalLearnerVectorEnv)
+        result = algorithm.train()
+    finally:
+        algorithm.stop()
+    assert 1 <= result["env_runners"]["episode_len_mean"] <= 25
+    assert np.isfinite(result["learners"]["default_policy"]["total_loss"])
 
 
 @pytest.mark.slow

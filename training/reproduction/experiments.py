@@ -45,6 +45,7 @@ TOGETHER = {
 TO_HEAL_MATES = (
     ("teams_2", ("melee_damage=2",)),  # the paper's 5 kill before a mate is there
     ("teams_2", ("give_last_reach=10",)),  # the paper's 2 metres seldom have a mate within
+    ("teams_2", ("give_last_reach=10", "melee_damage=2")),
     ("teams_3", ("give_last_reach=10",)),
 )  # games, with their first combination of TOGETHER, in which it is easier to heal each other
 
