@@ -59,20 +59,16 @@ class Agent(nn.Module):
         """What the rest of the episode is worth, (agents,)."""
         return self.critic(obs).squeeze(-1)
 
-    def act(self, obs: torch.Tensor, action: torch.Tensor | None = None) -> tuple[torch.Tensor, ...]:
-        """Actions (drawn, if not given), their log-probability and the entropy."""
-        heads = [Categorical(logits=logits) for logits in self.actor(obs).split(self.sizes, -1)]
+    def act(
+        self, obs: torch.Tensor, mask: torch.Tensor, action: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, ...]:
+        """Actions (drawn, if not given), their log-probability and the entropy. Masked ones are never drawn."""
+        logits = self.actor(obs).masked_fill(~mask, -1e8)
+        heads = [Categorical(logits=own) for own in logits.split(self.sizes, -1)]
         if action is None:
             action = torch.stack([head.sample() for head in heads], -1)
         logprob = sum(head.log_prob(choice) for head, choice in zip(heads, action.unbind(-1), strict=True))
         return action, logprob, sum(head.entropy() for head in heads)
-
-
-def flat(observations: dict[str, np.ndarray]) -> torch.Tensor:
-    """All observations of each agent in a row, (agents, numbers); logarithms scale metres and hit points alike."""
-    rows = [torch.from_numpy(values).flatten(1) for values in observations.values()]
-    obs = torch.cat(rows, 1)
-    return obs.sign() * obs.abs().log1p()
 
 
 class Rollouts:
@@ -81,16 +77,21 @@ class Rollouts:
     def __init__(self, envs, agent: Agent, args: Args) -> None:
         self.envs, self.agent, self.args = envs, agent, args
         observations, info = envs.reset(seed=args.seed)
-        self.obs, self.alive = flat(observations), torch.from_numpy(info["alive"])
+        self.see(observations, info)
         self.returns: list[float] = []  # of the episodes that ended in the last rollout, one for each agent
+
+    def see(self, observations: np.ndarray, info: dict) -> None:
+        """Keep what the next actions are chosen from: scaled rows (agents, numbers), and the masks of actions."""
+        self.obs, self.alive = torch.from_numpy(observations), torch.from_numpy(info["alive"])
+        self.mask = torch.from_numpy(info["action_mask"]).bool()
 
     @torch.no_grad()
     def collect(self) -> dict[str, torch.Tensor]:
         """Take `num_steps` steps of every world."""
         rows, self.returns = [], []
         for _ in range(self.args.num_steps):
-            action, logprob, _ = self.agent.act(self.obs)
-            row = {"obs": self.obs, "action": action, "logprob": logprob, "alive": self.alive}
+            action, logprob, _ = self.agent.act(self.obs, self.mask)
+            row = {"obs": self.obs, "mask": self.mask, "action": action, "logprob": logprob, "alive": self.alive}
             row["value"] = self.agent.value(self.obs)
             row["reward"], row["done"] = self.step(action)
             rows.append(row)
@@ -100,13 +101,12 @@ class Rollouts:
     def step(self, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Rewards and ends. An episode that is cut short is worth what the critic expects of its last observation."""
         observations, reward, terminated, truncated, info = self.envs.step(action.numpy())
-        self.obs, self.alive = flat(observations), torch.from_numpy(info["alive"])
+        self.see(observations, info)
         if "statistics" in info:
             self.returns += info["statistics"]["return"][info["_statistics"]].tolist()
         if truncated.any():
-            last = [info["final_obs"][k] for k in np.flatnonzero(truncated)]
-            value = self.agent.value(flat({key: np.stack([each[key] for each in last]) for key in last[0]}))
-            reward[truncated] += self.args.gamma * value.numpy()
+            last = torch.from_numpy(np.stack(list(info["final_obs"][truncated])))
+            reward[truncated] += self.args.gamma * self.agent.value(last).numpy()
         return torch.from_numpy(reward), torch.from_numpy(terminated | truncated)
 
     def advantages(self, batch: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -123,7 +123,7 @@ class Rollouts:
 
 def losses(agent: Agent, batch: dict[str, torch.Tensor], args: Args) -> torch.Tensor:
     """Of policy, value and entropy. The dead have no choice: only the critic learns from them."""
-    _, logprob, entropy = agent.act(batch["obs"], batch["action"])
+    _, logprob, entropy = agent.act(batch["obs"], batch["mask"], batch["action"])
     alive, ratio = batch["alive"], (logprob - batch["logprob"]).exp()
     advantage = batch["advantage"]
     advantage = (advantage - advantage[alive].mean()) / (advantage[alive].std() + 1e-8)
@@ -150,9 +150,9 @@ def train(args: Args) -> tuple[Agent, np.ndarray]:
     """The trained agent, and a row for each update: mean return of the episodes that ended, and the three losses."""
     torch.manual_seed(args.seed)
     scenario = DUEL if args.variant == "duel" else args.variant
-    envs = outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep")
-    inputs = sum(int(np.prod(space.shape)) for space in envs.single_observation_space.values())
-    agent = Agent(inputs, envs.single_action_space.nvec.tolist())
+    form = {"observations": "flat", "scaled": True, "action_masks": True}
+    envs = outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
+    agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.nvec.tolist())
     optimizer = torch.optim.Adam(agent.parameters(), args.learning_rate, eps=1e-5)
     rollouts, size, rows = Rollouts(envs, agent, args), args.num_steps * envs.num_envs, []
     for update in range(1, max(1, args.total_timesteps // size) + 1):
