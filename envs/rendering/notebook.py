@@ -1,11 +1,8 @@
-"""Pictures of environments in notebooks."""
+"""Pictures of environments in notebooks. OpenCV is loaded by the first of them."""
 
 from typing import Any
 
-import cv2
 import numpy as np
-
-from .rgb import draw
 
 
 class Pictured:
@@ -16,12 +13,16 @@ class Pictured:
 
     def _repr_png_(self) -> bytes | None:
         """World 0 as a PNG of 512 x 512 pixels; None, so that the text is shown, if closed or not yet reset."""
+        from .rgb import draw
+
         env: Any = getattr(self, "base_env", None) or getattr(self, "vector_env", None) or self
         return None if env.closed or not env._tracker.running[0] else png(draw(env.worlds, 0))
 
 
 def png(image: np.ndarray[Any, Any]) -> bytes:
     """An RGB picture, uint8 (height, width, 3), as the bytes of a PNG file."""
+    import cv2
+
     done, encoded = cv2.imencode(".png", image[..., ::-1])
     if not done:
         raise ValueError(f"a picture of {image.shape} cannot be a PNG")

@@ -29,7 +29,7 @@ def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str
     about, *lines = capsys.readouterr().out.splitlines()
     assert about.startswith(f"{len(lines)} runs, ")
     commands = [line.partition("  #")[0].split()[1:] for line in lines]
-    assert len({" ".join(words) for words in commands}) == len(lines) == 8 * 3 + 16 * 3 + 24 * 2
+    assert len({" ".join(words) for words in commands}) == len(lines) == 8 * 3 + 16 * 3 + 25 * 2
     seeds = [options.seed[0] for options in map(parser().parse_args, commands)]
     assert seeds == sorted(seeds)
 
