@@ -24,12 +24,15 @@ def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0,
     """What BenchMARL is to do. A frame is a tick of one world."""
     config = ExperimentConfig.get_from_yaml()
     config.max_n_frames, config.save_folder, config.loggers = frames, str(out), ["csv"]
-    config.lr, config.prefer_continuous_actions = 3e-4, False
+    config.lr, config.prefer_continuous_actions = 1e-3, False
     config.on_policy_n_envs_per_worker = config.off_policy_n_envs_per_worker = WORLDS
     config.on_policy_collected_frames_per_batch = config.off_policy_collected_frames_per_batch = BATCH
-    config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, 2048
+    config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, 1024
     config.off_policy_n_optimizer_steps, config.off_policy_train_batch_size = 100, 512
-    config.evaluation_interval, config.evaluation_episodes = 10 * BATCH, 32
+    config.evaluation_interval, config.evaluation_episodes = 10 * BATCH, 64
+    config.evaluation_deterministic_actions = (
+        False  # who always does what is likeliest stands still at first, and lives long
+    )
     for key, value in changes.items():
         setattr(config, key, value)
     model = MlpConfig(num_cells=[128, 128], layer_class=nn.Linear, activation_class=nn.Tanh)

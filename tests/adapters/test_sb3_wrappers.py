@@ -246,10 +246,32 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     assert kept.episode_starts[1:].any()
 
 
+def test_maskable_ppo_draws_what_the_masks_leave() -> None:
+    """The masks of its rollout are those of the worlds in which it acted."""
+    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[contrib]'")
+    scenario, steps = SHORT.replace(melee_cooldown=5), scaled(40, least=24)
+    env, reference = (make_sb3(scenario, WORLDS, seed=0, observations="flat") for _ in range(2))
+    agents, form = env.num_envs, {"n_steps": steps, "batch_size": steps * env.num_envs, "n_epochs": 1, "seed": 4}
+    model = contrib.MaskablePPO("MlpPolicy", env, **form)
+    model.learn(1)  # one rollout
+    acted = model.rollout_buffer.actions.reshape(agents, steps, -1).astype(int)
+    masks = model.rollout_buffer.action_masks.reshape(agents, steps, -1) > 0
+    reference.seed(4)
+    reference.reset()
+    first = np.concatenate([[0], reference.base_env.action_sizes[:-1]]).cumsum()  # entry of each action's value 0
+    for t in range(steps):
+        assert np.array_equal(masks[:, t], reference.action_masks())
+        assert np.take_along_axis(masks[:, t], first + acted[:, t], 1).all()
+        reference.step(acted[:, t])
+    assert not masks.all()
+
+
 @pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
-def test_ppo_learns() -> None:
+@pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 200_000), ("maskable", 200_000), ("recurrent", 800_000)])
+def test_ppo_learns(algorithm: str, steps: int) -> None:
     """The example of the documents: a trained agent lives far longer, and by many standard errors."""
-    before, after = runpy.run_path(str(EXAMPLE))["main"](200_000)
+    pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[contrib]'")
+    before, after = runpy.run_path(str(EXAMPLE))["main"](steps, algorithm=algorithm)
     error = np.hypot(before.std(), after.std()) / np.sqrt(len(after))
     assert after.mean() > before.mean() + max(6 * error, 30)
