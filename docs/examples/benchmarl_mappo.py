@@ -46,9 +46,9 @@ def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0,
     )
 
 
-def returns(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Frames, and the mean return of an episode, of all evaluations, from BenchMARL's file for marl-eval."""
-    (file,) = folder.glob("*/*.json")
+def returns(folder: Path) -> tuple[np.ndarray[Any, Any], list[list[float]]]:
+    """Frames before each evaluation, and the returns of its episodes, from BenchMARL's file for marl-eval."""
+    (file,) = folder.rglob("*.json")
     (run,) = (
         run
         for tasks in json.loads(file.read_text()).values()
@@ -57,15 +57,30 @@ def returns(folder: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         for run in each.values()
     )
     steps = [value for key, value in run.items() if key.startswith("step_")]
-    return np.array([step["step_count"] for step in steps]), np.array([np.mean(step["return"]) for step in steps])
+    return np.array([step["step_count"] for step in steps]), [step["return"] for step in steps]
 
 
-def rise(values: np.ndarray[Any, Any]) -> float:
-    """Standard errors between the last fifth of the evaluations and the first one."""
-    part = max(2, len(values) // 5)
-    first, last = values[:part], values[-part:]
-    error = np.sqrt(first.var(ddof=1) / part + last.var(ddof=1) / part)
+def rise(values: list[list[float]]) -> float:
+    """Standard errors, over episodes, between the last fifth of the evaluations and the first one."""
+    part = max(1, len(values) // 5)
+    first, last = np.concatenate(values[:part]), np.concatenate(values[-part:])
+    error = np.sqrt(first.var(ddof=1) / len(first) + last.var(ddof=1) / len(last))
     return float((last.mean() - first.mean()) / error)
+
+
+def draw(frames: np.ndarray[Any, Any], values: list[list[float]], path: Path) -> None:
+    """Mean return by frames, with an error bar of one standard error."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6, 3.2), layout="constrained")
+    errors = [np.std(each, ddof=1) / np.sqrt(len(each)) for each in values]
+    axes.errorbar(frames / 1e6, [np.mean(each) for each in values], errors, marker=".", capsize=2)
+    axes.set(xlabel="million frames (ticks of a world)", ylabel="return of an agent")
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=100)
 
 
 def main() -> None:
@@ -76,13 +91,18 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=2_000_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/mappo"))
+    parser.add_argument("--show", action="store_true", help="train nothing: what is in --out")
+    parser.add_argument("--figure", type=Path, help="a PNG of the returns")
     options = parser.parse_args()
-    options.out.mkdir(parents=True)
-    experiment(options.scenario, options.algorithm, options.frames, options.out, options.seed).run()
+    if not options.show:
+        options.out.mkdir(parents=True)
+        experiment(options.scenario, options.algorithm, options.frames, options.out, options.seed).run()
     frames, values = returns(options.out)
+    if options.figure:
+        draw(frames, values, options.figure)
     print(
-        f"{options.algorithm} on {options.scenario}: {frames[-1]:,} frames, return {values[0]:.1f} at first, "
-        f"{values[-1]:.1f} at the end; it has risen by {rise(values):.1f} standard errors"
+        f"{frames[-1]:,} frames: return {np.mean(values[0]):.1f} at first, {np.mean(values[-1]):.1f} at the end; "
+        f"from the first fifth to the last one it has risen by {rise(values):.1f} standard errors"
     )
 
 

@@ -1,5 +1,7 @@
 """TorchRL: many worlds as one batched EnvBase, whose agents are in groups that share networks."""
 
+from __future__ import annotations  # the site is built without TorchRL, whose stand-ins know no "|"
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -22,6 +22,7 @@ from outlast.training import checkpoint, resume  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
 from outlast.training.player import Player  # noqa: E402
 from outlast.training.presets import PRESETS, preset  # noqa: E402
+from outlast.training.reproduction.experiments import PARTS, experiments  # noqa: E402
 from outlast.training.run_header import NAME  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 from tests.helpers.added_fields import Stamina  # noqa: E402
@@ -145,7 +146,8 @@ KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
 @pytest.mark.parametrize("path", sorted(KEPT.rglob("*.zip")), ids=lambda path: str(path.relative_to(KEPT)))
 def test_every_kept_policy_plays(path: Path) -> None:
     player = load_policy(path, seed=None)
-    with contextlib.closing(make_vec(player.scenario(variant(path.stem.partition("-")[0])), 4, seed=0)) as env:
+    games = {f"{each.name}-{each.preset}": each.scenario for each in experiments(PARTS)}
+    with contextlib.closing(make_vec(player.scenario(games[path.stem.rpartition("-")[0]]), 4, seed=0)) as env:
         player.check(env)
         actions = player(env.reset()[0])
     assert actions.shape == (4, env.num_agents, len(env.action_sizes))

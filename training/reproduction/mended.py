@@ -59,6 +59,8 @@ def measure(game: Scenario, run: Path, out: Path, progress: Callable[[int], None
     if len(saved) < 2:
         raise TrainingError(f"{run} has {len(saved)} checkpoints: its policy has no past to play against; train on")
     chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})
+    for contender in chosen[:2]:
+        contender.text = "/".join(Path(contender.text).parts[-2:])  # results are kept without the place of the runs
     if _complete(out, [contender.text for contender in chosen]):
         return
     evaluation = Evaluation(game.with_(Behaviour()), chosen, episodes=EPISODES)
