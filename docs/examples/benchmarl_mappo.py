@@ -30,9 +30,8 @@ def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0,
     config.on_policy_n_minibatch_iters, config.on_policy_minibatch_size = 4, 1024
     config.off_policy_n_optimizer_steps, config.off_policy_train_batch_size = 100, 512
     config.evaluation_interval, config.evaluation_episodes = 10 * BATCH, 64
-    config.evaluation_deterministic_actions = (
-        False  # who always does what is likeliest stands still at first, and lives long
-    )
+    # Who always does what is likeliest stands still at first, and lives long: evaluations draw actions.
+    config.evaluation_deterministic_actions = False
     for key, value in changes.items():
         setattr(config, key, value)
     model = MlpConfig(num_cells=[128, 128], layer_class=nn.Linear, activation_class=nn.Tanh)

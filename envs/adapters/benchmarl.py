@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import install
 from ..scenarios.naming import resolve
+from ..scenarios.scenario import Scenario
 from .torchrl import SurvivalTorchEnv, make_torchrl
 
 try:
@@ -27,15 +28,20 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     """A scenario as a task of BenchMARL; vectorised, with discrete actions, masks and a state.
 
     name: That of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario. Sides are
-    groups, and observations scaled, unless it says otherwise.
+    groups, and observations scaled, unless it says otherwise. scenario: It, if it is not found by its name.
     """
+
+    def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
+        super().__init__(name, config)
+        self.scenario = scenario
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
         """What makes an environment of so many worlds."""
         options = {**DEFAULTS, **self.config}
-        return lambda: make_torchrl(self.name.lower(), num_envs, seed=seed, device=device, **options)
+        scenario = self.scenario or self.name.lower()
+        return lambda: make_torchrl(scenario, num_envs, seed=seed, device=device, **options)
 
     def supports_continuous_actions(self) -> bool:
         """No."""
@@ -105,18 +111,18 @@ class OutlastTask(Task):  # type: ignore[misc]  # untyped
         return super().get_from_yaml(path) if path else OutlastClass(self.name, {})
 
 
-def task(scenario: str, **config: Any) -> OutlastClass:
+def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
     """Any scenario as a task.
 
     Args:
-        scenario: The name of one: "teams_2+bounty", "mygame.py:arena".
+        scenario: It, or the name of one: "teams_2+bounty", "mygame.py:arena".
         config: Arguments of `outlast.make_torchrl`, and numbers of the scenario.
 
     Raises:
         ScenarioError: There is none of that name.
     """
-    resolve(scenario)
-    return OutlastClass(scenario, config)
+    found = resolve(scenario)
+    return OutlastClass(found.name, config, found)
 
 
 def _entries(env: SurvivalTorchEnv, name: str) -> Composite:

@@ -1,0 +1,84 @@
+"""BenchMARL: its algorithms train in outlast's worlds, vectorised, and write what marl-eval reads."""
+
+import json
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from tests.conftest import few_by_day, scaled
+from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, short
+
+pytest.importorskip("benchmarl", reason="BenchMARL is not installed: pip install 'outlast[benchmarl]'")
+import torch  # noqa: E402
+
+from outlast.envs.adapters.benchmarl import OutlastTask, task  # noqa: E402
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "benchmarl_mappo.py"
+pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.usefixtures("one_torch_thread")]
+BATCH = scaled(512, least=128)
+SMALL: dict[str, Any] = {
+    **dict.fromkeys(("on_policy_n_envs_per_worker", "off_policy_n_envs_per_worker"), 4),
+    **dict.fromkeys(("on_policy_collected_frames_per_batch", "off_policy_collected_frames_per_batch"), BATCH),
+    **{"on_policy_minibatch_size": 64, "off_policy_n_optimizer_steps": 2, "off_policy_train_batch_size": 64},
+    **{"evaluation_interval": BATCH, "evaluation_episodes": 2},
+}
+
+
+@pytest.fixture(scope="module")
+def example() -> SimpleNamespace:
+    return SimpleNamespace(**runpy.run_path(str(EXAMPLE)))
+
+
+@pytest.mark.parametrize("algorithm", few_by_day(["mappo", "ippo", "qmix", "vdn"], ("mappo", "qmix")))
+def test_algorithms_train(example: SimpleNamespace, algorithm: str, tmp_path: Path) -> None:
+    """Networks change, returns are finite, and its file for marl-eval has every evaluation."""
+    run = example.experiment("teams_2", algorithm, 2 * BATCH, tmp_path, **SMALL)
+    before = [value.clone() for value in run.policy.parameters()]
+    run.run()
+    assert not all(map(torch.equal, before, run.policy.parameters()))
+    (file,) = tmp_path.rglob("*.json")
+    found = json.loads(file.read_text())
+    assert list(found) == ["outlast"]
+    assert list(found["outlast"]) == ["teams_2"]
+    assert list(found["outlast"]["teams_2"]) == [algorithm]
+    frames, values = example.returns(tmp_path)
+    assert frames.tolist() == [BATCH, 2 * BATCH]
+    assert [len(each) for each in values] == [2, 2]
+    assert np.isfinite(values).all()
+
+
+def test_ensemble_of_sides(example: SimpleNamespace, tmp_path: Path) -> None:
+    """Sides are groups: each has a policy of its own."""
+    run = example.experiment("teams_2", "mappo", BATCH, tmp_path, **SMALL)
+    assert {group: len(names) for group, names in run.group_map.items()} == {"team_0": 2, "team_1": 2}
+    run.close()
+
+
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3+bounty", *LEVELS])
+def test_specs(name: str) -> None:
+    """What BenchMARL asks of a task agrees with what the environment gives."""
+    own = task(short(name) if name in LEVELS else name, groups="all" if name in (COUNTS, ALL) else "sides")
+    env = own.get_env_fun(3, continuous_actions=False, seed=0, device="cpu")()
+    seen = env.reset()
+    for kind, spec in (
+        ("observation", own.observation_spec(env)), ("action_mask", own.action_mask_spec(env)),
+    ):  # fmt: skip
+        for group in env.group_map:
+            assert tuple(spec[group, kind].shape) == tuple(seen[group, kind].shape[1:])
+    assert tuple(own.state_spec(env)["state"].shape) == tuple(seen["state"].shape[1:])
+    assert own.group_map(env) == env.group_map
+    assert own.supports_discrete_actions()
+    assert not own.supports_continuous_actions()
+    env.close()
+
+
+def test_every_variant_is_a_task() -> None:
+    assert [each.name.lower() for each in OutlastTask] == list(outlast.VARIANTS)
+    assert OutlastTask.FFA_1.get_task().name == "FFA_1"
+    with pytest.raises(outlast.errors.ScenarioError, match="there is no variant 'ffa_9'"):
+        task("ffa_9")

@@ -1,0 +1,186 @@
+"""The suites of other libraries on every form of actions and observations; and one mask of a world, in every adapter.
+
+TorchRL's and RLlib's are in test_torchrl.py and test_rllib.py.
+"""
+
+import contextlib
+import importlib
+import itertools
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import outlast
+from tests.conftest import few_by_day, scaled
+from tests.helpers.execution_modes import ALL, short
+
+FORMS = [
+    dict(zip(("actions", "observations", "scaled"), form, strict=True))
+    for form in itertools.product(("multi", "joint"), ("dict", "flat"), (False, True))
+]
+pytestmark = pytest.mark.filterwarnings("ignore")  # of the suites: about dicts of rows, bounds and unused arguments
+forms = pytest.mark.parametrize("form", FORMS, ids=lambda form: "-".join(map(str, form.values())))
+dead_too = pytest.mark.parametrize("dead", ["end", "keep"])
+games = pytest.mark.parametrize("name", few_by_day(["teams_3", ALL], ["teams_3"]))
+CYCLES, SEED = scaled(100, least=10), 4
+
+
+def one(name: str, **options: Any) -> gymnasium.Env[Any, Any]:
+    return gymnasium.make("outlast/Teams3-v1", scenario=short(name), disable_env_checker=True, **options)
+
+
+@forms
+@dead_too
+@games
+def test_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
+    check_env(one(name, dead=dead, others="scripted", **form).unwrapped, skip_render_check=True)
+
+
+@forms
+@dead_too
+@games
+def test_vectors_of_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
+    """make_vec by the entry point of a batch agrees with its single spaces, and with that of copies of one."""
+    options = {"scenario": short(name), "dead": dead, **form}
+    with contextlib.closing(
+        gymnasium.make_vec("outlast/Teams3-v1", 3, vectorization_mode="vector_entry_point", **options)
+    ) as batch:
+        copies = gymnasium.vector.SyncVectorEnv([lambda: one(name, dead=dead, **form)] * 3)
+        assert batch.single_action_space == copies.single_action_space
+        assert batch.single_observation_space == copies.single_observation_space
+        pairs = [tuple(each.reset(seed=SEED)[0] for each in (batch, copies))]
+        batch.action_space.seed(SEED)
+        for _ in range(5):
+            actions = batch.action_space.sample()
+            pairs.append(tuple(each.step(actions)[0] for each in (batch, copies)))
+        for mine, theirs in pairs:
+            assert batch.observation_space.contains(mine)
+            assert gymnasium.utils.env_checker.data_equivalence(mine, theirs)
+        copies.close()
+
+
+@forms
+@dead_too
+@games
+def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
+    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+    from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
+
+    def make() -> Any:
+        return outlast.parallel_env(short(name), dead=dead, **form)
+
+    parallel_api_test(make(), CYCLES)
+    parallel_seed_test(make, CYCLES)
+    api_test(outlast.envs.adapters.pettingzoo.aec_env(short(name), dead=dead, **form), CYCLES)
+
+
+@forms
+@games
+def test_supersuit(name: str, form: dict[str, Any]) -> None:
+    """Its vectors, which refuse agents that leave."""
+    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+    supersuit = pytest.importorskip("supersuit", reason="needs SuperSuit: outlast[test-all]")
+    agents = supersuit.pettingzoo_env_to_vec_env_v1(outlast.parallel_env(short(name), dead="keep", **form))
+    env = supersuit.concat_vec_envs_v1(agents, 2, num_cpus=0, base_class="gymnasium")
+    seen = env.reset(seed=SEED)[0]
+    many, drawn = (
+        gymnasium.vector.utils.batch_space(space, env.num_envs) for space in (env.observation_space, env.action_space)
+    )
+    drawn.seed(SEED)
+    for _ in range(CYCLES):
+        assert many.contains(seen)
+        seen, rewards, *_ = env.step(drawn.sample())
+        assert np.isfinite(rewards).all()
+    env.close()
+
+
+@forms
+@dead_too
+@games
+def test_stable_baselines(name: str, dead: str, form: dict[str, Any]) -> None:
+    pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
+    from stable_baselines3.common import env_checker
+
+    env_checker.check_env(one(name, dead=dead, **form).unwrapped)
+
+
+@forms
+@games
+def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_thread: None) -> None:
+    pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
+    from stable_baselines3 import PPO
+
+    env = outlast.make_sb3(short(name), 2, seed=SEED, **form)
+    policy = "MlpPolicy" if form["observations"] == "flat" else "MultiInputPolicy"
+    model = PPO(policy, env, n_steps=8, batch_size=32, n_epochs=1, seed=SEED)
+    model.learn(2 * env.num_envs * 8)
+    assert model.num_timesteps == 2 * env.num_envs * 8
+    env.close()
+
+
+@forms
+@dead_too
+def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A dataset that its collector makes, from an environment that the dataset recovers."""
+    minari = pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = minari.DataCollector(gymnasium.make("outlast/Teams3-v1", dead=dead, max_episode_steps=CYCLES, **form))
+    seen = [env.reset(seed=SEED)[0]]
+    env.action_space.seed(SEED)
+    over = False
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        seen.append(observation)
+        over = terminated or truncated
+    dataset = env.create_dataset("outlast/collected-v0")
+    env.close()
+    (episode,) = dataset.iterate_episodes()
+    again = minari.load_dataset("outlast/collected-v0").recover_environment()
+    assert again.observation_space == dataset.observation_space
+    replayed = [again.reset(seed=SEED)[0], *(again.step(action)[0] for action in episode.actions)]
+    assert len(replayed) == len(seen)
+    assert all(gymnasium.utils.env_checker.data_equivalence(*pair) for pair in zip(seen, replayed, strict=True))
+    again.close()
+
+
+@pytest.mark.parametrize("actions", ["multi", "joint"])
+@games
+def test_masks_are_those_of_the_worlds(name: str, actions: str) -> None:
+    """In every adapter that has one world, or several, of the same seed."""
+    plain = outlast.make_vec(short(name), 1, seed=SEED, actions=actions)
+    agents = outlast.make_agents(short(name), 1, seed=SEED, actions=actions)
+    batches: dict[str, Any] = {"agents": agents}
+    with contextlib.suppress(ModuleNotFoundError):
+        batches["sb3"] = outlast.make_sb3(short(name), 1, seed=SEED, actions=actions)
+    with contextlib.suppress(ModuleNotFoundError):
+        puffer = importlib.import_module("outlast.envs.adapters.puffer")
+        batches["puffer"] = puffer.make_puffer(short(name), 1, seed=SEED, actions=actions)
+    parallel = None
+    with contextlib.suppress(ModuleNotFoundError):
+        parallel = outlast.parallel_env(short(name), dead="keep", actions=actions)
+        parallel.reset(seed=SEED)
+    plain.reset()
+    for each in batches.values():
+        each.reset()
+    rng = np.random.default_rng(SEED)
+    for _ in range(CYCLES):
+        expected = plain.action_masks()[0]
+        for label, each in batches.items():
+            assert np.array_equal(each.action_masks(), expected), label
+        if parallel is not None:
+            for agent, mask in parallel.action_masks().items():
+                assert np.array_equal(mask, expected[int(agent[6:])])
+        chosen = rng.integers(0, plain.single_action_space.nvec)
+        ended = np.any(plain.step(chosen[None])[2:4])
+        for each in batches.values():
+            each.step(chosen)
+        if parallel is not None:
+            parallel.step(dict(zip(parallel.possible_agents, chosen, strict=True)))
+        if ended:
+            break
+    for each in (plain, *batches.values()):
+        each.close()
