@@ -1,9 +1,11 @@
-"""What a step costs in each interface.
+"""What a step costs in each interface, and what collecting costs in other libraries.
 
     python -m perf.interfaces [--variant teams_3] [--save MACHINE]
 
-Random actions, drawn ahead of the clock; episodes restart as the interface does it. Processor time of the process, the
-best of several rounds. An interface whose library is not installed has no row.
+Random actions, drawn ahead of the clock; episodes restart as the interface does it. Collectors are those of the
+libraries, which store what they collect, with a policy that computes nothing: always the same action, and in RLlib
+random ones. Processor time of the process, the best of several rounds, in turn. An interface whose library is not
+installed has no row: `pip install -e '.[ray,sb3,puffer,benchmarl]'` has all of them.
 """
 
 import time
@@ -18,7 +20,8 @@ from perf.measure import DRAWS, Call, timer
 from perf.table import Table, options
 
 ROUNDS, SECONDS = 3, 0.5
-Made = tuple[int, int, Call]  # worlds, agents that act in a step of all of them, and what steps them
+STEPS = 64  # ticks that a collector stores in a call
+Made = tuple[int, int, Call]  # world-steps and agent-steps of a call, and the call
 
 
 def batch(variant: str, worlds: int, **more: Any) -> Made:
@@ -83,17 +86,34 @@ def sb3(variant: str, worlds: int) -> Made:
 
 
 def torchrl(variant: str, worlds: int) -> Made:
-    """TorchRL around make_agents, with tensors of its own."""
-    from torchrl.envs import GymWrapper
+    """TorchRL's own environment, stepped by hand."""
+    import torch
 
-    env = GymWrapper(outlast.make_agents(variant, worlds, autoreset_mode="Disabled"))
-    state = [env.rand_action(env.reset())]
+    env = outlast.make_torchrl(variant, worlds, seed=0)
+    shape = (worlds, env.vector_env.num_agents)
+    draws = [torch.as_tensor(each) for each in drawn(env.vector_env.single_action_space.nvec, shape)]
+    state = [env.reset()]
 
     def step(k: int) -> None:
+        state[0]["agents", "action"] = draws[k % DRAWS]
         _, state[0] = env.step_and_maybe_reset(state[0])
-        state[0] = env.rand_action(state[0])
 
-    return worlds, env.batch_size[0], step
+    return worlds, shape[0] * shape[1], step
+
+
+def torchrl_collector(variant: str, worlds: int) -> Made:
+    """Its collector."""
+    import torch
+    from tensordict.nn import TensorDictModule
+    from torchrl.collectors import Collector
+
+    env = outlast.make_torchrl(variant, worlds, seed=0)
+    agents = env.vector_env.num_agents
+    idle = torch.full((worlds, agents), int(env.vector_env.noop))
+    policy = TensorDictModule(lambda state: idle, in_keys=["state"], out_keys=[("agents", "action")])
+    collector = Collector(env, policy, frames_per_batch=worlds * STEPS, total_frames=-1)
+    batches = iter(collector)
+    return worlds * STEPS, worlds * agents * STEPS, lambda k: next(batches)
 
 
 def puffer(variant: str, worlds: int) -> Made:
@@ -104,15 +124,86 @@ def puffer(variant: str, worlds: int) -> Made:
     return worlds, env.num_agents, lambda k: env.step(draws[k % DRAWS])
 
 
+def puffer_vector(variant: str, worlds: int) -> Made:
+    """Its vectorisation in this process; what it hands out is stored, as its trainer does."""
+    from pufferlib import vector
+
+    env = vector.make(outlast.make_puffer, [variant, worlds], backend=vector.Serial, num_envs=1)
+    env.async_reset(0)
+    actions = drawn(env.single_action_space.nvec, (env.num_agents, len(env.single_action_space.nvec)))[0]
+    kept = np.zeros((STEPS, env.num_agents, *env.single_observation_space.shape), np.float32)
+
+    def step(k: int) -> None:
+        for row in kept:
+            row[:] = env.recv()[0]
+            env.send(actions)
+
+    return worlds * STEPS, env.num_agents * STEPS, step
+
+
+def sb3_collector(variant: str, worlds: int) -> Made:
+    """Stable-Baselines3's PPO, filling its rollout buffer."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import CallbackList
+
+    env = outlast.make_sb3(variant, worlds, seed=0, observations="flat")
+    model = PPO("MlpPolicy", env, n_steps=STEPS, policy_kwargs={"net_arch": [1]})
+    actions = torch.ones(env.num_envs, len(env.action_space.nvec))
+    zeros = torch.zeros(env.num_envs)
+    model.policy.forward = lambda seen, deterministic=False: (actions, zeros[:, None], zeros)
+    model.policy.predict_values = lambda seen: zeros[: len(seen), None]
+    _, callback = model._setup_learn(2**62, CallbackList([]))
+    collect = model.collect_rollouts
+    return (
+        worlds * STEPS, env.num_envs * STEPS,
+        lambda k: collect(model.env, callback, model.rollout_buffer, STEPS),
+    )  # fmt: skip
+
+
+def rllib_batch(variant: str, worlds: int) -> Made:
+    """RLlib's sampling of one learner a world, by the entry point of a batch."""
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
+
+    config = PPOConfig().environment(f"outlast:{name(variant)}", env_config={"observations": "flat"})
+    mode = "vector_entry_point"
+    config.env_runners(num_env_runners=0, num_envs_per_env_runner=worlds, gym_env_vectorize_mode=mode)
+    runner = SingleAgentEnvRunner(config=config)
+    steps = worlds * STEPS
+    return steps, steps, lambda k: runner.sample(num_timesteps=steps, random_actions=True)
+
+
+def rllib(variant: str, worlds: int) -> Made:
+    """RLlib's sampling of all agents of a world, which has no batches."""
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
+
+    from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv
+
+    config = PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": variant, "observations": "flat"})
+    config.env_runners(num_env_runners=0, num_envs_per_env_runner=1)
+    config.multi_agent(policies={"all"}, policy_mapping_fn=lambda agent, episode, **more: "all")
+    runner = MultiAgentEnvRunner(config=config)
+    agents = len(runner.env.unwrapped.envs[0].unwrapped.possible_agents)
+    return STEPS, agents * STEPS, lambda k: runner.sample(num_timesteps=STEPS, random_actions=True)
+
+
 INTERFACES: dict[str, tuple[Callable[..., Made], dict[str, Any]]] = {
-    "make_vec(copy=False)": (batch, {"copy": False}),
     "make_vec": (batch, {}),
+    "make_vec(copy=False)": (batch, {"copy": False}),
+    "make_vec(observations='flat')": (batch, {"observations": "flat"}),
     "make_agents": (agents, {}),
     "make_puffer": (puffer, {}),
+    "PufferLib's Serial": (puffer_vector, {}),
     "make_sb3": (sb3, {}),
-    "TorchRL's GymWrapper": (torchrl, {}),
+    "Stable-Baselines3's collect_rollouts": (sb3_collector, {}),
+    "make_torchrl": (torchrl, {}),
+    "TorchRL's Collector": (torchrl_collector, {}),
     "gymnasium.make_vec": (learners, {}),
+    "RLlib's SingleAgentEnvRunner": (rllib_batch, {}),
     "parallel_env": (parallel, {}),
+    "RLlib's MultiAgentEnvRunner": (rllib, {}),
     "gymnasium.make": (single, {}),
 }
 
@@ -129,16 +220,19 @@ def name(variant: str) -> str:
 
 
 def rows(variant: str, worlds: int) -> Iterator[tuple[object, ...]]:
-    """A row of the table for each interface that can be loaded."""
+    """A row of the table for each interface that can be loaded; what it is a share of is the first one, in this run."""
+    made: dict[str, Made] = {}
     for label, (make, more) in INTERFACES.items():
         try:
-            count, acting, call = make(variant, worlds, **more)
-        except ModuleNotFoundError as error:
+            made[label] = make(variant, worlds, **more)
+        except ImportError as error:
             print(f"{label} is left out: {error}")
-            continue
-        clock = timer(call, SECONDS, time.process_time)
-        seconds = min(clock() for _ in range(ROUNDS))
-        yield label, count, seconds / count * 1e6, f"{acting / seconds:,.0f}"
+    clocks = {label: timer(call, SECONDS, time.process_time) for label, (_, _, call) in made.items()}
+    rounds = [{label: clock() for label, clock in clocks.items()} for _ in range(ROUNDS)]
+    rates = {label: made[label][1] / min(times[label] for times in rounds) for label in made}
+    for label, (count, acting, _) in made.items():
+        us, share = acting / rates[label] / count * 1e6, rates[label] / rates["make_vec"]
+        yield label, us, f"{rates[label]:,.0f}", f"{share:.1%}"
 
 
 def main() -> None:
@@ -147,7 +241,7 @@ def main() -> None:
     parser.add_argument("--variant", default="teams_3")
     parser.add_argument("--worlds", type=int, default=256, help="of interfaces that have many (default 256)")
     given = parser.parse_args()
-    table = Table("interfaces", "interface", "worlds", "us a world-step", "agent-steps a second")
+    table = Table("interfaces", "interface", "us a world-step", "agent-steps a second", "of make_vec")
     for row in rows(given.variant, given.worlds):
         table.add(*row)
     table.finish(given.save)

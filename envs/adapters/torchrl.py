@@ -44,7 +44,7 @@ def make_torchrl(
     scaled: bool = False,
     device: Any = "cpu",
     **numbers: Number,
-) -> "SurvivalTorchEnv":
+) -> SurvivalTorchEnv:
     """Many worlds for TorchRL.
 
     >>> env = outlast.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)

@@ -14,9 +14,9 @@ from tests.conftest import few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, short
 
 pytest.importorskip("benchmarl", reason="BenchMARL is not installed: pip install 'outlast[benchmarl]'")
-import torch  # noqa: E402
+import torch
 
-from outlast.envs.adapters.benchmarl import OutlastTask, task  # noqa: E402
+from outlast.envs.adapters.benchmarl import OutlastTask, task
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "benchmarl_mappo.py"
 pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.usefixtures("one_torch_thread")]
@@ -24,8 +24,11 @@ BATCH = scaled(512, least=128)
 SMALL: dict[str, Any] = {
     **dict.fromkeys(("on_policy_n_envs_per_worker", "off_policy_n_envs_per_worker"), 4),
     **dict.fromkeys(("on_policy_collected_frames_per_batch", "off_policy_collected_frames_per_batch"), BATCH),
-    **{"on_policy_minibatch_size": 64, "off_policy_n_optimizer_steps": 2, "off_policy_train_batch_size": 64},
-    **{"evaluation_interval": BATCH, "evaluation_episodes": 2},
+    "on_policy_minibatch_size": 64,
+    "off_policy_n_optimizer_steps": 2,
+    "off_policy_train_batch_size": 64,
+    "evaluation_interval": BATCH,
+    "evaluation_episodes": 2,
 }
 
 
