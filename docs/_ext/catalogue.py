@@ -12,6 +12,7 @@ import outlast
 from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Event, Module, Observation, Statistic, Worlds
+from outlast.envs.adapters.registry import IDS
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
@@ -42,6 +43,40 @@ def variants() -> str:
         for name, own in numbers.items()
     ]
     return grid(["variant", "original name", "in words", *map(code, keys)], rows)
+
+
+def cards() -> str:
+    """A table of each variant: its names, agents, spaces and rewards."""
+    return "\n\n".join(f"### {name}\n\n{_card(name)}" for name in outlast.VARIANTS)
+
+
+def _card(name: str) -> str:
+    original = next(alias for alias, own in outlast.ALIASES.items() if own == name)
+    env = outlast.make_vec(name, 1)
+    flat = outlast.make_vec(name, 1, observations="flat", actions="joint")
+    numbers, seen = env.scenario.numbers(), env.single_observation_space
+    pays = {"a tick alive": "alive", "a tick dead": "dead", "a kill": "kill", "a death": "death"}
+    paid = [f"{numbers[f'rewards_{key}']:g} for {what}" for what, key in pays.items() if numbers[f"rewards_{key}"]]
+    *_, registered = (own for own, scenario in IDS.items() if scenario == name)
+    shapes = ", ".join(f"{code(key)} {seen[key].shape[1:]}" for key in seen)
+    sizes, joint = env.action_sizes.tolist(), flat.action_mask_size
+    limit = f", or after {numbers['ending_limit']} ticks" if numbers["ending_limit"] else ""
+    rows = [
+        ["in words", env.scenario.about],
+        ["names", f"{code(name)}; the original's {code(original)}; in Gymnasium {code(registered)}"],
+        ["agents", f"{env.num_agents}, {code('agent_0')} to {code(f'agent_{env.num_agents - 1}')}"],
+        [
+            "actions of an agent",
+            f"{code(f'MultiDiscrete({sizes})')}; joint: {code(f'Discrete({joint})')}",
+        ],
+        ["observation of an agent", f"float32: {shapes}; flat: {code(f'Box({flat.flat_size})')}"],
+        ["state of a world", f"float32 ({env.state_space.shape[0]})"],
+        ["rewards", "; ".join(paid)],
+        ["ends", f"{numbers['ending_rule']}{limit}"],
+    ]
+    env.close()
+    flat.close()
+    return grid(["", ""], rows)
 
 
 def ablations() -> str:

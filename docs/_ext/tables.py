@@ -27,6 +27,7 @@ TABLES: dict[str, Callable[..., str]] = {
     made.__name__: made
     for made in (
         catalogue.variants,
+        catalogue.cards,
         catalogue.ablations,
         catalogue.numbers,
         catalogue.ppo,

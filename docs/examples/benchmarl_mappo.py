@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from benchmarl.algorithms import IppoConfig, MappoConfig, QmixConfig, VdnConfig
+from benchmarl.environments.common import TaskClass
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models.mlp import MlpConfig
 from torch import nn
@@ -20,8 +21,8 @@ ALGORITHMS = {"mappo": MappoConfig, "ippo": IppoConfig, "qmix": QmixConfig, "vdn
 WORLDS, BATCH = 64, 8192  # worlds that are stepped together; frames of all of them between two updates
 
 
-def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0, **changes: Any) -> Experiment:
-    """What BenchMARL is to do. A frame is a tick of one world."""
+def experiment(own: TaskClass, algorithm: str, frames: int, out: Path, seed: int = 0, **changes: Any) -> Experiment:
+    """What BenchMARL is to do. A frame is a tick of one world. changes: Of its ExperimentConfig."""
     config = ExperimentConfig.get_from_yaml()
     config.max_n_frames, config.save_folder, config.loggers = frames, str(out), ["csv"]
     config.lr, config.prefer_continuous_actions = 1e-3, False
@@ -36,7 +37,7 @@ def experiment(name: str, algorithm: str, frames: int, out: Path, seed: int = 0,
         setattr(config, key, value)
     model = MlpConfig(num_cells=[128, 128], layer_class=nn.Linear, activation_class=nn.Tanh)
     return Experiment(
-        task=task(name, max_episode_steps=600),
+        task=own,
         algorithm_config=ALGORITHMS[algorithm].get_from_yaml(),
         model_config=model,
         critic_model_config=model,
@@ -95,7 +96,8 @@ def main() -> None:
     options = parser.parse_args()
     if not options.show:
         options.out.mkdir(parents=True)
-        experiment(options.scenario, options.algorithm, options.frames, options.out, options.seed).run()
+        own = task(options.scenario, max_episode_steps=600)
+        experiment(own, options.algorithm, options.frames, options.out, options.seed).run()
     frames, values = returns(options.out)
     if options.figure:
         draw(frames, values, options.figure)

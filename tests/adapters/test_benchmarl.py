@@ -40,7 +40,7 @@ def example() -> SimpleNamespace:
 @pytest.mark.parametrize("algorithm", few_by_day(["mappo", "ippo", "qmix", "vdn"], ("mappo", "qmix")))
 def test_algorithms_train(example: SimpleNamespace, algorithm: str, tmp_path: Path) -> None:
     """Networks change, returns are finite, and its file for marl-eval has every evaluation."""
-    run = example.experiment("teams_2", algorithm, 2 * BATCH, tmp_path, **SMALL)
+    run = example.experiment(task("teams_2"), algorithm, 2 * BATCH, tmp_path, **SMALL)
     before = [value.clone() for value in run.policy.parameters()]
     run.run()
     assert not all(map(torch.equal, before, run.policy.parameters()))
@@ -57,7 +57,7 @@ def test_algorithms_train(example: SimpleNamespace, algorithm: str, tmp_path: Pa
 
 def test_ensemble_of_sides(example: SimpleNamespace, tmp_path: Path) -> None:
     """Sides are groups: each has a policy of its own."""
-    run = example.experiment("teams_2", "mappo", BATCH, tmp_path, **SMALL)
+    run = example.experiment(task("teams_2"), "mappo", BATCH, tmp_path, **SMALL)
     assert {group: len(names) for group, names in run.group_map.items()} == {"team_0": 2, "team_1": 2}
     run.close()
 

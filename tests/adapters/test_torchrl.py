@@ -1,7 +1,9 @@
 """make_torchrl: a batched environment of TorchRL's, against make_vec and TorchRL's own checks."""
 
 import itertools
+import runpy
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ with warnings.catch_warnings():
 pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own
 SEED, WORLDS = 3, 4
 QUICK: dict[str, Any] = {"agents_health": 10, "max_episode_steps": scaled(25, least=6), "seed": SEED}
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "torchrl_mappo.py"
 OWN = {"one": ["agent_2", "agent_0"], "two": ["agent_3", "agent_1"]}  # in an order of its own
 
 
@@ -151,3 +154,21 @@ def test_processes() -> None:
 def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make(**options)
+
+
+@pytest.mark.parametrize("name", ["ffa_1", "teams_3", ALL])
+def test_mappo_updates(name: str, one_torch_thread: None) -> None:
+    """The example: returns are those of whole episodes, and the same seed learns the same."""
+    train = runpy.run_path(str(EXAMPLE))["train"]
+    frames = 4 * scaled(64, least=40) * WORLDS
+    one, again = (train(short(name), frames, SEED, WORLDS, frames // WORLDS // 4) for _ in range(2))
+    assert one == again
+    assert 1 <= len(one) <= 4
+    assert np.isfinite(one).all()
+
+
+@pytest.mark.nightly
+def test_mappo_learns(one_torch_thread: None) -> None:
+    """The return, paid for each tick alive, against that of about the first 100,000 frames; it was 340 and 470."""
+    returns = runpy.run_path(str(EXAMPLE))["train"]("ffa_1", 500_000, 0)
+    assert np.mean(returns[-20:]) > np.mean(returns[5:25]) + 50
