@@ -292,3 +292,18 @@ def test_joint_actions_out_of_range_are_named() -> None:
         match=r"actions have shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint",
     ):
         env.step(np.zeros((2, 2, 6), int))
+
+
+@pytest.mark.parametrize("copy", [True, False])
+@pytest.mark.parametrize("form", ["dict", "flat"])
+def test_torch_and_numpy_share_what_is_handed_out(copy: bool, form: str) -> None:
+    """By DLPack, without a copy; pytest makes warnings errors."""
+    torch = pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
+    env = outlast.make_vec("ffa_3", 3, seed=0, copy=copy, observations=form)
+    seen = env.reset()[0]
+    for array in seen.values() if form == "dict" else [seen]:
+        assert array.flags.writeable == copy
+        for share in (torch.from_dlpack, np.from_dlpack):
+            other = share(array)
+            assert np.shares_memory(np.asarray(other), array)
+    env.close()
