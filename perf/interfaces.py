@@ -149,7 +149,7 @@ def sb3_collector(variant: str, worlds: int) -> Made:
 
     env = outlast.make_sb3(variant, worlds, seed=0, observations="flat")
     model = PPO("MlpPolicy", env, n_steps=STEPS, policy_kwargs={"net_arch": [1]})
-    actions = torch.ones(env.num_envs, len(env.action_space.nvec))
+    actions = torch.ones(env.num_envs, len(env.action_space.nvec), dtype=torch.int64)
     zeros = torch.zeros(env.num_envs)
     model.policy.forward = lambda seen, deterministic=False: (actions, zeros[:, None], zeros)
     model.policy.predict_values = lambda seen: zeros[: len(seen), None]

@@ -15,7 +15,7 @@ from pathlib import Path
 from perf.table import FOLDER, about, has, read
 
 ROOT = Path(__file__).parent.parent
-DOCUMENTS = (*(ROOT / "docs" / f"{page}.md" for page in ("performance", "training", "experiments")), ROOT / "README.md")
+DOCUMENTS = (*(ROOT / "docs" / f"{page}.md" for page in ("performance", "training")), ROOT / "README.md")
 TABLE = re.compile(
     r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
 )

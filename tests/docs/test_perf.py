@@ -203,7 +203,7 @@ def test_rates_of_training_are_shared_out_among_its_parts(
             assert float(row["a second"].replace(",", "")) > 10
 
 
-@pytest.mark.filterwarnings("default")  # of the libraries
+@pytest.mark.filterwarnings("ignore")  # of the libraries
 def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interfaces, "SECONDS", 0.001)
     monkeypatch.setattr(interfaces, "STEPS", 2)

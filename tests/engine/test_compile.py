@@ -34,7 +34,7 @@ from outlast.ecs import (
     kernel,
 )
 from outlast.ecs.random import uniform
-from tests.conftest import COMPILED, digest
+from tests.conftest import COMPILED, digest, few_by_day
 from tests.helpers import toy_game
 from tests.helpers.toy_game import STEP, Energy, Food, Phase, Place, Toy, Walkers, Weather, make, run
 
@@ -389,7 +389,7 @@ def their_game(folder: Path, rules: str, line: str, expression: str) -> Path:
 
 
 @compiled_only
-@pytest.mark.parametrize("kind", REFERENCES)
+@pytest.mark.parametrize("kind", few_by_day(REFERENCES, ("a function", "a member of a module in a package")))
 def test_an_edited_game_is_compiled_anew(tmp_path: Path, kind: str) -> None:
     """Also where the edit is in another file than the systems', which numba's own key misses."""
     game, cache = tmp_path / "game", tmp_path / "cache"

@@ -127,7 +127,7 @@ def test_a_full_disk_is_reported_in_one_line_and_leaves_nothing_corrupt(tmp_path
     [
         pytest.param("train", Moment(imported="torch", sent=signal.SIGINT), marks=pytest.mark.nightly),
         pytest.param("train", Moment(operation=1, sent=signal.SIGINT), marks=pytest.mark.nightly),
-        ("train", Moment(seconds=1.0, sent=signal.SIGINT)),
+        ("train", Moment(seconds=0.4, sent=signal.SIGINT)),
         ("plot", Moment(imported="matplotlib", sent=signal.SIGINT)),
         pytest.param("plot", Moment(operation=9, sent=signal.SIGINT), marks=pytest.mark.nightly),
         pytest.param("evaluate", Moment(imported="torch", sent=signal.SIGINT), marks=pytest.mark.nightly),

@@ -98,7 +98,7 @@ def close(folder: Path, expected: Path) -> None:
         np.testing.assert_allclose(values, wanted, rtol=1e-3, atol=1e-4, err_msg=tag)
 
 
-@pytest.mark.parametrize("processes", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("processes", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], tmp_path: Path, processes: int) -> None:
     same(trained(tmp_path, 3, processes=processes), alone[1])
     close(tmp_path, alone[0])
@@ -109,10 +109,10 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
     "changes",
     [
         {"policies": "side"},
-        {"prioritised": True},
-        {"settings": {"target_kl": 0.001}},
-        {"memory": 16},
-        {"critic": "state"},
+        pytest.param({"prioritised": True}, marks=pytest.mark.nightly),
+        pytest.param({"settings": {"target_kl": 0.001}}, marks=pytest.mark.nightly),
+        pytest.param({"memory": 16}, marks=pytest.mark.nightly),
+        pytest.param({"critic": "state"}, marks=pytest.mark.nightly),
         {"warm_start": f"scripted:{EACH}", "halves": True},
     ],
 )
