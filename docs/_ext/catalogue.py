@@ -39,10 +39,9 @@ def variants() -> str:
     keys = differing + counts
     original = {name: alias for alias, name in outlast.ALIASES.items()}
     rows = [
-        [code(name), code(original[name]), outlast.VARIANTS[name].about, *(shown(own.get(key, "–")) for key in keys)]
-        for name, own in numbers.items()
+        [code(name), code(original[name]), *(shown(own.get(key, "–")) for key in keys)] for name, own in numbers.items()
     ]
-    return grid(["variant", "original name", "in words", *map(code, keys)], rows)
+    return grid(["variant", "original name", *map(code, keys)], rows)
 
 
 def cards() -> str:
