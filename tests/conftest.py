@@ -78,7 +78,7 @@ def run(capsys: Any, *arguments: object) -> tuple[int, str, str]:
 @pytest.fixture
 def one_torch_thread() -> Iterator[None]:
     """One thread for small networks: more would wait for each other, above all beside other tests."""
-    import torch  # slow, and most tests do not need it
+    torch = pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")  # slow to load, and seldom needed
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

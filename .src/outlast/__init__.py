@@ -145,7 +145,13 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
         if name == "levels":
             return import_module(".envs.levels", __name__)
         if name in _LAZY:
-            return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+            try:
+                return getattr(import_module(f".{_LAZY[name]}", __name__), name)
+            except ModuleNotFoundError as error:
+                if not _LAZY[name].startswith("training.") or "pip install" in str(error):
+                    raise
+                cure = "pip install 'outlast[train]'"
+                raise ModuleNotFoundError(f"outlast.{name} needs {error.name}: {cure}", name=error.name) from error
         if name == "FIXES":
             warnings.warn("outlast.FIXES is called outlast.ABLATIONS", DeprecationWarning, stacklevel=2)
             return ABLATIONS

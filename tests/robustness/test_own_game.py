@@ -126,6 +126,7 @@ def outlast(folder: Path, *words: str, path: Sequence[Path] = (), status: int = 
 
 def test_every_command_takes_it(folder: Path) -> None:
     """In the order in which somebody would: look, play, record, replay, train, compare."""
+    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     name, quiet = "bog_game.py:arena", "--quiet"
     assert "swamp.wade" in outlast(folder, "schedule", name)
     assert "share of a push that is lost" in outlast(folder, "numbers", name)
@@ -182,11 +183,13 @@ def test_benchmarks_take_it(folder: Path) -> None:
 
 
 def test_python_takes_it(folder: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
     (folder / "faces.py").write_text(FACES.format(name="bog_game.py:arena"))
     assert run(folder, "faces.py").endswith("bog 2\n")
 
 
 def test_python_does_in_one_call_each_what_commands_do(folder: Path) -> None:
+    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     (folder / "calls.py").write_text(CALLS)
     assert run(folder, "calls.py").endswith("2 episodes, film.apng, page.html, bog-fast-7, 2 policies, drawn\n")
 
