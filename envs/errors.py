@@ -3,17 +3,26 @@
 Each one is also the error of Gymnasium, or of Python, that callers expect there.
 """
 
+from importlib.metadata import PackageNotFoundError, requires
+
 from gymnasium import error
 
 from outlast.ecs.errors import OutlastError
 
 
 def install(extra: str) -> str:
-    """The command that installs what an extra of outlast needs, for messages: "pip install 'outlast[train]'".
+    """What installs an extra of outlast, with the versions it takes: "pip install 'outlast[play]' (websockets>=14)".
 
     Wherever outlast was installed from, pip finds it there and needs no index for it, only for what is missing.
     """
-    return f"pip install 'outlast[{extra}]'"
+    try:
+        lines = requires("outlast") or []
+    except PackageNotFoundError:  # imported from a folder, without having been installed
+        lines = []
+    given = [line.partition(";") for line in lines]
+    named = [name.strip() for name, _, marker in given if f"'{extra}'" in marker.replace('"', "'")]
+    versions = ", ".join(name for name in named if not name.startswith("outlast["))
+    return f"pip install 'outlast[{extra}]'" + (f" ({versions})" if versions else "")
 
 
 class ActionError(OutlastError, error.InvalidAction, ValueError):

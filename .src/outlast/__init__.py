@@ -150,8 +150,10 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
             except ModuleNotFoundError as error:
                 if not _LAZY[name].startswith("training.") or "pip install" in str(error):
                     raise
-                cure = "pip install 'outlast[train]'"
-                raise ModuleNotFoundError(f"outlast.{name} needs {error.name}: {cure}", name=error.name) from error
+                from .envs.errors import install
+
+                cure = f"outlast.{name} needs {error.name}: {install('train')}"
+                raise ModuleNotFoundError(cure, name=error.name) from error
         if name == "FIXES":
             warnings.warn("outlast.FIXES is called outlast.ABLATIONS", DeprecationWarning, stacklevel=2)
             return ABLATIONS

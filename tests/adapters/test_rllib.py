@@ -1,6 +1,8 @@
 """RLlib: one world as a MultiAgentEnv."""
 
 import itertools
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from outlast.envs.adapters.rllib import SurvivalMultiAgentEnv  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "rllib_ppo.py"
 SHORT = {**execution_modes.SHORT, "ending_limit": 25}
 
 
@@ -186,18 +189,10 @@ def test_ppo_trains_with_masks(workers):
 @pytest.mark.slow
 def test_ppo_trains_on_a_batch_of_worlds(workers):
     """One learner a world, by the entry point of the batch: no environment is made for each world."""
-    from ray.rllib.algorithms.ppo import PPOConfig
-
-    config = (
-        PPOConfig()
-        .environment(
-            "outlast:outlast/Teams3-v1",
-            env_config={"observations": "flat", "scaled": True, "others": "scripted", "max_episode_steps": 25},
-        )
-        .env_runners(num_env_runners=0, num_envs_per_env_runner=8, gym_env_vectorize_mode="vector_entry_point")
-        .training(train_batch_size_per_learner=400, minibatch_size=100, num_epochs=1)
-        .debugging(seed=0)
-    )
+    config = runpy.run_path(str(EXAMPLE))["config"]("Teams3", 0)
+    config.env_config["max_episode_steps"] = 25
+    config.env_runners(num_envs_per_env_runner=8)
+    config.training(train_batch_size_per_learner=400, minibatch_size=100, num_epochs=1)
     algorithm = config.build_algo()
     try:
         assert isinstance(algorithm.env_runner.env.unwrapped, SurvivalLearnerVectorEnv)
@@ -206,6 +201,13 @@ def test_ppo_trains_on_a_batch_of_worlds(workers):
         algorithm.stop()
     assert 1 <= result["env_runners"]["episode_len_mean"] <= 25
     assert np.isfinite(result["learners"]["default_policy"]["total_loss"])
+
+
+@pytest.mark.nightly
+def test_ppo_learns_on_a_batch_of_worlds(workers):
+    """The example: the return, paid for each tick alive, rises above that of its first tenth, without the start."""
+    returns = runpy.run_path(str(EXAMPLE))["train"]("FreeForAll1", 1_000_000)
+    assert np.mean(returns[-30:]) > np.mean(returns[10:40]) + 40
 
 
 @pytest.mark.slow
