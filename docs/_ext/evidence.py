@@ -113,6 +113,15 @@ def claimed(preset: str = "original") -> str:
     return claims_table(list(findings([group for group in groups if group.preset == preset])))
 
 
+def mended() -> str:
+    """What agents do in the games of docs/results/mended, by `outlast paper mended`: a column for each game."""
+    lines = (DOCS / "results" / "mended" / "measured.md").read_text().splitlines()
+    heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    columns = [[code(row[0].replace("+", " +")), *row[1:]] for row in rows]
+    first, *others = zip(heads, *columns, strict=True)
+    return grid(list(first), [list(row) for row in others])
+
+
 def compared_runs() -> str:
     """The table of `outlast plot` for the runs that are shown as an example of it."""
     return str(compare(COMPARED))

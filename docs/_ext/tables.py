@@ -50,6 +50,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.deviations,
         evidence.trained,
         evidence.compared_runs,
+        evidence.mended,
     )
 }
 

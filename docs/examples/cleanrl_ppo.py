@@ -146,15 +146,23 @@ def learn(agent: Agent, optimizer: torch.optim.Optimizer, batch: dict[str, torch
     return parts.detach()
 
 
-def train(args: Args) -> tuple[Agent, np.ndarray]:
-    """The trained agent, and a row for each update: mean return of the episodes that ended, and the three losses."""
-    torch.manual_seed(args.seed)
-    scenario = DUEL if args.variant == "duel" else args.variant
+def make(scenario: str | outlast.Scenario, args: Args):
+    """All agents of all worlds, each of them a sub-environment."""
     form = {"observations": "flat", "scaled": True, "action_masks": True}
-    envs = outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
+    return outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
+
+
+def train(args: Args, make=make, kind: type[Rollouts] = Rollouts) -> tuple[Agent, np.ndarray]:
+    """The trained agent, and a row for each update: mean return of the episodes that ended, and the three losses.
+
+    make, kind: What makes the environments, and steps them.
+    """
+    torch.manual_seed(args.seed)
+    envs = make(DUEL if args.variant == "duel" else args.variant, args)
     agent = Agent(envs.single_observation_space.shape[0], envs.single_action_space.nvec.tolist())
     optimizer = torch.optim.Adam(agent.parameters(), args.learning_rate, eps=1e-5)
-    rollouts, size, rows = Rollouts(envs, agent, args), args.num_steps * envs.num_envs, []
+    rollouts, rows = kind(envs, agent, args), []
+    size = args.num_steps * len(rollouts.obs)
     for update in range(1, max(1, args.total_timesteps // size) + 1):
         batch = rollouts.collect()
         parts = learn(agent, optimizer, batch, args)

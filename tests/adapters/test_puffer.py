@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from gymnasium.spaces import unflatten
 import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
-from tests.conftest import scaled
+from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
 with warnings.catch_warnings():
@@ -206,3 +207,28 @@ def test_without_pufferlib_it_says_what_to_install() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     last = "ModuleNotFoundError: make_puffer needs PufferLib 3: pip install 'outlast[puffer]'"
     assert done.stderr.splitlines()[-1] == last
+
+
+def example(*options: str) -> list[float]:
+    """The returns that docs/examples/puffer_ppo.py prints, by update."""
+    script = Path(__file__).parents[2] / "docs" / "examples" / "puffer_ppo.py"
+    done = subprocess.run([sys.executable, str(script), *options], capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    return [float(line.split("return ")[1].split(",")[0]) for line in done.stdout.splitlines()]
+
+
+@needs_puffer
+def test_the_example_updates() -> None:
+    """An update is of 2 agents, 4 worlds and 4 steps."""
+    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
+    options = ("--variant", "ffa_1", "--num-worlds", "4", "--num-steps", "4", "--total-timesteps", "64")
+    assert len(example(*options)) == 2
+
+
+@needs_puffer
+@pytest.mark.nightly
+@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
+def test_the_example_learns() -> None:
+    """Ticks that agents live, 200 at most, without masks."""
+    returns = example()
+    assert np.mean(returns[-5:]) > np.mean(returns[:5]) + 50

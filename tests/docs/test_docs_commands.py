@@ -24,6 +24,7 @@ ELSEWHERE = {
     "plot",
     "evaluate",
     "benchmark",
+    "paper",
 }  # long, or needing results
 
 
