@@ -16,7 +16,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.opponents import Opponents
 from outlast.envs.errors import ActionError, NotResetError
 from outlast.envs.rollout.policies import noop_policy, scripted_policy
-from tests.conftest import COMPILED, digest, scaled
+from tests.conftest import COMPILED, digest, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, HUNT, MAZE, ROLES, equal, short
 from tests.helpers.remembering import Remembering
 
@@ -46,6 +46,13 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "other counts, roles and a maze": (ALL, {"learner": 1, "others": "scripted:0.5,random:0.3,noop:0.2"}),
     "none moves, and time is short": ("teams_3", {"others": "noop", "max_episode_steps": 14}),
 }
+DAILY = (
+    "the last of three",
+    "in the middle, to the end",
+    "a mixture with a function",
+    "other counts, roles and a maze",
+    "none moves, and time is short",
+)
 
 
 def single(name: str, max_episode_steps: int | None = None, **options: Any) -> Callable[[], gymnasium.Env[Any, Any]]:
@@ -70,7 +77,7 @@ def alike(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", few_by_day(CASES, DAILY))
 def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: AutoresetMode) -> None:
     """Bit for bit over several episodes, sub-environment i seeded SEED + i in both; infos and final ones, too."""
     kind, options = CASES[name]

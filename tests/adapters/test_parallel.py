@@ -17,7 +17,7 @@ import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.core.agents import counts_vary, present
-from tests.conftest import COMPILED, scaled
+from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, SHORT
 from tests.helpers.execution_modes import short as scenario
 
@@ -39,7 +39,7 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
     from pettingzoo.test.render_test import collect_render_results
 
 CYCLES = scaled(1000, least=20)
-NAMES = tuple(VARIANTS) if COMPILED else ("ffa_1", "teams_3")
+NAMES = few_by_day(VARIANTS, ("ffa_1", "teams_3"))
 both = pytest.mark.parametrize("dead", ["end", "keep"])
 everywhere = pytest.mark.parametrize("name", [*NAMES, *(pytest.param(scenario(name), id=name) for name in (HUNT, ALL))])
 Env = parallel.SurvivalParallelEnv

@@ -11,7 +11,7 @@ import outlast
 from outlast import Scenario, systems, variant
 from outlast.components import Body, Side, Solid, Spawned, Strike, Wall
 from outlast.ecs import Entity, Worlds
-from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.conftest import COMPILED, digest, draw_actions, few_by_day, scaled
 from tests.helpers.naive_walls import blocks, depth_in_walls, free_parts, obstacles, overlap, signed_distance
 from tests.helpers.random_worlds import RUNS, TEXT
 
@@ -24,7 +24,7 @@ GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
     "many pillars": systems.Pillars(count=30, least=0.4, most=0.9, gap=1.1),
 }
 HALL = variant("teams_3").replace(room_width=40.0, room_height=16.0, safe_zone_radii=(7.0, 4.0))
-generators = pytest.mark.parametrize("kind", GENERATORS)
+generators = pytest.mark.parametrize("kind", few_by_day(GENERATORS, ("maze", "narrow doors", "many pillars")))
 
 
 def level(*rectangles: tuple[float, ...]) -> systems.Walls:
