@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import interfaces, step
+from perf import compare, interfaces, step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -214,3 +214,36 @@ def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPa
         assert us > 0
         assert float(rate.replace(",", "")) > 0
         assert float(share.rstrip("%")) > 0
+
+
+BUSY = """
+import time
+from types import SimpleNamespace
+
+def make_vec(name, worlds, seed):
+    def step(actions):
+        end = time.process_time() + {seconds}
+        while time.process_time() < end:
+            pass
+    return SimpleNamespace(reset=lambda: None, action_sizes=[2] * 6, num_agents=2, step=step)
+"""
+
+
+def test_two_checkouts_are_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The code of each, here of stand-ins that take 2 and 6 ms of processor time a step."""
+    folders = [tmp_path / name for name in ("old", "new")]
+    for folder, seconds in zip(folders, (0.002, 0.006), strict=True):
+        (folder / ".src" / "outlast").mkdir(parents=True)
+        (folder / ".src" / "outlast" / "__init__.py").write_text(BUSY.format(seconds=seconds))
+    monkeypatch.setattr(compare, "ROUNDS", 3)
+    monkeypatch.setattr(compare, "SECONDS", 0.05)
+    times = compare.compared(*folders, "ffa_1", 2)
+    assert times.shape == (3, 2)
+    assert 2.5 < times[:, 1].min() / times[:, 0].min() < 3.5
+    assert 900 < times[:, 0].min() < 1300  # microseconds of one of two worlds
+    monkeypatch.setattr(sys, "argv", ["perf.compare", str(tmp_path), str(folders[0])])
+    with pytest.raises(SystemExit):
+        compare.main()
+    assert f"{tmp_path} is no checkout of outlast: there is no .src/outlast in it" in capsys.readouterr().err

@@ -1,0 +1,114 @@
+"""Two checkouts in turn: what a step costs before a change and after it.
+
+    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024]
+
+OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each runs in a
+process of its own, with this Python and the libraries of it. In every round each of them steps all worlds for about a
+second, the order changing from round to round, with random actions and copy=False. Microseconds of CPU time a
+world-step, the best of the rounds; `change` is the ratio of the bests, and the last column the range of the ratios in
+single rounds: a change that is smaller than that range is none. Comparing a checkout with itself shows the noise.
+"""
+
+import os
+import subprocess
+import sys
+from argparse import ArgumentTypeError
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from tqdm import tqdm
+
+from perf.table import Table, options
+
+ROUNDS, SECONDS = 9, 1.0
+WORKER = """
+import inspect, sys, time
+import numpy as np
+import outlast
+
+variant, worlds = sys.argv[1], int(sys.argv[2])
+more = {"copy": False} if "copy" in inspect.signature(outlast.make_vec).parameters else {}
+env = outlast.make_vec(variant, worlds, seed=0, **more)
+env.reset()
+generator = np.random.default_rng(0)
+draws = [generator.integers(0, env.action_sizes, (worlds, env.num_agents, 6)) for _ in range(50)]
+for line in map(int, sys.stdin):
+    start = time.process_time()
+    for k in range(line):
+        env.step(draws[k % 50])
+    print((time.process_time() - start) / line / worlds * 1e6, flush=True)
+"""
+
+
+class Checkout:
+    """A process that steps a variant with the code of a checkout."""
+
+    def __init__(self, folder: Path, variant: str, worlds: int) -> None:
+        path = os.pathsep.join(filter(None, (str(folder / ".src"), os.environ.get("PYTHONPATH"))))
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", WORKER, variant, str(worlds)],
+            env=os.environ | {"PYTHONPATH": path},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def time(self, steps: int) -> float:
+        """Microseconds of CPU time a world-step, over so many steps of all worlds."""
+        assert self.process.stdin
+        assert self.process.stdout
+        self.process.stdin.write(f"{steps}\n")
+        self.process.stdin.flush()
+        return float(self.process.stdout.readline() or sys.exit("it has ended: what it printed is above"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+def checkout(text: str) -> Path:
+    """A folder that is a checkout."""
+    folder = Path(text).resolve()
+    if not (folder / ".src" / "outlast" / "__init__.py").exists():
+        raise ArgumentTypeError(f"{text} is no checkout of outlast: there is no .src/outlast in it")
+    return folder
+
+
+def compared(old: Path, new: Path, variant: str, worlds: int) -> np.ndarray:
+    """Microseconds of CPU time a world-step, (rounds, 2)."""
+    with ExitStack() as stack:
+        both = [stack.enter_context(Checkout(folder, variant, worlds)) for folder in (old, new)]
+        slow = max(each.time(5) for each in both)  # it also compiles
+        slow = min(slow, *(each.time(20) for each in both))
+        steps = max(1, round(SECONDS / (slow * worlds * 1e-6)))
+        times = np.zeros((ROUNDS, 2))
+        for k in range(ROUNDS):
+            for i in (0, 1) if k % 2 else (1, 0):
+                times[k, i] = both[i].time(steps)
+    return times
+
+
+def main() -> None:
+    """Compare, and print a table."""
+    parser = options(__doc__)
+    parser.add_argument("old", type=checkout, metavar="OLD", help="the checkout before")
+    parser.add_argument("new", type=checkout, metavar="NEW", help="the checkout after")
+    parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help="what is played")
+    parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
+    given = parser.parse_args()
+    table = Table("compare", "variant", "old", "new", "change", "round by round")
+    for variant in tqdm(given.variants, unit="variant"):
+        times = compared(given.old, given.new, variant, given.worlds)
+        old, new = times.min(0)
+        each = times[:, 1] / times[:, 0]
+        table.add(variant, float(old), float(new), float(new / old), f"{each.min():.4g} to {each.max():.4g}")
+    table.finish(given.save)
+
+
+if __name__ == "__main__":
+    main()
