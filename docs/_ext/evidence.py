@@ -107,6 +107,11 @@ def trained(folder: str = ".") -> str:
     return "\n\n".join(parts)
 
 
+def ends(folder: str) -> str:
+    """End values of the results in a folder of docs/results, a table for each variant."""
+    return "\n\n".join(markdown(group) for group in group_runs(load_runs([DOCS / "results" / folder])))
+
+
 def claimed(preset: str = "original") -> str:
     """What the paper says, measured in the results of a preset in docs/results."""
     groups = group_runs(load_runs([DOCS / "results"]))

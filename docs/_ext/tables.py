@@ -49,6 +49,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.compared,
         evidence.deviations,
         evidence.trained,
+        evidence.ends,
         evidence.compared_runs,
         evidence.mended,
     )

@@ -35,9 +35,9 @@ def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str
 
 
 def test_a_part_a_game_and_seeds_are_chosen(capsys: pytest.CaptureFixture[str]) -> None:
-    assert outlast_paper("original", "--only", "teams_2", "ffa_1", "--seeds", 2, "--first", 3, "--plan") == 0
+    assert outlast_paper("original", "--only", "teams_2", "ffa_2", "--seeds", 2, "--first", 3, "--plan") == 0
     lines = capsys.readouterr().out.splitlines()[1:]
-    asked = [(name, seed) for seed in (3, 4) for name in ("ffa_1", "teams_2")]
+    asked = [(name, seed) for seed in (3, 4) for name in ("ffa_2", "teams_2")]
     for line, (name, seed) in zip(lines, asked, strict=True):
         assert line.startswith(f"outlast train {name} --preset original ")
         assert f"--seed {seed} " in line
