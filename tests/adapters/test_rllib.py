@@ -204,6 +204,7 @@ def test_ppo_trains_on_a_batch_of_worlds(workers):
 
 
 @pytest.mark.nightly
+@pytest.mark.timeout(1200)
 def test_ppo_learns_on_a_batch_of_worlds(workers):
     """The example: the return, paid for each tick alive, rises above that of its first tenth, without the start."""
     returns = runpy.run_path(str(EXAMPLE))["train"]("FreeForAll1", 1_000_000)
