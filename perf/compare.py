@@ -33,7 +33,7 @@ more = {"copy": False} if "copy" in inspect.signature(outlast.make_vec).paramete
 env = outlast.make_vec(variant, worlds, seed=0, **more)
 env.reset()
 generator = np.random.default_rng(0)
-draws = [generator.integers(0, env.action_sizes, (worlds, env.num_agents, 6)) for _ in range(50)]
+draws = [generator.integers(0, env.action_sizes, (worlds, env.num_agents, len(env.action_sizes))) for _ in range(50)]
 for line in map(int, sys.stdin):
     start = time.process_time()
     for k in range(line):

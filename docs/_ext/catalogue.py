@@ -52,13 +52,12 @@ def cards() -> str:
 def _card(name: str) -> str:
     original = next(alias for alias, own in outlast.ALIASES.items() if own == name)
     env = outlast.make_vec(name, 1)
-    flat = outlast.make_vec(name, 1, observations="flat", actions="joint")
     numbers, seen = env.scenario.numbers(), env.single_observation_space
     pays = {"a tick alive": "alive", "a tick dead": "dead", "a kill": "kill", "a death": "death"}
     paid = [f"{numbers[f'rewards_{key}']:g} for {what}" for what, key in pays.items() if numbers[f"rewards_{key}"]]
     *_, registered = (own for own, scenario in IDS.items() if scenario == name)
     shapes = ", ".join(f"{code(key)} {seen[key].shape[1:]}" for key in seen)
-    sizes, joint = env.action_sizes.tolist(), flat.action_mask_size
+    sizes, joint = env.action_sizes.tolist(), math.prod(env.action_sizes)
     limit = f", or after {numbers['ending_limit']} ticks" if numbers["ending_limit"] else ""
     rows = [
         ["in words", env.scenario.about],
@@ -68,13 +67,12 @@ def _card(name: str) -> str:
             "actions of an agent",
             f"{code(f'MultiDiscrete({sizes})')}; joint: {code(f'Discrete({joint})')}",
         ],
-        ["observation of an agent", f"float32: {shapes}; flat: {code(f'Box({flat.flat_size})')}"],
+        ["observation of an agent", f"float32: {shapes}; flat: {code(f'Box({env.flat_size})')}"],
         ["state of a world", f"float32 ({env.state_space.shape[0]})"],
         ["rewards", "; ".join(paid)],
         ["ends", f"{numbers['ending_rule']}{limit}"],
     ]
     env.close()
-    flat.close()
     return grid(["", ""], rows)
 
 

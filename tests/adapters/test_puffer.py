@@ -206,7 +206,7 @@ def test_without_pufferlib_it_says_what_to_install() -> None:
     code = "import sys; sys.modules['pufferlib'] = None; import outlast; outlast.make_puffer"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     last = "ModuleNotFoundError: make_puffer needs PufferLib 3: pip install 'outlast[puffer]'"
-    assert done.stderr.splitlines()[-1].startswith(last)
+    assert done.stderr.splitlines()[-1] == f"{last} (pufferlib-core<4,>=3.0.3)"
 
 
 def example(*options: str) -> list[float]:

@@ -153,7 +153,7 @@ def test_without_sb3_it_says_what_to_install() -> None:
     code = "import sys; sys.modules['stable_baselines3'] = None; import outlast; outlast.make_sb3"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     message = "ModuleNotFoundError: make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'"
-    assert done.stderr.splitlines()[-1].startswith(message)
+    assert done.stderr.splitlines()[-1] == f"{message} (stable-baselines3>=2.7, torch>=2.4)"
 
 
 # ---- pictures

@@ -75,7 +75,7 @@ def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
 
     parallel_api_test(make(), CYCLES)
     parallel_seed_test(make, CYCLES)
-    api_test(outlast.envs.adapters.pettingzoo.aec_env(short(name), dead=dead, **form), CYCLES)
+    api_test(outlast.aec_env(short(name), dead=dead, **form), CYCLES)
 
 
 @forms

@@ -232,7 +232,8 @@ def test_what_is_stopped_says_that_it_leans():
 @pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
 def test_a_missing_ray_is_named_with_its_cure(capsys):
     assert cli.main(("rollout", "ffa_1", "--ray")) == 2
-    assert capsys.readouterr().err.startswith("outlast: --ray needs Ray: pip install 'outlast[ray]' (ray[rllib]>=")
+    cure = "pip install 'outlast[ray]' (ray[rllib]>=2.40, torch>=2.4)"
+    assert capsys.readouterr().err == f"outlast: --ray needs Ray: {cure}\n"
 
 
 # ---- chance

@@ -227,7 +227,8 @@ def test_without_torch_the_message_names_the_cure() -> None:
     command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
-    assert result.stderr.startswith("outlast: a.zip needs torch: pip install 'outlast[train]' (tensorboard>=")
+    cure = "pip install 'outlast[train]' (tensorboard>=2.16, torch>=2.4)"
+    assert result.stderr == f"outlast: a.zip needs torch: {cure}\n"
 
 
 def run_folder(place: Path, *steps: int) -> Path:

