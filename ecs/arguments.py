@@ -13,6 +13,7 @@ not use. Each view is made once a process, as numba keeps every intrinsic for go
 
 import ctypes
 import functools
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,10 +21,13 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
+from .columns import Column
 from .component import Component
 from .jit import compiled
+from .layout import ALIGN
 from .module import Module
 
 MAX_DIMENSIONS = 4  # of a column in one world
@@ -110,52 +114,83 @@ class ArgumentBlock:
         self.slots[slot : slot + 2 + len(shape)] = [array.ctypes.data, stride, *shape]
 
 
+@dataclass(frozen=True)
+class View:
+    """What a kernel gets of an array.
+
+    Attributes:
+        dtype: Of its elements.
+        ndim: Its axes in one world.
+        writable: Whether kernels write to it.
+        checked: Whether its indices are checked, for kernels from outside of outlast (see ecs.columns).
+        shape: In one world, if that is part of the machine code; else it is read from the slots.
+        place: Likewise its offset in the state of a world, and the bytes of that state.
+        values: Likewise all that is in it.
+    """
+
+    dtype: np.dtype[Any]
+    ndim: int
+    writable: bool = False
+    checked: bool = False
+    shape: tuple[int, ...] | None = None
+    place: tuple[int, int] | None = None
+    values: bytes | None = None
+
+    @property
+    def name(self) -> str:
+        """A name that no other one has."""
+        parts = [self.dtype.str[1:], str(self.ndim), "w" if self.writable else "r", *map(str, self.shape or ())]
+        if self.values is not None:
+            parts.append(hashlib.sha256(self.values).hexdigest()[:12])
+        return "_".join(parts)
+
+    @property
+    def type(self) -> Any:
+        """Numba's."""
+        kind = types.Array if self.checked else Column
+        return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
+
+
 @functools.cache
-def array_view(dtype: np.dtype[Any], ndim: int, writable: bool, python: bool) -> Any:
+def array_view(view: View, python: bool) -> Any:
     """A function (arguments, slot, w) -> the array at `slot`, for world w."""
     if python or not compiled():
-        return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, dtype, ndim, writable)
-    kind = _array_type(dtype, ndim, writable)
+        return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, view)
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def view(typing: Any, address: Any, slot: Any, w: Any) -> Any:
+    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
-            return _array(context, builder, kind, slots, arguments[1], arguments[2], packed=False)
+            return _array(context, builder, view, slots, arguments[1], arguments[2], packed=False)
 
-        return kind(types.intp, types.intp, types.intp), generate
+        return view.type(types.intp, types.intp, types.intp), generate
 
-    return view
+    return function
 
 
 @functools.cache
-def table_view(component: type[Component], ndims: tuple[int, ...], writable: bool, python: bool) -> Any:
+def table_view(component: type[Component], views: tuple[View, ...], python: bool) -> Any:
     """A function (arguments, slot, w) -> table of `component` for world w; its columns begin at `slot`."""
-    columns = [(column.dtype, ndim) for column, ndim in zip(component.columns.values(), ndims, strict=True)]
     if python or not compiled():
         return lambda arguments, slot, w: component.Table(
-            *(
-                _python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, dtype, ndim, writable)
-                for c, (dtype, ndim) in enumerate(columns)
-            )
+            *(_python_array(arguments.slots, slot + c * ARRAY_SLOTS, w, view) for c, view in enumerate(views))
         )
-    kinds = [_array_type(dtype, ndim, writable) for dtype, ndim in columns]
-    table = types.NamedTuple(kinds, component.Table)
+    table = types.NamedTuple([view.type for view in views], component.Table)
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def view(typing: Any, address: Any, slot: Any, w: Any) -> Any:
+    def function(typing: Any, address: Any, slot: Any, w: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             slots = builder.inttoptr(arguments[0], SLOT.as_pointer())
-            starts = [builder.add(arguments[1], ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(kinds))]
+            starts = [builder.add(arguments[1], ir.Constant(SLOT, c * ARRAY_SLOTS)) for c in range(len(views))]
             arrays = [
-                _array(context, builder, k, slots, start, arguments[2], component.packed)
-                for k, start in zip(kinds, starts, strict=True)
+                _array(context, builder, view, slots, start, arguments[2], component.packed)
+                for view, start in zip(views, starts, strict=True)
             ]
             return context.make_tuple(builder, table, arrays)
 
         return table(types.intp, types.intp, types.intp), generate
 
-    return view
+    return function
 
 
 @functools.cache
@@ -178,29 +213,39 @@ def number_view(kind: str, python: bool) -> Any:
     return view
 
 
-def _array_type(dtype: np.dtype[Any], ndim: int, writable: bool) -> Any:
-    return types.Array(from_dtype(dtype), ndim, "C", readonly=not writable)
-
-
 def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
-    return builder.load(builder.gep(slots, [slot]))
+    """Nothing is written to slots while a tick runs: that lets the compiler load them whenever it suits."""
+    word = builder.load(builder.gep(slots, [slot]))
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
 
 
-def _array(context: Any, builder: Any, kind: Any, slots: Any, start: Any, w: Any, packed: bool) -> Any:
-    """Numba's array structure for world w, from the slots that begin at `start`.
+def _array(context: Any, builder: Any, view: View, slots: Any, start: Any, w: Any, packed: bool) -> Any:
+    """Numba's array structure for world w, from the slots that begin at `start` and what is known of it.
 
     Packed columns share one stride, so that it is loaded and multiplied once for all of them.
     """
+    kind = view.type
     model = context.data_model_manager[kind]
     element = context.get_data_type(kind.dtype)
-    itemsize = ir.Constant(SLOT, context.get_abi_sizeof(element))
-    shape = [_load_slot(builder, slots, builder.add(start, ir.Constant(SLOT, 2 + axis))) for axis in range(kind.ndim)]
+    itemsize = ir.Constant(SLOT, view.dtype.itemsize)
+    if view.shape is None:
+        shape = [_load_slot(builder, slots, builder.add(start, ir.Constant(SLOT, 2 + k))) for k in range(view.ndim)]
+    else:
+        shape = [ir.Constant(SLOT, size) for size in view.shape]
     strides, count = [itemsize], shape[0]
     for size in shape[:0:-1]:
         strides.insert(0, builder.mul(strides[0], size))
         count = builder.mul(count, size)
-    stride = ir.Constant(SLOT, STRIDE) if packed else builder.add(start, ir.Constant(SLOT, 1))
-    address = builder.add(_load_slot(builder, slots, start), builder.mul(w, _load_slot(builder, slots, stride)))
+    if view.values is not None:
+        address = _constant(builder, view.values)
+    elif view.place is not None:
+        offset, stride = (ir.Constant(SLOT, number) for number in view.place)
+        address = builder.add(_load_slot(builder, slots, ir.Constant(SLOT, BLOCK)), builder.mul(w, stride))
+        address = builder.add(address, offset)
+    else:
+        stride = ir.Constant(SLOT, STRIDE) if packed else builder.add(start, ir.Constant(SLOT, 1))
+        address = builder.add(_load_slot(builder, slots, start), builder.mul(w, _load_slot(builder, slots, stride)))
     pointer = builder.inttoptr(address, element.as_pointer())
     fields = {"nitems": count, "itemsize": itemsize, "data": pointer, "shape": shape, "strides": strides}
     result = ir.Constant(model.get_value_type(), None)  # no owner, so no reference count
@@ -212,12 +257,18 @@ def _array(context: Any, builder: Any, kind: Any, slots: Any, start: Any, w: Any
     return result
 
 
-def _python_array(
-    slots: np.ndarray[Any, Any], slot: int, w: int, dtype: np.dtype[Any], ndim: int, writable: bool
-) -> np.ndarray[Any, Any]:
+def _constant(builder: Any, values: bytes) -> Any:
+    """The address of bytes that are part of the machine code. ecs.simd may read a line past them."""
+    padded = bytearray(values) + bytes(ALIGN)
+    variable = cgutils.global_constant(builder, "constant", cgutils.make_bytearray(padded))
+    variable.align = ALIGN
+    return builder.ptrtoint(variable, SLOT)
+
+
+def _python_array(slots: np.ndarray[Any, Any], slot: int, w: int, view: View) -> np.ndarray[Any, Any]:
     """The array at `slot` for world w, in plain Python: for uncompiled runs and for systems that stay Python."""
-    address, stride, *shape = map(int, slots[slot : slot + 2 + ndim])
-    memory: Any = (ctypes.c_char * (int(np.prod(shape)) * dtype.itemsize)).from_address(address + w * stride)
-    array: np.ndarray[Any, Any] = np.ndarray(tuple(shape), dtype, memory)
-    array.flags.writeable = writable
+    address, stride, *shape = map(int, slots[slot : slot + 2 + view.ndim])
+    memory: Any = (ctypes.c_char * (int(np.prod(shape)) * view.dtype.itemsize)).from_address(address + w * stride)
+    array: np.ndarray[Any, Any] = np.ndarray(tuple(shape), view.dtype, memory)
+    array.flags.writeable = view.writable
     return array

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -19,7 +19,7 @@ from weakref import WeakKeyDictionary
 from . import cache_files
 from .cache_key import CacheKey
 from .compile_errors import explained
-from .jit import options_of
+from .jit import compiled, options_of
 from .machine_code import Code, as_python, compile_function, load_code
 from .tick import Unit, run_units
 
@@ -31,10 +31,11 @@ UNITS_PER_PROCESS = 4  # fewer are compiled sooner than a process has begun
 
 
 class CompiledUnits:
-    """The compiled units of a tick, and the function that runs them.
+    """The compiled units of a tick, and functions that Python calls.
 
     Args:
         units: All of them.
+        functions: Kernels of int64 arguments by label; beside them there is RUNNER, which runs the units.
 
     Attributes:
         compiled: Labels of the units that `load` compiled, and did not find.
@@ -43,11 +44,11 @@ class CompiledUnits:
         DeclarationError: A system refers to something that its machine code would keep as it is now.
     """
 
-    def __init__(self, units: Sequence[Unit]) -> None:
-        runner = {RUNNER: run_units} if units else {}  # nothing runs as machine code under NUMBA_DISABLE_JIT
-        self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | runner)
+    def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any]) -> None:
+        self._functions = {RUNNER: run_units, **functions} if compiled() else {}
+        self._cache_key = CacheKey({unit.label: unit.kernel for unit in units} | self._functions)
         self._keys = {unit.label: self._cache_key.key(unit.label, unit.source) for unit in units}
-        self._keys |= {label: self._cache_key.key(label, "") for label in runner}
+        self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
         self._units = {unit.label: unit for unit in units}
         self.compiled: list[str] = []
         self._found: dict[str, Code] = {}  # what `ready` has read for `load`
@@ -76,9 +77,9 @@ class CompiledUnits:
         """Of a unit's function."""
         return ADDRESSES[self._keys[label]]
 
-    def runner(self) -> Any:
-        """The compiled form of ecs.tick.run_units."""
-        return as_python(self.address(RUNNER))
+    def function(self, label: str) -> Any:
+        """Of the functions, the one of that label, for Python to call; it runs without the GIL."""
+        return as_python(self.address(label))
 
     def _read(self, label: str) -> Code | None:
         if label not in self._found and (code := cache_files.read(cache_files.path_of(label, self._keys[label]))):
@@ -117,8 +118,8 @@ class CompiledUnits:
 
     def _compile_one(self, label: str) -> Code:
         unit = self._units.get(label)
-        function = unit.function() if unit else run_units
-        kernel = unit.kernel if unit else run_units
+        kernel = unit.kernel if unit else self._functions[label]
+        function = unit.function() if unit else kernel.py_func
         name, qualified = function.__name__, function.__qualname__
         function.__name__ = function.__qualname__ = f"unit_{self._keys[label]}"  # its symbol is unique
         options = options_of(getattr(kernel, "py_func", kernel))

@@ -28,7 +28,7 @@ from .references import codes, references, refuse_random
 # Packages and modules that their version identifies, which is part of the key
 FOREIGN = ("numba", "llvmlite", "numpy", "math", "cmath", "operator", "builtins", "typing")
 PLAIN = (bool, int, float, complex, str, bytes, range, slice, np.generic, np.dtype, numba.types.Type, type(None))
-GENERATORS = ("arguments", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
+GENERATORS = ("arguments", "columns", "jit", "machine_code", "simd")  # modules whose intrinsics write the code of units
 IGNORED_FLAGS = ("NUM_THREADS", "NUMBA_NUM_THREADS", "NUMBA_DEFAULT_NUM_THREADS", "CACHE_DIR")  # change no machine code
 
 

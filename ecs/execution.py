@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from .arguments import ArgumentBlock
-from .cache import CompiledUnits
+from .cache import RUNNER, CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
-from .tick import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, TABLE, UNITS, Segment, Unit
+from .tick import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, STATE, TABLE, UNITS, WORLD_BYTES, Segment, Unit
 
 
 class CompiledExecution:
@@ -22,21 +22,27 @@ class CompiledExecution:
     """
 
     def __init__(self, segment: Segment, worlds: Any, compiled_units: CompiledUnits) -> None:
-        self._units, self._runner = segment.units, compiled_units.runner()
+        self._units, self._runner = segment.units, compiled_units.function(RUNNER)
         self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
         self._frame = np.zeros(TABLE + 2 * len(segment.units), np.int64)
         self._frame[UNITS] = len(segment.units)
+        self._frame[STATE], self._frame[WORLD_BYTES] = worlds.block.ctypes.data, worlds.layout.world_bytes
         self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
         self._frame[TABLE + 1 :: 2] = [block.address for block in self.blocks]
-        self._address = int(self._frame.ctypes.data)
+        self._frame[FAILED] = NONE
+        self.address = int(self._frame.ctypes.data)  # of what ecs.tick.run_units takes
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""
-        self._runner(self._address, start, stop)
-        if self._frame[FAILED]:
+        self._runner(self.address, start, stop)
+        self.check()
+
+    def check(self) -> None:
+        """Raise what a kernel raised since the last call."""
+        if self._frame[FAILED] != NONE:
             unit, first_world, exception = (int(self._frame[word]) for word in (FAILED, FIRST_WORLD, EXCEPTION))
-            self._frame[FAILED] = 0
-            raise _exception(self._units[unit - 1], first_world, exception)
+            self._frame[FAILED] = NONE
+            raise _exception(self._units[unit], first_world, exception)
 
 
 class PythonExecution:

@@ -248,6 +248,20 @@ def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: An
     return types.int64(*[types.int64] * 5), generate
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def prefetch(typing: Any, address: Any) -> Any:
+    """In compiled code, begin to load the cache line at an address into the second-level cache."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        pointer, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, word, word, word])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(function, [builder.inttoptr(values[0], pointer), *(word(each) for each in (0, 2, 1))])
+        return context.get_dummy_value()
+
+    return types.void(types.intp), generate
+
+
 def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], str]:
     """The exception that a compiled function raised: type, arguments, and the file and line, where numba kept them.
 

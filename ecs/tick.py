@@ -14,14 +14,14 @@ cache. A system that runs as Python splits the tick into several such calls.
 
 import linecache
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from .access import Parameter
-from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, array_view, number_view, table_view
+from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, View, array_view, number_view, table_view
 from .component import Clock, Component, Entity
 from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
@@ -29,8 +29,8 @@ from .event import clear
 from .fields import offset
 from .given import GIVEN_DIM, Given
 from .jit import compiled, kernel, loader, storer
-from .layout import Layout
-from .machine_code import call_address
+from .layout import ALIGN, Layout
+from .machine_code import call_address, prefetch
 from .module import Module
 from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
@@ -41,11 +41,13 @@ from .varied import NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
-CHUNK = 16  # worlds that go through all units together
+CHUNK = 32  # worlds that go through all units together
+MOST_VALUES = 64  # of a constant that becomes part of machine code
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
 NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, TABLE = range(5)  # words of a frame; FAILED: 1 + the index of the unit, or 0
+UNITS, FAILED, FIRST_WORLD, EXCEPTION, STATE, WORLD_BYTES, TABLE = range(7)  # words of a frame, see run_units
+NONE = -1  # FAILED, if no unit did
 read_word, write_word = loader("int64"), storer("int64")
 
 
@@ -72,25 +74,37 @@ def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
         world[k] = initial_image[k]
 
 
-def run_units(frame: int, start: int, stop: int) -> None:
+@kernel
+def run_units(frame: int, start: int, stop: int) -> int:
     """The tick of the worlds from `start` to `stop`, in machine code.
 
     Args:
-        frame: Address of int64 words, see the names above: how many units; what is written if one raises an exception;
-            and for each unit the address of its function and that of its arguments.
+        frame: Address of int64 words, see the names above: how many units; the index of the one that raised an
+            exception, or NONE, the first of its worlds, and the exception; the address of the worlds' state, and the
+            bytes of a world; and for each unit the address of its function and that of its arguments.
         start: The first world.
         stop: One after the last world.
+
+    Returns:
+        0, or 1 if a unit raised an exception.
     """
     units = read_word(frame + 8 * UNITS)
+    state, world_bytes = read_word(frame + 8 * STATE), read_word(frame + 8 * WORLD_BYTES)
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
+        ahead = state + last * world_bytes
+        share = -(-(min(last + CHUNK, stop) - last) * world_bytes // (ALIGN * units)) * ALIGN
         for k in range(units):
+            for address in range(ahead, ahead + share, ALIGN):
+                prefetch(address)
+            ahead += share
             entry = frame + 8 * (TABLE + 2 * k)
             status = call_address(read_word(entry), read_word(entry + 8), first, last, frame + 8 * EXCEPTION)
             if status != DONE and status != NO_RESULT:
-                write_word(frame + 8 * FAILED, k + 1)
+                write_word(frame + 8 * FAILED, k)
                 write_word(frame + 8 * FIRST_WORLD, first)
-                return
+                return 1
+    return 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +138,20 @@ class Unit:
 
 
 class Generator:
-    """Generates a unit. python: whether it runs as Python."""
+    """Generates a unit.
 
-    def __init__(self, layout: Layout, python: bool = False) -> None:
-        self.layout, self.compiled = layout, compiled() and not python
+    Args:
+        layout: Of the worlds.
+        python: Whether it runs as Python.
+        outside: Whether its system is from outside of outlast.
+        specialize: Whether shapes, places and lists of rows become part of its machine code.
+    """
+
+    def __init__(
+        self, layout: Layout, *, python: bool = False, outside: bool = False, specialize: bool = False
+    ) -> None:
+        self.layout, self.compiled, self.checked = layout, compiled() and not python, outside
+        self.specialize = specialize and self.compiled
         self.names: dict[str, Any] = {"np": np}
         self.arguments = ArgumentLayout()
         self.slots: dict[str, int] = {}
@@ -199,7 +223,7 @@ class Generator:
         return self._unit(system.label, system, system.kernel, IDLE[system.phase.when], arguments)
 
     def _unit(self, label: str, system: System | None, kernel: Any, idle: str, arguments: Sequence[str]) -> Unit:
-        self._array("mode", MODE, np.dtype("i1"))
+        self._array("mode", MODE, View(np.dtype("i1"), 1))
         self.names["kernel"] = kernel = kernel if self.compiled else getattr(kernel, "py_func", kernel)
         lines = [f"def unit(arguments, first, last):  # {label}"]
         lines += [f"    {name} = {slot}" for name, slot in self.slots.items()]
@@ -268,22 +292,23 @@ class Generator:
         return name
 
     def _constant(self, name: str, array: np.ndarray[Any, Any]) -> str:
-        return self._array(name, self.arguments.add_constant(array), array.dtype, array.ndim)
+        known: dict[str, Any] = {"shape": array.shape} if self.specialize else {}
+        if self.specialize and array.dtype.kind in "iu" and array.size <= MOST_VALUES:
+            known["values"] = array.tobytes()
+        return self._array(name, self.arguments.add_constant(array), View(array.dtype, array.ndim, **known))
 
-    def _array(self, name: str, slot: int, dtype: np.dtype[Any], ndim: int = 1, writable: bool = False) -> str:
+    def _array(self, name: str, slot: int, view: View) -> str:
         """An array that is the same for all worlds."""
-        view = self._view(dtype, ndim, writable)
-        self.outside[f"{name} = {view}(arguments, {self._slot(name, slot)}, 0)"] = None
+        self.outside[f"{name} = {self._view(view)}(arguments, {self._slot(name, slot)}, 0)"] = None
         return name
 
-    def _view(self, dtype: np.dtype[Any], ndim: int, writable: bool) -> str:
-        name = f"{dtype.str[1:]}_{ndim}_{'w' if writable else 'r'}"
-        self.names[name] = array_view(dtype, ndim, writable, python=not self.compiled)
-        return name
+    def _view(self, view: View) -> str:
+        self.names[view.name] = array_view(replace(view, checked=self.checked), not self.compiled)
+        return view.name
 
     def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
         """Memory of a world as an array."""
-        return f"{self._view(dtype, ndim, writable)}(arguments, {self._slot(name, slot)}, w)"
+        return f"{self._view(View(dtype, ndim, writable))}(arguments, {self._slot(name, slot)}, w)"
 
     def _view_of(self, name: str, view: Any, dtype: np.dtype[Any], writable: bool = False, ndim: int = 1) -> str:
         """Memory of a world that a function of the worlds finds."""
@@ -304,7 +329,8 @@ class Generator:
         if not self.compiled:
             return f"arguments.scratch[{slot}]"
         memory = module.scratch(parameter, self.layout.dims)  # made for its type only
-        return self._array(f"scratch_{parameter}", slot, memory.dtype, memory.ndim, writable=True)
+        shape = memory.shape if self.specialize else None
+        return self._array(f"scratch_{parameter}", slot, View(memory.dtype, memory.ndim, writable=True, shape=shape))
 
     def _named(self, component: type[Component]) -> str:
         """The class's name as in the source: with a number if another component has the same."""
@@ -315,14 +341,22 @@ class Generator:
         name, slot = f"{self._named(component)}_{access}", f"TABLE_{self._named(component).upper()}"
         if slot not in self.slots:
             self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
-        ndims = tuple(len(component.row_shape(column, self.layout.dims)) for column in component.columns)
+        views = tuple(self._column(component, column, access == "w") for column in component.columns)
         hashable: Any = component  # classes are, but mypy rejects type[Component]
-        self.names[f"view_{name}"] = table_view(hashable, ndims, access == "w", python=not self.compiled)
-        columns = zip(component.columns.items(), ndims, strict=True)
-        types = ", ".join(f"{column} {kind.dtype.str[1:]}_{ndim}" for (column, kind), ndim in columns)
+        self.names[f"view_{name}"] = table_view(hashable, views, not self.compiled)
+        kinds = zip(component.columns, views, strict=True)
+        types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
         types += "" if component.packed else ", not packed"  # the cache's key has all that decides on the machine code
         self.inside[f"{name} = view_{name}(arguments, {slot}, w)  # {types}"] = None
         return name
+
+    def _column(self, component: type[Component], name: str, writable: bool) -> View:
+        dtype, shape = component.columns[name].dtype, component.row_shape(name, self.layout.dims)
+        known: dict[str, Any] = {"shape": shape} if self.specialize else {}
+        if self.specialize and component.packed:
+            (place,) = (each for each in self.layout.places if (each.component, each.name) == (component, name))
+            known["place"] = (place.offset, self.layout.world_bytes)
+        return View(dtype, len(shape), writable, self.checked, **known)
 
 
 def _words_of(number: VariedNumber) -> tuple[Any, np.dtype[Any]]:
@@ -350,7 +384,11 @@ class Segment:
 
 
 def segments(
-    layout: Layout, systems: Sequence[System], split: bool = False, interpret: Collection[str] = ()
+    layout: Layout,
+    systems: Sequence[System],
+    split: bool = False,
+    interpret: Collection[str] = (),
+    specialize: bool = False,
 ) -> list[Segment]:
     """Generate the units of a tick.
 
@@ -359,16 +397,21 @@ def segments(
         systems: In the order of the schedule.
         split: Whether each system gets a segment of its own, the first with the clock.
         interpret: Labels of systems to run as Python.
+        specialize: Whether machine code is for this layout alone.
     """
     modules = {module.name: module for module in layout.modules}
-    units = [Generator(layout).clock(), *([Generator(layout).draw()] if layout.keyed else [])]
-    units += [Generator(layout).assign()] if layout.roles else []
+
+    def generator(**options: bool) -> Generator:
+        return Generator(layout, specialize=specialize, **options)
+
+    units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
+    units += [generator().assign()] if layout.roles else []
     for system in systems:
         python = not system.compiled or system.label in interpret
-        units.append(Generator(layout, python).system(modules[system.module], system))
+        units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
     if NumbersView in layout.components:
-        units.append(Generator(layout).show())
-    units += [Generator(layout).clear(*each) for each in published_rows(layout)]
+        units.append(generator().show())
+    units += [generator().clear(*each) for each in published_rows(layout)]
     found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
     if split:
         found = [Segment((unit,), unit.compiled) for unit in units]

@@ -3,7 +3,7 @@
 import difflib
 import threading
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .execution import CompiledExecution, PythonExecution
 from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
+from .jit import compiled
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
@@ -25,7 +26,7 @@ from .module import Module
 from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
-from .tick import Segment, segments
+from .tick import segments
 from .varied import Varied
 from .workers import Job, Workers
 
@@ -49,16 +50,20 @@ class Worlds:
         without: Phases to leave out, such as that of observations.
         ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
         interpret: Labels of systems to run as Python, as for breakpoints; the others stay machine code.
+        specialize: Compile the systems for the sizes and rows of these modules alone, which makes the tick faster;
+            other modules, or other sizes, need machine code of their own then. The results are the same.
         varied: What numbers are drawn from, in each world anew when an episode begins, by name, "module_number".
         observed: Those of them that agents observe.
         roles: Which agents have numbers of their own.
+        functions: Kernels of integers by label, to be compiled with the systems; see `function`.
 
     Attributes:
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
         block: uint8 (count, bytes), the state of each world.
         modules: The mechanics with the numbers of now; layout.modules keep those that the worlds were made with.
         event_memory: The events of each world's last tick, as they lie in memory; see `events`.
-        times: Seconds spent in each segment of the tick, by the label of its first unit: with split, of its system.
+        times: Seconds that `run` spent in each segment of the tick, by the label of its first unit: with split, of its
+            system.
 
     Raises:
         DeclarationError: A module, or what several modules say together, is impossible.
@@ -74,9 +79,11 @@ class Worlds:
         without: Collection[Phase] = (),
         ordered: Sequence[Sequence[str]] = (),
         interpret: Collection[str] = (),
+        specialize: bool = False,
         varied: Mapping[str, Distribution] | None = None,
         observed: Sequence[str] = (),
         roles: Roles | None = None,
+        functions: Mapping[str, Any] | None = None,
     ) -> None:
         self.layout = Layout(modules, varied, observed, roles)
         self.count, self.threads = count, threads
@@ -97,8 +104,10 @@ class Worlds:
                 check(system, differing_numbers(self.layout, system.module))
             if system.label in interpret:
                 check_interpretable(system)
-        self._segments = segments(self.layout, self.schedule.systems, split, interpret)
-        self._units = CompiledUnits([unit for segment in self._segments for unit in segment.units if unit.compiled])
+        self._segments = segments(self.layout, self.schedule.systems, split, interpret, specialize)
+        self._functions = dict(functions or {})
+        units = [unit for segment in self._segments for unit in segment.units if unit.compiled]
+        self._units = CompiledUnits(units, self._functions)
         self._loaded = False
         self.times = {segment.units[0].label: 0.0 for segment in self._segments}
         self._executions: list[list[Execution | None]] = [[None] * threads for _ in self._segments]
@@ -265,9 +274,7 @@ class Worlds:
 
         CapacityError if there are more events of a kind than its list has room for; the tick is cut short then.
         """
-        if not self._loaded:
-            self._units.load()
-            self._loaded = True
+        self._load()
         self.mode[:] = mode
         try:
             for k, segment in enumerate(self._segments):
@@ -279,6 +286,38 @@ class Worlds:
                 self.times[segment.units[0].label] += time.perf_counter() - start
         except CapacityError as error:
             raise self._full() or error from None
+
+    def function(self, label: str) -> Any:
+        """One of `functions`, as machine code that Python can call; as Python where nothing is compiled."""
+        self._load()
+        return self._units.function(label) if compiled() else self._functions[label]
+
+    def call_with_tick(self, label: str) -> Callable[[int], int] | None:
+        """One of `functions` that runs the tick in its midst.
+
+        Returns:
+            A function of an address, which calls that with the address, that of the tick's frame and how many worlds
+            there are (see ecs.tick.run_units), and returns the result; a negative one says that the tick did not end
+            well, and what a system raised is raised then. None where a tick is several calls: of threads, or of
+            systems that run as Python.
+        """
+        (first, *more), several = self._segments, self.threads > 1 and self.count > MIN_RANGE
+        if more or several or not first.compiled:
+            return None
+        function, execution = self.function(label), self._execution_of(0, 0)
+        assert isinstance(execution, CompiledExecution)
+        frame, count = execution.address, self.count
+
+        def call(address: int) -> int:
+            result: int = function(address, frame, count)
+            if result < 0:
+                try:
+                    execution.check()
+                except CapacityError as error:
+                    raise self._full() or error from None
+            return result
+
+        return call
 
     def source(self) -> str:
         """The generated code of the tick: a function for each system, in order, with the phases as comments."""
@@ -320,14 +359,25 @@ class Worlds:
             raise
 
     def _call(self, k: int, thread: int, start: int, stop: int) -> None:
+        self._execution_of(k, thread)(start, stop)
+
+    def _execution_of(self, k: int, thread: int) -> Execution:
         execution = self._executions[k][thread]
         if execution is None:
+            segment = self._segments[k]
             with self._lock:  # of no more than one thread at a time, as modules' scratch() is not made for several
-                execution = self._executions[k][thread] = self._execution(self._segments[k])
-        execution(start, stop)
+                execution = (
+                    CompiledExecution(segment, self, self._units)
+                    if segment.compiled
+                    else PythonExecution(segment, self)
+                )
+                self._executions[k][thread] = execution
+        return execution
 
-    def _execution(self, segment: Segment) -> Execution:
-        return CompiledExecution(segment, self, self._units) if segment.compiled else PythonExecution(segment, self)
+    def _load(self) -> None:
+        if not self._loaded:
+            self._units.load()
+            self._loaded = True
 
     def _full(self) -> CapacityError | None:
         """The error for the list that is full; None if there is no such list."""

@@ -1,9 +1,10 @@
 """Two checkouts in turn: what a step costs before a change and after it.
 
-    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024]
+    python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--specialize]
 
 OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each runs in a
-process of its own, with this Python and the libraries of it. In every round each of them steps all worlds for about a
+process of its own, with this Python and the libraries of it. With --specialize, a checkout that can does so (see
+make_vec); rows of perf.step are variants, too. In every round each of them steps all worlds for about a
 second, the order changing from round to round, with random actions and copy=False. Microseconds of CPU time a
 world-step, the best of the rounds; `change` is the ratio of the bests, and the last column the range of the ratios in
 single rounds: a change that is smaller than that range is none. Comparing a checkout with itself shows the noise.
@@ -28,9 +29,11 @@ import inspect, sys, time
 import numpy as np
 import outlast
 
-variant, worlds = sys.argv[1], int(sys.argv[2])
-more = {"copy": False} if "copy" in inspect.signature(outlast.make_vec).parameters else {}
-env = outlast.make_vec(variant, worlds, seed=0, **more)
+from perf.rows import scenario
+
+worlds, known = int(sys.argv[2]), inspect.signature(outlast.make_vec).parameters
+more = {"copy": False, "specialize": sys.argv[3] == "True"}
+env = outlast.make_vec(scenario(sys.argv[1]), worlds, seed=0, **{k: more[k] for k in more if k in known})
 env.reset()
 generator = np.random.default_rng(0)
 draws = [generator.integers(0, env.action_sizes, (worlds, env.num_agents, len(env.action_sizes))) for _ in range(50)]
@@ -45,10 +48,11 @@ for line in map(int, sys.stdin):
 class Checkout:
     """A process that steps a variant with the code of a checkout."""
 
-    def __init__(self, folder: Path, variant: str, worlds: int) -> None:
+    def __init__(self, folder: Path, variant: str, worlds: int, specialize: bool) -> None:
         path = os.pathsep.join(filter(None, (str(folder / ".src"), os.environ.get("PYTHONPATH"))))
         self.process = subprocess.Popen(
-            [sys.executable, "-c", WORKER, variant, str(worlds)],
+            [sys.executable, "-c", WORKER, variant, str(worlds), str(specialize)],
+            cwd=folder,  # whose perf.rows it imports
             env=os.environ | {"PYTHONPATH": path},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -79,10 +83,10 @@ def checkout(text: str) -> Path:
     return folder
 
 
-def compared(old: Path, new: Path, variant: str, worlds: int) -> np.ndarray:
+def compared(old: Path, new: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
     """Microseconds of CPU time a world-step, (rounds, 2)."""
     with ExitStack() as stack:
-        both = [stack.enter_context(Checkout(folder, variant, worlds)) for folder in (old, new)]
+        both = [stack.enter_context(Checkout(folder, variant, worlds, specialize)) for folder in (old, new)]
         slow = max(each.time(5) for each in both)  # it also compiles
         slow = min(slow, *(each.time(20) for each in both))
         steps = max(1, round(SECONDS / (slow * worlds * 1e-6)))
@@ -100,10 +104,11 @@ def main() -> None:
     parser.add_argument("new", type=checkout, metavar="NEW", help="the checkout after")
     parser.add_argument("--variants", nargs="+", default=["ffa_1", "ffa_3", "teams_3"], help="what is played")
     parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
+    parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
     given = parser.parse_args()
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):
-        times = compared(given.old, given.new, variant, given.worlds)
+        times = compared(given.old, given.new, variant, given.worlds, given.specialize)
         old, new = times.min(0)
         each = times[:, 1] / times[:, 0]
         table.add(variant, float(old), float(new), float(new / old), f"{each.min():.4g} to {each.max():.4g}")

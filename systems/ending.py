@@ -47,8 +47,8 @@ def count(
     score.deaths[:] = 0
     score.kills[:] = 0
     for e in agents:
-        s = side.side[e]
-        score.alive[s] += entities.alive[e]
+        if entities.alive[e]:
+            score.alive[side.side[e]] += 1
     for k in range(deaths.count[0]):
         e, killer = deaths.agent[k], deaths.side[k]
         if index[e] < 0:

@@ -2,8 +2,8 @@
 
 import functools
 import os
-import threading
 from collections.abc import Callable
+from threading import get_ident
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from outlast.ecs.workers import Job, Workers
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 class CallGuard:
     """A re-entrancy guard, and a thread for one call in the background, which starts with the first such call.
 
-    `with guard:` raises PendingError while another thread is inside.
+    `exclusive` makes methods that raise PendingError while another thread is inside.
     """
 
     def __init__(self) -> None:
@@ -26,12 +26,14 @@ class CallGuard:
         self._owner = os.getpid()
         self._holder: dict[str, int] = {}  # the thread that is inside: what Ctrl-C leaves here, its next call clears
 
-    def __enter__(self) -> None:
-        me = threading.get_ident()
+    def enter(self) -> None:
+        """Begin a call; `leave` ends it. Raises PendingError while another thread is in one."""
+        me = get_ident()
         if self._holder.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
 
-    def __exit__(self, *error: object) -> None:
+    def leave(self) -> None:
+        """End a call."""
         self._holder.pop("thread", None)
 
     @property
@@ -41,8 +43,8 @@ class CallGuard:
 
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call; the one before must have been fetched. Raises PendingError if another thread is in one."""
-        with self:
-            pass
+        self.enter()
+        self.leave()
         self._owner = os.getpid()
         self._pending = Job(self._guarded, call, *arguments)
         self._worker.submit([self._pending])
@@ -66,8 +68,11 @@ class CallGuard:
         self._worker.close()
 
     def _guarded(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        with self:
+        self.enter()
+        try:
             return call(*arguments)
+        finally:
+            self.leave()
 
 
 def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
@@ -76,8 +81,12 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
     @functools.wraps(call)
     def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
         check_callable(env)  # before the guard, which the call in the background needs
-        with env._guard:
+        guard: CallGuard = env._guard
+        guard.enter()
+        try:
             return call(env, *arguments, **options)
+        finally:
+            guard.leave()
 
     return checked
 

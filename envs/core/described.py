@@ -13,7 +13,7 @@ from ..levels import Level
 from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Scenario
 from .action_spaces import ActionSpace
-from .agents import alive, counted, present
+from .agents import counted, present
 from .buffers import writable
 from .concurrency import exclusive
 from .global_state import GlobalState
@@ -36,6 +36,7 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     _actions: ActionSpace
     _masked: bool
     _step_events: StepEvents
+    _living: Actions  # whether each agent lives, uint8 (worlds, agents), a view
 
     @cached_property
     def observation_space(self) -> Any:  # type: ignore[override]
@@ -95,6 +96,14 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
     def action_mask_size(self) -> int:
         """Entries of an agent's action mask: 15 in the paper, with actions="joint" 216."""
         return self._actions.mask_size
+
+    @cached_property
+    def _varied(self) -> bool:
+        return bool(self.worlds.layout.varied)
+
+    @cached_property
+    def _roles(self) -> bool:
+        return AgentRoles in self.worlds
 
     @cached_property
     def _global_state(self) -> GlobalState:
@@ -179,12 +188,12 @@ class Described(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     def _info(self) -> dict[str, Any]:
         """What info has of the observations that are returned."""
-        info: dict[str, Any] = {"alive": alive(self.worlds)}
+        info: dict[str, Any] = {"alive": self._living.astype(bool)}
         if self._masked:
             info["action_mask"] = self._actions.masks().view(np.int8)  # as gymnasium's spaces sample with
-        if self.worlds.layout.varied:
+        if self._varied:
             info |= {"numbers": self.worlds.numbers(), "present": present(self.worlds)}
-        if AgentRoles in self.worlds:
+        if self._roles:
             info["roles"] = np.where(info.get("present", True), self.worlds[AgentRoles].role, np.int32(-1))
         return info
 

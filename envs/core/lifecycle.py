@@ -5,11 +5,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Fault, Reward, Unplaced
-from outlast.ecs import Worlds
+from outlast.ecs import RESET, SKIP, Worlds
 
 from ..errors import FaultError, NotResetError, RecordingError, ScenarioError
+from .step_functions import COMPLETED, FAILED, HAS_ENDED, LEFT, NOT_RUNNING, OUT_OF_RANGE, RANGES, WORDS
 
 Array = np.ndarray[Any, Any]
 
@@ -44,21 +46,61 @@ def check_places(worlds: Worlds) -> None:
 
 
 class EpisodeTracker:
-    """Which worlds are in an episode, and which have ended and wait for a reset. Masks, bool (worlds,).
+    """Which worlds are in an episode, and which have ended and wait for a reset; and the steps from one to the next.
 
-    running: started, and not interrupted in mid-tick. ended: by their scenario's rule or at its time limit.
-    stopped: by the `stops` of `SurvivalVectorEnv.stop_when`. done: ended or stopped.
-    set_states: how often each world went on from a state that was set, int64 (worlds,).
-    at_once: the step that ends an episode also begins the next one, and is cut short without that.
+    Attributes:
+        running: Started, and not interrupted in mid-tick: bool (worlds,).
+        ended: By their scenario's rule or at its time limit: bool (worlds,).
+        stopped: By the `stops` of `SurvivalVectorEnv.stop_when`: bool (worlds,).
+        actions: What the agents do in the next step, int64 (worlds, agents, actions), as learners number them.
+        mode: Of each world in the last tick: SKIP, STEP or RESET, int8 (worlds,).
+        flags: What `step_functions.finish` said of the last tick.
+        set_states: How often each world went on from a state that was set, int64 (worlds,).
     """
 
-    def __init__(self, worlds: Worlds, at_once: bool) -> None:
-        self._worlds, self._end, self._at_once = worlds, worlds[End], at_once
-        self.running, self.ended, self.stopped = (np.zeros(worlds.count, bool) for _ in range(3))
-        self.set_states = np.zeros(worlds.count, np.int64)
+    def __init__(self, worlds: Worlds, sizes: Array, zeros: Array, autoreset: AutoresetMode) -> None:
+        """Make it; nothing is running.
+
+        Args:
+            worlds: Made with step_functions.FUNCTIONS.
+            sizes: How many values each action has, (actions,).
+            zeros: Which of them does nothing, (actions,).
+            autoreset: When a world that ended begins its next episode.
+        """
+        self._worlds, count = worlds, worlds.count
+        self.running, self.ended, self.stopped = (np.zeros(count, bool) for _ in range(3))
+        self.mode, self.set_states, self.flags = worlds.mode, np.zeros(count, np.int64), 0
+        self.actions = np.zeros((count, worlds.dims["agents"], len(sizes)), np.int64)
         self._buffers = [
             column for component in worlds.components if not component.packed for column in worlds[component]
         ]
+        end, taken = worlds[End], worlds.actions
+        self._arrays = {  # those that the words below are addresses of
+            "actions": self.actions,
+            "sizes": sizes.astype(np.int64),
+            "zeros": zeros.astype(np.int64),
+            "taken": taken,
+            "mode": self.mode,
+            "running": self.running,
+            "ended": self.ended,
+            "stopped": self.stopped,
+            "terminated": end.terminated,
+            "truncated": end.truncated,
+            **({"fault": worlds[Fault].physics} if Fault in worlds else {}),
+            **({"unplaced": worlds[Unplaced].bodies} if Unplaced in worlds else {}),
+        }
+        words = {name: array.ctypes.data for name, array in self._arrays.items()}
+        words |= {f"{name}_stride": self._arrays[name].strides[0] for name in ("fault", "unplaced") if name in words}
+        words |= {"worlds": count, "agents": self.actions.shape[1], "columns": self.actions.shape[2]}
+        words |= {"taken_bytes": taken.itemsize, "ranges": 1, "resets": autoreset is not AutoresetMode.DISABLED}
+        words["at_once"] = autoreset is AutoresetMode.SAME_STEP
+        self._block = np.array([words.get(name, 0) for name in WORDS], np.int64)
+        self._address, self._ranges = int(self._block.ctypes.data), True
+
+    def load(self) -> None:
+        """Load or compile all that runs in a step."""
+        self._begin, self._finish = map(self._worlds.function, ("begin", "finish"))
+        self._whole = self._worlds.call_with_tick("step")
 
     @property
     def done(self) -> Array:
@@ -66,27 +108,59 @@ class EpisodeTracker:
         done: Array = self.ended | self.stopped
         return done
 
-    def run(self, runner: Any, mode: Array, some: Array | None = None, keys: tuple[Array, Array] | None = None) -> None:
-        """Take the worlds through the tick. If it is cut short, as by Ctrl-C, those that took part no longer run.
+    def step(self, runner: Any, ranges: bool) -> int:
+        """Take all worlds, which must be running, through a tick with `actions`; worlds that ended are reset.
 
-        some: the worlds that take part, bool (worlds,); without it, all, which are running. keys: seeds and worlds,
-        (worlds,) each, that key their random numbers from now on.
+        Args:
+            runner: What runs them: the worlds, or a recorder of them.
+            ranges: Whether the ranges of actions are checked.
+
+        Returns:
+            OUT_OF_RANGE, if that is what actions are, and nothing has changed; else `flags`.
+
+        Raises:
+            NotResetError: Worlds are not running, or have ended under DISABLED.
         """
-        before, ran = self.running.copy(), slice(None) if some is None else some
-        if some is not None and not before[some].all():
-            self._clear(some & ~before)
+        if ranges is not self._ranges:
+            self._ranges = ranges
+            self._block[RANGES // 8] = ranges
+        if self._whole is not None and runner is self._worlds:
+            found = self._whole(self._address)
+        elif not (found := self._begin(self._address)):
+            self.run(runner)
+            return self.flags
+        if found & (NOT_RUNNING | HAS_ENDED):
+            self._refuse()
+        if not found & OUT_OF_RANGE:
+            self.flags = found
+        return int(found)
+
+    def reset(self, runner: Any, some: Array, keys: tuple[Array, Array] | None = None) -> None:
+        """Begin new episodes in the worlds `some`, bool (worlds,).
+
+        keys: seeds and worlds, (worlds,) each, that key their random numbers from now on.
+        """
+        self.mode[:] = np.where(some, RESET, SKIP)
+        if keys is not None and runner is not self._worlds and runner.recording:
+            runner.check(self.mode)  # ahead of new seeds
+        if not self.running[some].all():
+            self._clear(some & ~self.running)
+        self.run(runner, keys)
+
+    def run(self, runner: Any, keys: tuple[Array, Array] | None = None) -> None:
+        """Take the worlds through the tick, by their `mode`. If it is cut short, as by Ctrl-C, they no longer run."""
+        before, ran, outcome = self.running.copy(), self.mode != SKIP, FAILED
         self.running[ran] = False
         try:
             if keys:
                 self._worlds.seed(keys[0][ran], keys[1][ran], ran)
-            runner.run(mode)
+            runner.run(self.mode)
+            outcome = COMPLETED
         except RecordingError:  # ahead of the run, or after it
-            self.running[:] = before
+            self.running[:], outcome = before, LEFT
             raise
         finally:
-            np.logical_or(self._end.terminated[:, 0], self._end.truncated[:, 0], out=self.ended)
-        self.stopped[ran] = False
-        self.running[ran] = ~self.ended[ran] if self._at_once else True
+            self.flags = self._finish(self._address, outcome)
 
     def _clear(self, where: Array) -> None:
         """Zero the buffers that systems write only where something changes (see components.sight)."""
@@ -108,15 +182,14 @@ class EpisodeTracker:
         self.stopped[where] = False
         self.set_states[where] += 1
 
-    def check(self, resets: bool) -> None:
-        """NotResetError unless a step can be taken. resets: worlds that have ended are reset in it."""
+    def _refuse(self) -> None:
+        """Raise NotResetError."""
         if not self.running.all():
             raise NotResetError(
                 f"step() before reset(): {int((~self.running).sum())} worlds have not started; reset them "
                 "(worlds whose last step was interrupted have to start again, too)"
             )
-        if not resets and (done := self.done).any():
-            raise NotResetError(
-                f"worlds {np.flatnonzero(done)[:8].tolist()} have ended and autoreset is disabled; "
-                'reset them first: reset(options={"reset_mask": terminated | truncated})'
-            )
+        raise NotResetError(
+            f"worlds {np.flatnonzero(self.done)[:8].tolist()} have ended and autoreset is disabled; "
+            'reset them first: reset(options={"reset_mask": terminated | truncated})'
+        )

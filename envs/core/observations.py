@@ -61,7 +61,7 @@ class Observations:
     def read(self, copy: bool) -> Any:
         """What is observed now: new arrays, or without `copy` read-only ones that the next call overwrites."""
         if self.kind == "dict" and not self.scaled:
-            return {key: view.copy() if copy else view for key, view in self.views.items()}
+            return {key: view.copy() for key, view in self.views.items()} if copy else dict(self.views)
         room = self._room() if copy or self._buffer is None else self._buffer
         self.write(room)
         if copy:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from outlast.ecs.varied import extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
+STATISTICS: WeakKeyDictionary[Worlds, list[tuple[str, Array]]] = WeakKeyDictionary()  # see _statistic_columns
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -116,17 +118,27 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
     A column with one entry a damage type becomes one key for each: "deaths_zone".
     """
-    result: dict[str, Array] = {}
-    for key, component, name, column in published(worlds, Statistic):
-        values = np.where(where[:, None], getattr(worlds[component], name), 0)
-        if column.dims == ("damage_types",):
-            result.update(zip(_reported(worlds, key, column), values.T, strict=True))
-        else:
-            result[key] = values if column.dims else values[:, 0]
+    rows, result = np.flatnonzero(where), dict[str, Array]()
+    for key, values in _statistic_columns(worlds):
+        result[key] = np.zeros(values.shape, values.dtype)
+        result[key][rows] = values[rows]
     for key, values in worlds.numbers().items():
         if values.dtype.kind in "bif":
             result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
     return result
+
+
+def _statistic_columns(worlds: Worlds) -> list[tuple[str, Array]]:
+    """The names of what is reported, and where it is counted: (worlds,) or (worlds, n)."""
+    if worlds not in STATISTICS:
+        STATISTICS[worlds] = found = list[tuple[str, Array]]()
+        for key, component, name, column in published(worlds, Statistic):
+            values = getattr(worlds[component], name)
+            if column.dims == ("damage_types",):
+                found += zip(_reported(worlds, key, column), values.T, strict=True)
+            else:
+                found.append((key, values if column.dims else values[:, 0]))
+    return STATISTICS[worlds]
 
 
 def _reported(worlds: Worlds, key: str, column: Column) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, SKIP, STEP
+from outlast.ecs import Entity
 
 from ..errors import RecordingError
 from ..levels import Level
@@ -26,11 +26,13 @@ from .observations import Observations
 from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
+from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE
 from .validation import MAX_WORLDS, check_choice, check_count, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
 Stops = Callable[[], tuple[Actions, Actions]]
+NAMED: dict[str, Any] = {"axes": "worlds, agents", "who": "agent {1} in world {0}"}  # in errors
 Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
 
 
@@ -96,6 +98,7 @@ class SurvivalVectorEnv(Described):
         observations: str = "dict",
         scaled: bool = False,
         action_masks: bool = False,
+        specialize: bool = False,
         interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
@@ -107,7 +110,9 @@ class SurvivalVectorEnv(Described):
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
-        self.worlds = scenario.worlds(int(num_worlds), int(threads), interpret=interpret)
+        self.worlds = scenario.worlds(
+            int(num_worlds), int(threads), interpret=interpret, specialize=bool(specialize), functions=FUNCTIONS
+        )
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()
         check_playable(self.worlds, scenario.name)
@@ -119,8 +124,14 @@ class SurvivalVectorEnv(Described):
         self._masked = bool(action_masks)
         self.single_observation_space = self._reader.space
         self.single_action_space = self._actions.batched(self.num_agents)
-        self._mode = np.zeros(self.num_worlds, np.int8)
-        self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode is AutoresetMode.SAME_STEP)
+        self._tracker = EpisodeTracker(self.worlds, self._actions.sizes, self._actions.zeros, self.autoreset_mode)
+        end = self.worlds[End]
+        self._reward, self._terminated, self._truncated = (
+            self.worlds[Reward].reward,
+            end.terminated[:, 0],
+            end.truncated[:, 0],
+        )
+        self._living = self.worlds[Entity].alive[:, self.worlds.span("agent")]
         self._step_events = StepEvents(self.worlds)
         self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
         self._stops: Stops | None = None
@@ -128,7 +139,8 @@ class SurvivalVectorEnv(Described):
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
         with announce_compilation(self.worlds, scenario.name):
-            self.worlds.run(self._mode)  # compiles or loads the tick; nothing moves
+            self._tracker.load()
+            self.worlds.run(self._tracker.mode)  # nothing moves
 
     @exclusive
     def reset(
@@ -155,7 +167,7 @@ class SurvivalVectorEnv(Described):
         self._wrappers_checked = False
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
-        self._run(mask, given)
+        self._tracker.reset(self._runner, mask, given)
         check_places(self.worlds)
         self._step_events.forget(mask)
         return self._observe(), self._info()
@@ -197,23 +209,31 @@ class SurvivalVectorEnv(Described):
     def _step(
         self, actions: Actions, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        buffers = StepBuffers(self, out)
-        self._tracker.check(resets=self.autoreset_mode is not AutoresetMode.DISABLED)
+        buffers = None if out is None else StepBuffers(self, out)
         self._take(actions)
+        tracker, recording = self._tracker, self._recording
+        flags = tracker.step(self._runner, self.check_actions or recording)
+        if flags & OUT_OF_RANGE:
+            self._actions.rows(actions, tracker.actions.shape[:2], **NAMED)  # raises what is wrong
         self._step_events.forget()
-        self._run()
-        end = self.worlds[End]
-        terminated, truncated = end.terminated[:, 0].copy(), end.truncated[:, 0].copy()
-        self._stop(slice(None), terminated, truncated)
+        terminated, truncated = self._terminated.copy(), self._truncated.copy()
+        if self._stops is not None:
+            self._stop(slice(None), terminated, truncated)
         log_deaths(self.worlds, self.first_world)
-        reward = buffers.put("rewards", self.worlds[Reward].reward)
+        reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
+        info: dict[str, Any] = {}
         try:
-            check_faults(self.worlds)
+            if flags & FAULTY:
+                check_faults(self.worlds)
         finally:  # the other worlds go on
-            info: dict[str, Any] = self._finish(done) if (done := self._tracker.done).any() else {}
+            if (flags & DONE or self._stops is not None) and (done := tracker.done).any():
+                info = self._finish(done)
+        info |= self._info()
+        if buffers is None:
+            return self._observe(), reward, terminated, truncated, info
         ends = buffers.put("terminated", terminated), buffers.put("truncated", truncated)
         observed = buffers.fill()
-        return self._observe() if observed is None else observed, reward, *ends, info | self._info()
+        return self._observe() if observed is None else observed, reward, *ends, info
 
     def send(self, actions: Actions) -> None:
         """Begin a step in the background; `recv` returns it. Until then every other call is a PendingError.
@@ -355,7 +375,7 @@ class SurvivalVectorEnv(Described):
             info |= {"final_info": info | self._info(), "_final_info": done.copy()}
             info |= {"final_obs": self._reader.of_each(done), "_final_obs": done.copy()}
             self._step_events.keep(done)
-            self._run(done)
+            self._tracker.reset(self._runner, done)
         return info
 
     def _stop(self, where: Any, *reported: Actions) -> None:
@@ -366,13 +386,6 @@ class SurvivalVectorEnv(Described):
         self._tracker.stopped[where] = np.logical_or(*stops)[where]
         for mask, more in zip(reported, stops):
             mask |= more
-
-    def _run(self, resets: Actions | None = None, given: tuple[Actions, Actions] | None = None) -> None:
-        """Reset these worlds, keyed as given; or take a step everywhere, which is a reset where an episode is over."""
-        self._mode[:] = STEP + self._tracker.done if resets is None else np.where(resets, RESET, SKIP)
-        if given is not None and self._recording:
-            self._runner.check(self._mode)  # ahead of new seeds
-        self._tracker.run(self._runner, self._mode, resets, given)
 
     def _observe(self) -> Arrays:
         observed: Arrays = self._reader.read(self.copy)
@@ -387,8 +400,10 @@ class SurvivalVectorEnv(Described):
         return self._runner is not self.worlds and bool(self._runner.recording)
 
     def _take(self, actions: Any) -> None:
-        shape, ranges = (self.num_worlds, self.num_agents), self.check_actions or self._recording
-        rows = self._actions.rows(actions, shape, ranges, axes="worlds, agents", who="agent {1} in world {0}")
-        np.subtract(
-            rows.transpose(2, 0, 1), self._actions.zeros[:, None, None], out=self.worlds.actions, casting="unsafe"
-        )
+        """Check the shape and type of actions, and make them those of the next step."""
+        given = self._tracker.actions
+        plain = self._actions.kind == "multi" and isinstance(actions, np.ndarray)
+        if plain and actions.shape == given.shape and actions.dtype.kind in "iu":  # the usual case, in no time
+            given[...] = actions
+        else:
+            given[...] = self._actions.rows(actions, given.shape[:2], ranges=False, **NAMED)

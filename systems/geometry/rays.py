@@ -12,6 +12,7 @@ the rays equal to Box2D's bit for bit (where neither compiler fuses multiply and
 import numpy as np
 
 from outlast.ecs import Array, Real, kernel
+from outlast.ecs.jit import noinline_kernel
 
 from .points import to_local
 
@@ -94,7 +95,7 @@ def ray_box(
     return NO_HIT
 
 
-@kernel
+@noinline_kernel
 def ray_body(
     ox: Real,
     oy: Real,

@@ -1,15 +1,17 @@
 """The batched environment: spaces, the contract of reset and step. That bits are the same: test_determinism.py."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 from outlast import VARIANTS, make_vec, variant
-from outlast.components import Body, Episode, Reward
-from outlast.ecs import Clock, NumberError, Worlds
+from outlast.components import Body, Episode, Phase, Reward
+from outlast.ecs import Clock, Module, NumberError, Read, Worlds
 from outlast.envs.core.agents import agent_statistics, alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import FaultError
+from outlast.envs.errors import FaultError, NotResetError
 from tests.conftest import digest, draw_actions, scaled
 from tests.digests import numbered_actions
 from tests.helpers.execution_modes import equal, short
@@ -158,6 +160,32 @@ def test_observations_are_copies_unless_views_are_asked_for() -> None:
 
 
 # ---- faults
+
+
+@pytest.mark.parametrize("options", [{}, {"threads": 2}, {"interpret": ["breaks.go"]}])
+def test_what_a_system_raises_in_a_step(options: dict[str, Any]) -> None:
+    """By one compiled call, by calls of threads, and as Python; no world runs on, until it is reset."""
+
+    class Breaks(Module):
+        pass
+
+    @Breaks.system(Phase.USE)
+    def go(clock: Read[Clock]) -> None:
+        if clock.tick[0] == 2 and clock.world[0] == 40 and clock.episode[0] == 1:
+            raise ValueError("enough")
+
+    env = make_vec(variant("ffa_1").with_(Breaks()), 48, seed=0, **options)
+    env.reset()
+    noop = np.tile(env.noop, (48, env.num_agents, 1))
+    env.step(noop)
+    with pytest.raises(ValueError, match="enough"):
+        env.step(noop)
+    with pytest.raises(NotResetError, match="48 worlds have not started"):
+        env.step(noop)
+    env.reset()
+    env.step(noop)
+    env.step(noop)
+    env.close()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 2e6])

@@ -237,9 +237,11 @@ def test_two_checkouts_are_compared(
     for folder, seconds in zip(folders, (0.002, 0.006), strict=True):
         (folder / ".src" / "outlast").mkdir(parents=True)
         (folder / ".src" / "outlast" / "__init__.py").write_text(BUSY.format(seconds=seconds))
+        (folder / "perf").mkdir()
+        (folder / "perf" / "rows.py").write_text("scenario = str")
     monkeypatch.setattr(compare, "ROUNDS", 3)
     monkeypatch.setattr(compare, "SECONDS", 0.05)
-    times = compare.compared(*folders, "ffa_1", 2)
+    times = compare.compared(*folders, "ffa_1", 2, specialize=True)  # which these cannot
     assert times.shape == (3, 2)
     assert 2.5 < times[:, 1].min() / times[:, 0].min() < 3.5
     assert 900 < times[:, 0].min() < 1300  # microseconds of one of two worlds

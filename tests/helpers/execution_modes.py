@@ -153,6 +153,7 @@ def execution_modes(scenario: Scenario) -> dict[str, ExecutionMode]:
         "two threads": ExecutionMode(scenario, few, threads=2),
         "three threads": ExecutionMode(scenario, middle, threads=3),
         "five threads": ExecutionMode(scenario, few, threads=5),
+        "compiled for it alone": ExecutionMode(scenario, few, specialize=True),
         "modules in another order": ExecutionMode(shuffled(scenario), few),
         "the portable backend": ExecutionMode(portable, few),
         "after other episodes": AfterOtherEpisodes(scenario, few),

@@ -217,9 +217,11 @@ def test_while_a_thread_is_in_a_call_no_other_call_is_let_in() -> None:
         lambda: env.step(actions), lambda: env.send(actions), env.reset, env.observe, env.render, env.get_state,
         lambda: env.set_state(state),
     ]  # fmt: skip
-    with env._guard, ThreadPoolExecutor(1) as pool:
+    env._guard.enter()
+    with ThreadPoolExecutor(1) as pool:
         for call in calls:
             with pytest.raises(PendingError, match="another thread is in a call of this environment"):
                 pool.submit(call).result()
+    env._guard.leave()
     assert digest(env.worlds) == before
     go_on(env, 1)

@@ -1,0 +1,119 @@
+"""What a step does around the tick, as machine code: whatever the number of worlds, it is one call from Python.
+
+The functions take the address of a block of int64 words, see WORDS. They return flags.
+"""
+
+from typing import Any
+
+from outlast.ecs import SKIP, STEP, kernel
+from outlast.ecs.jit import loader, storer
+from outlast.ecs.tick import run_units
+
+WORDS = (
+    *("worlds", "agents", "columns"),  # how many; columns: actions of an agent
+    *("ranges", "resets", "at_once"),  # 1 or 0: check ranges; reset worlds that ended; begin the next episode at once
+    *("actions", "sizes", "zeros"),  # int64 (worlds, agents, columns), and (columns,): the sizes, and which is the 0
+    *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, agents), and bytes of each
+    *("mode", "running", "ended", "stopped", "terminated", "truncated"),  # a byte a world
+    *("fault", "fault_stride", "unplaced", "unplaced_stride"),  # of the first world, and bytes to the next; 0: none
+)
+PLACES = range(0, 8 * len(WORDS), 8)  # of the words, in bytes
+WORLDS, AGENTS, COLUMNS, RANGES, RESETS, AT_ONCE, ACTIONS, SIZES, ZEROS, TAKEN, TAKEN_BYTES = PLACES[:11]
+MODE, RUNNING, ENDED, STOPPED, TERMINATED, TRUNCATED = PLACES[11:17]
+FAULT, FAULT_STRIDE, UNPLACED, UNPLACED_STRIDE = PLACES[17:]
+NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULTY = (1 << k for k in range(5))
+FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: nothing is said of it
+
+read, read_byte, read_int = loader("int64"), loader("uint8"), loader("int32")
+write_byte, write_short, write_int = storer("int8"), storer("int16"), storer("int32")
+
+
+@kernel
+def begin(block: int) -> int:
+    """Check a step, and take its actions. A step that is refused changes nothing.
+
+    Returns:
+        0, or why it is refused: NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE.
+    """
+    worlds, columns = read(block + WORLDS), read(block + COLUMNS)
+    running, ended, stopped = read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
+    rows = worlds * read(block + AGENTS)
+    actions, sizes = read(block + ACTIONS), read(block + SIZES)
+    for w in range(worlds):
+        if not read_byte(running + w):
+            return NOT_RUNNING
+    if not read(block + RESETS):
+        for w in range(worlds):
+            if read_byte(ended + w) | read_byte(stopped + w):
+                return HAS_ENDED
+    if read(block + RANGES):
+        for row in range(rows):
+            for k in range(columns):
+                action = read(actions + 8 * (row * columns + k))
+                if action < 0 or action >= read(sizes + 8 * k):
+                    return OUT_OF_RANGE
+    mode, zeros, taken, size = read(block + MODE), read(block + ZEROS), read(block + TAKEN), read(block + TAKEN_BYTES)
+    for w in range(worlds):
+        write_byte(mode + w, STEP + (read_byte(ended + w) | read_byte(stopped + w)))
+    for row in range(rows):
+        for k in range(columns):
+            action, at = read(actions + 8 * (row * columns + k)) - read(zeros + 8 * k), taken + size * (k * rows + row)
+            if size == 1:
+                write_byte(at, action)
+            elif size == 2:
+                write_short(at, action)
+            else:
+                write_int(at, action)
+    return 0
+
+
+@kernel
+def finish(block: int, outcome: int) -> int:
+    """Note which episodes are over, and which worlds run, after a tick of those whose mode is not SKIP.
+
+    Args:
+        block: See WORDS.
+        outcome: FAILED: those worlds do not run any more. COMPLETED. LEFT: who runs is left as it is.
+
+    Returns:
+        Flags: DONE if some episode is over, FAULTY if some world is in a state that cannot be.
+    """
+    mode, running, ended, stopped = (
+        read(block + MODE), read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
+    )  # fmt: skip
+    terminated, truncated, at_once = read(block + TERMINATED), read(block + TRUNCATED), read(block + AT_ONCE)
+    fault, fault_stride = read(block + FAULT), read(block + FAULT_STRIDE)
+    unplaced, unplaced_stride = read(block + UNPLACED), read(block + UNPLACED_STRIDE)
+    done = faulty = 0
+    for w in range(read(block + WORLDS)):
+        over = read_byte(terminated + w) | read_byte(truncated + w)
+        write_byte(ended + w, over)
+        if outcome != LEFT and read_byte(mode + w) != SKIP:
+            if outcome == COMPLETED:
+                write_byte(stopped + w, 0)
+            write_byte(running + w, outcome == COMPLETED and not (at_once and over))
+        done |= over | read_byte(stopped + w)
+        if fault:
+            faulty |= read_byte(fault + w * fault_stride)
+        if unplaced:
+            faulty |= read_int(unplaced + w * unplaced_stride)
+    return (DONE if done else 0) | (FAULTY if faulty else 0)
+
+
+@kernel
+def step(block: int, frame: int, worlds: int) -> int:
+    """A whole step: begin, the tick (see ecs.tick.run_units), finish.
+
+    Returns:
+        As `begin`, if it is refused; -1, if a system raised an exception; or as `finish`.
+    """
+    refused = begin(block)
+    if refused:
+        return refused
+    if run_units(frame, 0, worlds):
+        finish(block, FAILED)
+        return -1
+    return finish(block, COMPLETED)
+
+
+FUNCTIONS: dict[str, Any] = {"begin": begin, "finish": finish, "step": step}
