@@ -21,7 +21,8 @@ from .cache_key import CacheKey
 from .compile_errors import explained
 from .jit import compiled, options_of
 from .machine_code import Code, as_python, compile_function, load_code
-from .tick import Unit, run_units
+from .run_units import run_units
+from .tick import Unit
 
 ADDRESSES: dict[str, int] = {}  # of loaded units by their keys
 DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # of kernels, when numba last compiled them

@@ -219,3 +219,26 @@ def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, 
             rows.count[full] = capacity
             return int(full.argmax()), event, capacity
     return None
+
+
+def capacity_error(
+    kinds: tuple[type[Event], ...], memory: EventMemory, systems: Iterable[Any], ticks: Array
+) -> CapacityError | None:
+    """The error for the list that is full; None if there is no such list. systems: of the tick. ticks: (worlds,)."""
+    if (found := overflow(kinds, memory)) is None:
+        return None
+    w, kind, most = found
+    writers = [s for s in systems if ("write", (kind,)) in ((p.kind, p.components) for p in s.parameters)]
+    if isinstance(kind.capacity, str):
+        cure = (
+            f"its capacity is the dimension '{kind.capacity}', to which every mechanic adds as many as it emits, "
+            f"as in def dims(self): return {{'{kind.capacity}': 'agents'}}"
+        )
+    elif isinstance(kind.capacity, int):
+        cure = f"give it a larger one, as in class {kind.__name__}(Event, capacity={2 * most + 1})"
+    else:
+        cure = f"its capacity is one for each entity with {kind.capacity.__name__}; declare another one if it is more"
+    return CapacityError(
+        f"world {w}, tick {int(ticks[w])}: more than {most} of the event {kind.__name__}, which "
+        f"{' and '.join(system.label for system in writers)} emit: {cure}"
+    )

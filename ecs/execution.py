@@ -9,7 +9,8 @@ from .arguments import ArgumentBlock
 from .cache import RUNNER, CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
-from .tick import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, STATE, TABLE, UNITS, WORLD_BYTES, Segment, Unit
+from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, STATE, TABLE, UNITS, WORLD_BYTES
+from .tick import Segment, Unit
 
 
 class CompiledExecution:
@@ -30,7 +31,7 @@ class CompiledExecution:
         self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
         self._frame[TABLE + 1 :: 2] = [block.address for block in self.blocks]
         self._frame[FAILED] = NONE
-        self.address = int(self._frame.ctypes.data)  # of what ecs.tick.run_units takes
+        self.address = int(self._frame.ctypes.data)  # of what ecs.run_units takes
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""

@@ -8,8 +8,8 @@ rows and scratch memory, the mechanics' numbers. So a unit's source depends on i
 cache (ecs.cache) keeps machine code for a system, not for a scenario. Each has an argument layout of its own for the
 same reason.
 
-`run_units` is the tick: it takes a few worlds at a time through all units, so that their state stays in the processor's
-cache. A system that runs as Python splits the tick into several such calls.
+ecs.run_units is the tick: it takes a few worlds at a time through all units. A system that runs as Python splits the
+tick into several such calls.
 """
 
 import linecache
@@ -28,9 +28,8 @@ from .errors import DeclarationError
 from .event import clear
 from .fields import offset
 from .given import GIVEN_DIM, Given
-from .jit import compiled, kernel, loader, storer
-from .layout import ALIGN, Layout
-from .machine_code import call_address, prefetch
+from .jit import compiled, kernel
+from .layout import Layout
 from .module import Module
 from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
@@ -41,14 +40,9 @@ from .varied import NumbersView, Varied, VariedNumber
 
 SKIP, STEP, RESET = 0, 1, 2
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
-CHUNK = 32  # worlds that go through all units together
 MOST_VALUES = 64  # of a constant that becomes part of machine code
 EPISODE, TICK, CLOCK_SIZE = 2, 3, 4  # of the Clock, whose columns a world's state begins with
 CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
-NO_RESULT, DONE = -2, 0  # statuses of compiled functions that raised nothing
-UNITS, FAILED, FIRST_WORLD, EXCEPTION, STATE, WORLD_BYTES, TABLE = range(7)  # words of a frame, see run_units
-NONE = -1  # FAILED, if no unit did
-read_word, write_word = loader("int64"), storer("int64")
 
 
 @kernel
@@ -72,39 +66,6 @@ def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
     """Set all state but what is kept to what it is at the start of an episode."""
     for k in range(kept, initial_image.size):
         world[k] = initial_image[k]
-
-
-@kernel
-def run_units(frame: int, start: int, stop: int) -> int:
-    """The tick of the worlds from `start` to `stop`, in machine code.
-
-    Args:
-        frame: Address of int64 words, see the names above: how many units; the index of the one that raised an
-            exception, or NONE, the first of its worlds, and the exception; the address of the worlds' state, and the
-            bytes of a world; and for each unit the address of its function and that of its arguments.
-        start: The first world.
-        stop: One after the last world.
-
-    Returns:
-        0, or 1 if a unit raised an exception.
-    """
-    units = read_word(frame + 8 * UNITS)
-    state, world_bytes = read_word(frame + 8 * STATE), read_word(frame + 8 * WORLD_BYTES)
-    for first in range(start, stop, CHUNK):
-        last = min(first + CHUNK, stop)
-        ahead = state + last * world_bytes
-        share = -(-(min(last + CHUNK, stop) - last) * world_bytes // (ALIGN * units)) * ALIGN
-        for k in range(units):
-            for address in range(ahead, ahead + share, ALIGN):
-                prefetch(address)
-            ahead += share
-            entry = frame + 8 * (TABLE + 2 * k)
-            status = call_address(read_word(entry), read_word(entry + 8), first, last, frame + 8 * EXCEPTION)
-            if status != DONE and status != NO_RESULT:
-                write_word(frame + 8 * FAILED, k)
-                write_word(frame + 8 * FIRST_WORLD, first)
-                return 1
-    return 0
 
 
 @dataclass(frozen=True, eq=False)

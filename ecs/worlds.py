@@ -1,8 +1,6 @@
 """A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
 
 import difflib
-import threading
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
@@ -10,15 +8,12 @@ import numpy as np
 
 from . import event, schedule
 from .access import SELECTIONS
-from .cache import CompiledUnits
 from .component import Action, Clock, Component
 from .distributions import Distribution
 from .entity_view import EntityView
 from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
-from .execution import CompiledExecution, PythonExecution
 from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
-from .jit import compiled
 from .kernel_check import check, check_interpretable
 from .layout import ALIGN, Layout
 from .live_numbers import changed_modules, differing
@@ -26,13 +21,9 @@ from .module import Module
 from .per_agent import agent_values, differing_numbers
 from .phase import Phase
 from .roles import Roles
+from .runner import Runner
 from .tick import segments
 from .varied import Varied
-from .workers import Job, Workers
-
-MIN_RANGE = 16  # worlds a thread takes at a time, at least: enough to pay for the call
-Execution = CompiledExecution | PythonExecution
-RANGES_PER_THREAD = 16  # enough for all threads to end at about the same time
 
 
 class Worlds:
@@ -62,8 +53,6 @@ class Worlds:
         block: uint8 (count, bytes), the state of each world.
         modules: The mechanics with the numbers of now; layout.modules keep those that the worlds were made with.
         event_memory: The events of each world's last tick, as they lie in memory; see `events`.
-        times: Seconds that `run` spent in each segment of the tick, by the label of its first unit: with split, of its
-            system.
 
     Raises:
         DeclarationError: A module, or what several modules say together, is impossible.
@@ -104,15 +93,8 @@ class Worlds:
                 check(system, differing_numbers(self.layout, system.module))
             if system.label in interpret:
                 check_interpretable(system)
-        self._segments = segments(self.layout, self.schedule.systems, split, interpret, specialize)
-        self._functions = dict(functions or {})
-        units = [unit for segment in self._segments for unit in segment.units if unit.compiled]
-        self._units = CompiledUnits(units, self._functions)
-        self._loaded = False
-        self.times = {segment.units[0].label: 0.0 for segment in self._segments}
-        self._executions: list[list[Execution | None]] = [[None] * threads for _ in self._segments]
-        self._lock = threading.Lock()
-        self._workers = Workers(threads - 1)
+        tick = segments(self.layout, self.schedule.systems, split, interpret, specialize)
+        self._runner = Runner(self, tick, functions or {})
 
     def __getitem__(self, component: type[Component]) -> Any:
         try:
@@ -138,9 +120,14 @@ class Worlds:
         return self.layout.dims
 
     @property
+    def times(self) -> dict[str, float]:
+        """Seconds that `run` spent in each segment of the tick, by its first unit's label; with split, by system."""
+        return self._runner.times
+
+    @property
     def compiled(self) -> bool:
         """Whether machine code for this tick is ready or lies on disk."""
-        return self._units.ready
+        return self._runner.units.ready
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
         """What happened in the last tick of each world, by name of the event: see `entries`."""
@@ -208,11 +195,9 @@ class Worlds:
                 tables, what entities begin with, which systems run, bounds of observations), or a value that cannot
                 be; nothing is changed.
         """
-        with self._lock:
+        with self._runner.lock:
             self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
-            for execution in (each for segment in self._executions for each in segment if each is not None):
-                for block in execution.blocks:
-                    block.set_numbers(self.changed)
+            self._runner.set_numbers(self.changed)
 
     def numbers(self) -> dict[str, np.ndarray[Any, Any]]:
         """The varied numbers of each world in this episode, by name: int32, float32, bool or str (count,).
@@ -274,39 +259,28 @@ class Worlds:
 
         CapacityError if there are more events of a kind than its list has room for; the tick is cut short then.
         """
-        self._load()
         self.mode[:] = mode
         try:
-            for k, segment in enumerate(self._segments):
-                start = time.perf_counter()
-                if self.threads == 1 or not segment.compiled or self.count <= MIN_RANGE:
-                    self._call(k, 0, 0, self.count)
-                else:
-                    self._spread(k)
-                self.times[segment.units[0].label] += time.perf_counter() - start
+            self._runner.run()
         except CapacityError as error:
-            raise self._full() or error from None
+            raise self._capacity_error() or error from None
 
     def function(self, label: str) -> Any:
         """One of `functions`, as machine code that Python can call; as Python where nothing is compiled."""
-        self._load()
-        return self._units.function(label) if compiled() else self._functions[label]
+        return self._runner.function(label)
 
     def call_with_tick(self, label: str) -> Callable[[int], int] | None:
         """One of `functions` that runs the tick in its midst.
 
         Returns:
             A function of an address, which calls that with the address, that of the tick's frame and how many worlds
-            there are (see ecs.tick.run_units), and returns the result; a negative one says that the tick did not end
+            there are (see ecs.run_units), and returns the result; a negative one says that the tick did not end
             well, and what a system raised is raised then. None where a tick is several calls: of threads, or of
             systems that run as Python.
         """
-        (first, *more), several = self._segments, self.threads > 1 and self.count > MIN_RANGE
-        if more or several or not first.compiled:
+        if (execution := self._runner.single()) is None:
             return None
-        function, execution = self.function(label), self._execution_of(0, 0)
-        assert isinstance(execution, CompiledExecution)
-        frame, count = execution.address, self.count
+        function, frame, count = self.function(label), execution.address, self.count
 
         def call(address: int) -> int:
             result: int = function(address, frame, count)
@@ -314,7 +288,7 @@ class Worlds:
                 try:
                     execution.check()
                 except CapacityError as error:
-                    raise self._full() or error from None
+                    raise self._capacity_error() or error from None
             return result
 
         return call
@@ -325,7 +299,7 @@ class Worlds:
             ["# Slots, in upper case, are positions in the argument block of a unit; see outlast.ecs.arguments."],
             None,
         )
-        for unit in (unit for segment in self._segments for unit in segment.units):
+        for unit in self._runner.sources:
             if unit.system and unit.system.phase is not phase:
                 phase = unit.system.phase
                 lines.append(f"# ---- {phase.name} ({phase.when.value}): {phase.postcondition}")
@@ -334,74 +308,11 @@ class Worlds:
 
     def close(self) -> None:
         """End the threads. The tables stay readable."""
-        self._workers.close()
+        self._runner.close()
 
-    def _spread(self, segment: int) -> None:
-        """Threads, the caller's among them, take the next range of worlds until none is left."""
-        size = max(MIN_RANGE, self.count // (self.threads * RANGES_PER_THREAD))
-        starts = iter(range(0, self.count, size))  # next() of a range iterator is one step under the GIL
-
-        def work(thread: int) -> None:
-            for start in starts:
-                self._call(segment, thread, start, min(start + size, self.count))
-
-        others = [Job(work, thread) for thread in range(1, self.threads)]
-        try:
-            self._workers.submit(others)
-            work(0)
-            for other in others:
-                other.result()
-        except BaseException:  # an error or Ctrl-C: start no more ranges, and wait for those that run
-            for _ in starts:
-                pass
-            for other in others:
-                other.cancel()
-            raise
-
-    def _call(self, k: int, thread: int, start: int, stop: int) -> None:
-        self._execution_of(k, thread)(start, stop)
-
-    def _execution_of(self, k: int, thread: int) -> Execution:
-        execution = self._executions[k][thread]
-        if execution is None:
-            segment = self._segments[k]
-            with self._lock:  # of no more than one thread at a time, as modules' scratch() is not made for several
-                execution = (
-                    CompiledExecution(segment, self, self._units)
-                    if segment.compiled
-                    else PythonExecution(segment, self)
-                )
-                self._executions[k][thread] = execution
-        return execution
-
-    def _load(self) -> None:
-        if not self._loaded:
-            self._units.load()
-            self._loaded = True
-
-    def _full(self) -> CapacityError | None:
-        """The error for the list that is full; None if there is no such list."""
-        if (found := event.overflow(self.layout.events, self.event_memory)) is None:
-            return None
-        w, kind, most = found
-        writers = [
-            s for s in self.schedule.systems if ("write", (kind,)) in ((p.kind, p.components) for p in s.parameters)
-        ]
-        if isinstance(kind.capacity, str):
-            cure = (
-                f"its capacity is the dimension '{kind.capacity}', to which every mechanic adds as many as it emits, "
-                f"as in def dims(self): return {{'{kind.capacity}': 'agents'}}"
-            )
-        elif isinstance(kind.capacity, int):
-            cure = f"give it a larger one, as in class {kind.__name__}(Event, capacity={2 * most + 1})"
-        else:
-            cure = (
-                f"its capacity is one for each entity with {kind.capacity.__name__}; declare another one if it is more"
-            )
-        return CapacityError(
-            f"world {w}, tick {int(self[Clock].tick[w, 0])}: more than {most} of the event {kind.__name__}, which "
-            f"{' and '.join(system.label for system in writers)} emit: {cure}"
-        )
+    def _capacity_error(self) -> CapacityError | None:
+        ticks = self[Clock].tick[:, 0]
+        return event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
 
     def _applies(self, system: Any) -> bool:
         """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""

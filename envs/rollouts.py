@@ -48,6 +48,7 @@ def rollout(
     events: File | None = None,
     csv: File | None = None,
     keep: bool = False,
+    specialize: bool = False,
     interpret: Collection[str] = (),
     watch: Watch | None = None,
     **numbers: Number,
@@ -64,7 +65,7 @@ def rollout(
     Args:
         game: A scenario, or the name of one: of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             environment of make_vec: all of its worlds are reset, and it stays open; it decides `worlds`, `seed`,
-            `threads`, `interpret` and numbers, which are refused then.
+            `threads`, `specialize`, `interpret` and numbers, which are refused then.
         policy: A name, as "random" or "scripted", the path of a saved policy (FILE.zip), or a function from the
             observations to the actions of all worlds. If that has a method `reset`, it gets the worlds in which an
             episode begins, bool (worlds,), before it acts there.
@@ -83,6 +84,7 @@ def rollout(
         events: Write what happened into this new file, NAME.csv or NAME.parquet.
         csv: Write a row for each episode, with all statistics, into this new file, NAME.csv.
         keep: Keep the statistics of each episode, for `arrays` of the summary.
+        specialize: Whether to compile for this scenario alone, see make_vec.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         watch: Called after the reset and after every step with the worlds that count, bool (worlds,).
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.
@@ -107,10 +109,12 @@ def rollout(
     stopped = None
     with contextlib.ExitStack() as stack:
         if isinstance(game, SurvivalVectorEnv):
-            _check_decided(worlds=worlds, seed=seed, threads=threads, interpret=interpret or None, **numbers)
+            decided = {"specialize": specialize or None, "interpret": interpret or None, **numbers}
+            _check_decided(worlds=worlds, seed=seed, threads=threads, **decided)
             made = game, *players_in(game, policy, others)
         else:
-            settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1, "interpret": interpret}
+            settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1}
+            settings |= {"specialize": specialize, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, OPTIONS), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
         files: dict[str, Any] = {

@@ -71,6 +71,8 @@ def add(commands: Any) -> None:
     output.add_argument("--events", type=path, metavar="FILE", help=text)
     output.add_argument("--log-deaths", action="store_true", help="print a line on stderr for every death")
     add_common(command, "--threads", "--record", "--quiet")
+    text = "compile for this scenario alone: faster steps, after some ten seconds the first time"
+    machine.add_argument("--specialize", action="store_true", help=text)
     text = "run this system, such as melee.aim, as Python, for breakpoints and print; may be repeated"
     machine.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
     text = "with --record: also record what a saved --policy thinks, for the page of `outlast replay --html`"
@@ -93,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
     """The number of agents in a world, and what rolls out on this machine."""
-    settings = {name: getattr(options, name) for name in ("seed", "threads", "interpret")}
+    settings = {name: getattr(options, name) for name in ("seed", "threads", "specialize", "interpret")}
     files = {name: getattr(options, name) for name in ("record", "record_policy", "events", "csv")}
     made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
     with contextlib.closing(made[0]), prepared(*made, **files) as play:
@@ -103,8 +105,9 @@ def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, W
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
     """The same on a Ray cluster."""
-    if options.threads > 1 or any((options.log_deaths, options.record, options.events, options.csv, options.interpret)):
-        given = "--threads, --log-deaths, --record, --events, --csv and --interpret"
+    here = ("log_deaths", "record", "events", "csv", "specialize", "interpret")
+    if options.threads > 1 or any(getattr(options, name) for name in here):
+        given = "--threads, --log-deaths, --record, --events, --csv, --specialize and --interpret"
         raise ClusterError(f"{given} are for one machine: leave them out with --ray")
     if options.others:
         raise ClusterError("--others plays on one machine: leave it out with --ray")
@@ -170,8 +173,14 @@ def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, sec
         f"{asked.name}: {printable(options.policy)} policy{against}, seed {options.seed}, "
         f"{options.worlds} worlds x {each} {unit}\n"
         f"{done:,} world-steps in {seconds:.1f} s: {done / seconds:,.0f} world-steps/s, "
-        f"{done * agents / seconds:,.0f} agent-steps/s (policy included)"
+        f"{done * agents / seconds:,.0f} agent-steps/s{_shares(summary, seconds) if options.ray is None else ''}"
     )
+
+
+def _shares(summary: Summary, seconds: float) -> str:
+    """Of the time: the policy, the worlds, and the rest, which is statistics and files."""
+    parts = {**summary.seconds, "rest": seconds - sum(summary.seconds.values())}
+    return " (" + ", ".join(f"{name} {part / seconds:.0%}" for name, part in parts.items()) + ")"
 
 
 def _as_dict(
@@ -184,7 +193,7 @@ def _as_dict(
     given = {name: getattr(options, name) for name in names}
     given["episodes" if options.steps else "steps"] = None
     about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": asked.numbers(), "agents": agents}
-    return {**about, "asked": given, "seconds": seconds, **summary.as_dict()}
+    return {**about, "asked": given, "seconds": seconds, "seconds_of": summary.seconds, **summary.as_dict()}
 
 
 def _write(path: str, text: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from outlast.ecs import SKIP, STEP, kernel
 from outlast.ecs.jit import loader, storer
-from outlast.ecs.tick import run_units
+from outlast.ecs.run_units import run_units
 
 WORDS = (
     *("worlds", "agents", "columns"),  # how many; columns: actions of an agent
@@ -102,7 +102,7 @@ def finish(block: int, outcome: int) -> int:
 
 @kernel
 def step(block: int, frame: int, worlds: int) -> int:
-    """A whole step: begin, the tick (see ecs.tick.run_units), finish.
+    """A whole step: begin, the tick (see ecs.run_units), finish.
 
     Returns:
         As `begin`, if it is refused; -1, if a system raised an exception; or as `finish`.

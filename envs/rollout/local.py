@@ -1,6 +1,7 @@
 """Rollouts on this machine: run a policy in many worlds and sum up their episodes."""
 
 import itertools
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -65,7 +66,12 @@ def rollout(
         if watch:
             watch(remaining > 0)
         for step in range(1, steps + 1) if steps else itertools.count(1):
-            observations, _, _, _, info = env.step(act(observations))
+            start = time.perf_counter()
+            actions = act(observations)
+            chosen = time.perf_counter()
+            observations, _, _, _, info = env.step(actions)
+            summary.seconds["policy"] += chosen - start
+            summary.seconds["worlds"] += time.perf_counter() - chosen
             summary.world_steps += env.num_worlds
             if watch:
                 watch(remaining > 0)

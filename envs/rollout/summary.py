@@ -35,6 +35,7 @@ class Summary:
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
             empty without others.
         kept: The statistics of single episodes, in the order in which they ended; None: they were not asked for.
+        seconds: Wall time spent in "policy", the others' included, and in "worlds"; of several machines, the sums.
     """
 
     episodes: int = 0
@@ -45,6 +46,7 @@ class Summary:
     counts: dict[str, Array] = field(default_factory=dict)
     outcomes: dict[str, Array] = field(default_factory=dict)
     kept: list[dict[str, Array]] | None = None
+    seconds: dict[str, float] = field(default_factory=lambda: {"policy": 0.0, "worlds": 0.0})
 
     @classmethod
     def merge(cls, parts: Iterable["Summary"]) -> "Summary":
@@ -56,6 +58,7 @@ class Summary:
         outcomes = {name: np.sum([p.outcomes[name] for p in parts if name in p.outcomes], 0) for name in names}
         lists = [part.kept for part in parts if part.kept is not None]
         kept = [each for some in lists for each in some] if len(lists) == len(parts) else None
+        seconds = {name: sum(part.seconds[name] for part in parts) for name in ("policy", "worlds")}
         parts = [part for part in parts if part.episodes]
         sums, squares, counts = (
             (
@@ -65,7 +68,8 @@ class Summary:
             if parts
             else ({}, {}, {})
         )
-        return cls(sum(part.episodes for part in parts), per_world, world_steps, sums, squares, counts, outcomes, kept)
+        episodes = sum(part.episodes for part in parts)
+        return cls(episodes, per_world, world_steps, sums, squares, counts, outcomes, kept, seconds)
 
     def add(self, statistics: Mapping[str, Any], where: Array, present: Mapping[str, Array] | None = None) -> None:
         """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,).

@@ -49,7 +49,7 @@ def compiled_by(worlds: Worlds) -> list[str]:
     """Labels of the systems that were compiled for these worlds, and not found."""
     run(worlds, STEP)
     worlds.close()
-    return sorted(worlds._units.compiled)
+    return sorted(worlds._runner.units.compiled)
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     worlds = run(make(), STEP, STEP)
-    assert len(list(cold.iterdir())) == len(worlds._units.compiled)
+    assert len(list(cold.iterdir())) == len(worlds._runner.units.compiled)
     assert digest(worlds) == digest(run(make(), STEP, STEP))
 
 
@@ -218,7 +218,7 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
 
         Trade.system(Phase.MOVE, after="weather.blow", compiled=compiled)(swap)
         worlds = run(make(*toy_game.GAME, Trade()), STEP, STEP, STEP)
-        assert len(worlds._segments) == (1 if compiled or not COMPILED else 3)
+        assert len(worlds._runner._segments) == (1 if compiled or not COMPILED else 3)
         assert ("(python)" in str(worlds.schedule)) is not compiled
         results.append(digest(worlds))
     assert results[0] == results[1]
@@ -322,7 +322,7 @@ sys.path[:0] = [{game!r}, {root!r}]
 from {module} import STEP, make, run
 worlds = run(make(count=40, threads=2), STEP, STEP)
 from tests.conftest import digest
-print(len(worlds._units.compiled), worlds.compiled, digest(worlds))
+print(len(worlds._runner.units.compiled), worlds.compiled, digest(worlds))
 worlds.close()
 """
 

@@ -283,15 +283,15 @@ def test_scratch_memory_belongs_to_one_thread() -> None:
 def test_an_error_in_one_thread_reaches_the_caller() -> None:
     """And the worlds go on afterwards."""
     worlds = make(count=MANY, threads=3)
-    call, name = worlds._call, threading.current_thread().name
+    call, name = worlds._runner._call, threading.current_thread().name
 
     def fail(*arguments: Any) -> None:
         raise RuntimeError(f"not in {name}")
 
-    worlds._call = fail  # type: ignore[method-assign]
+    worlds._runner._call = fail  # type: ignore[method-assign]
     with pytest.raises(RuntimeError, match="not in"):
         run(worlds, STEP)
-    worlds._call = call  # type: ignore[method-assign]
+    worlds._runner._call = call  # type: ignore[method-assign]
     run(worlds, STEP)
     worlds.close()
 
@@ -300,7 +300,7 @@ def test_an_error_in_one_thread_reaches_the_caller() -> None:
 def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in `submit`, when a thread has begun."""
     worlds, submit, running = make(count=MANY, threads=3), Workers.submit, []
-    call = worlds._call
+    call = worlds._runner._call
 
     def slowly(*arguments: Any) -> None:
         running.append(True)
@@ -314,13 +314,13 @@ def test_interrupted_while_threads_begin_leaves_none_at_work(monkeypatch: pytest
             time.sleep(0.001)
         raise KeyboardInterrupt
 
-    worlds._call = slowly  # type: ignore[method-assign]
+    worlds._runner._call = slowly  # type: ignore[method-assign]
     with monkeypatch.context() as patch:
         patch.setattr(Workers, "submit", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(worlds, STEP)
     assert not running
-    worlds._call = call  # type: ignore[method-assign]
+    worlds._runner._call = call  # type: ignore[method-assign]
     run(worlds, [RESET] * MANY, STEP)
     worlds.close()
 

@@ -57,7 +57,9 @@ def test_rollout_prints_rates_and_a_table_of_means_with_errors(capsys):
     assert status == 0
     assert "world-step" in err  # the progress bar
     assert "450 world-steps in" in out
-    assert "agent-steps/s" in out
+    shares = re.search(r"agent-steps/s \(policy (\d+)%, worlds (\d+)%, rest (\d+)%\)", out)
+    assert shares
+    assert 98 <= sum(map(int, shares.groups())) <= 102
     assert "std. error" in out
     assert "deaths_zone" in out
     assert out.split("length")[1].split()[0].replace(".", "").isdigit()

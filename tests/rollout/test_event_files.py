@@ -136,7 +136,7 @@ def test_what_cannot_be_is_refused(capsys: Any, tmp_path: Path, monkeypatch: Any
         assert status == 2 or status == 1
         assert words in err
     status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.csv", "--ray")
-    assert "--events, --csv and --interpret are for one machine: leave them out with --ray" in err
+    assert "--events, --csv, --specialize and --interpret are for one machine: leave them out with --ray" in err
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.parquet")
     assert "pip install 'outlast[data]'" in err
