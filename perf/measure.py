@@ -1,6 +1,7 @@
 """Timing: what one step of a batch costs, and several things in turn so that their ratio can be trusted.
 
-Actions are random and episodes are cut after 100 steps: all agents are alive and busy.
+Actions are random and episodes are cut after 100 steps: all agents are alive and busy. Worlds are compiled for their
+scenario alone (specialize=True), and observations are not copied.
 Worlds are at all steps of their episodes at once.
 """
 
@@ -23,7 +24,8 @@ DRAWS = 50  # different actions, drawn ahead of the clock
 
 def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
     """Calls of env.step with random actions: checks, autoreset and statistics included."""
-    env = make_vec(scenario.replace(ending_limit=LIMIT), worlds, seed=0, threads=threads, copy=False)
+    scenario = scenario.replace(ending_limit=LIMIT)
+    env = make_vec(scenario, worlds, seed=0, threads=threads, copy=False, specialize=True)
     policy = random_policy(env)
     observations, _ = env.reset()
     actions = [policy(observations) for _ in range(DRAWS)]
@@ -37,7 +39,7 @@ def stepper(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
 def simulator(scenario: Scenario, worlds: int, threads: int = 1) -> Call:
     """The same of the simulation alone: no observations, no checks; rewards, statistics and autoreset are in it."""
     modules = scenario.replace(ending_limit=LIMIT).modules
-    return ticker(Worlds(modules, worlds, threads, without=(Phase.LOOK, Phase.OBSERVE)))
+    return ticker(Worlds(modules, worlds, threads, without=(Phase.LOOK, Phase.OBSERVE), specialize=True))
 
 
 def ticker(batch: Worlds) -> Call:

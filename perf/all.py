@@ -1,0 +1,83 @@
+"""Every table of docs/performance.md of this machine, one after the other.
+
+    python -m perf.all --save MACHINE [--only step floor] [--original PYTHON:CHECKOUT]
+
+Each script runs in a process of its own, and the numbers are kept in perf/results/MACHINE. Scripts whose libraries are
+not installed are left out, and named. It begins with what the machine makes of nothing: a checkout beside itself, whose
+rounds say how far apart two equal times are (table "noise"). Let nothing else run meanwhile.
+"""
+
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+
+from tqdm import tqdm
+
+from perf.compare import compared
+from perf.report import ROOT
+from perf.table import Table, options
+
+SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of the core
+    "step": ("perf.step",),
+    "floor": ("perf.floor",),
+    "worlds": ("perf.scale", "worlds"),
+    "agents": ("perf.scale", "agents"),
+    "threads": ("perf.scale", "threads"),
+    "reset": ("perf.cost", "reset"),
+    "memory": ("perf.cost", "memory", "--steps", "10000000"),
+    "edit": ("perf.edit",),
+    "profile": ("perf.profile", "teams_3"),
+    "frames": ("perf.frames",),
+    "interfaces": ("perf.interfaces",),
+    "benchmarl": ("perf.benchmarl",),
+    "training": tuple(["perf.training.rates", "--preset", "fast", "--worlds", "256", "--rollout", "32768", "--threads", "1"]),
+}
+NEEDS = {
+    "interfaces": ("stable_baselines3", "torchrl", "pettingzoo"),
+    "benchmarl": ("benchmarl", "vmas"),
+    "training": ("torch",),
+}
+
+
+def main() -> None:
+    """Run them all."""
+    parser = options(__doc__)
+    parser.add_argument(
+        "--only", nargs="+", choices=SCRIPTS, default=list(SCRIPTS), help="these scripts (default: all)"
+    )
+    parser.add_argument("--original", metavar="PYTHON:CHECKOUT", help="for the step script, see there")
+    given = parser.parse_args()
+    if given.save is None:
+        parser.error("say where the numbers are kept: --save MACHINE")
+    noise().finish(given.save)
+    failed = []
+    for name in (bar := tqdm(given.only, unit="table")):
+        bar.set_description(name)
+        if missing := [each for each in NEEDS.get(name, ()) if find_spec(each) is None]:
+            tqdm.write(f"{name} is left out: {', '.join(missing)} is not installed")
+            continue
+        more = ["--original", given.original] if name == "step" and given.original else []
+        start = time.perf_counter()
+        status = subprocess.run(
+            [sys.executable, "-m", *SCRIPTS[name], "--save", given.save, *more], cwd=ROOT, stdout=subprocess.DEVNULL
+        ).returncode
+        tqdm.write(f"{name}: {'done' if status == 0 else 'failed'} in {time.perf_counter() - start:.0f} s")
+        failed += [name] if status else []
+    if failed:
+        sys.exit(f"{', '.join(failed)} failed: what they printed is above; run them again with --only")
+    print(f"python -m perf.report {given.save} writes the tables into the pages")
+
+
+def noise() -> Table:
+    """What two equal checkouts differ by."""
+    table = Table("noise", "variant", "one", "the other", "ratio", "round by round")
+    for variant in ("ffa_1", "teams_3"):
+        times = compared(ROOT, ROOT, variant, 1024, specialize=True)
+        (one, other), each = times.min(0), times[:, 1] / times[:, 0]
+        table.add(variant, float(one), float(other), float(other / one), f"{each.min():.4g} to {each.max():.4g}")
+    return table
+
+
+if __name__ == "__main__":
+    main()
