@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, types
+from numba import config, from_dtype, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
@@ -146,8 +146,8 @@ class View:
 
     @property
     def type(self) -> Any:
-        """Numba's."""
-        kind = types.Array if self.checked else Column
+        """Numba's; with NUMBA_BOUNDSCHECK=1, indices of all kernels are checked."""
+        kind = types.Array if self.checked or config.BOUNDSCHECK else Column
         return kind(from_dtype(self.dtype), self.ndim, "C", readonly=not self.writable)
 
 

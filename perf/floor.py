@@ -24,7 +24,7 @@ from perf.measure import DRAWS, LIMIT, Call, alternate, stepper
 from perf.rows import scenario
 from perf.table import Table, options
 
-world_step = external("_ZN7b2World4StepEfii", "void", "intp", "float32", "int32", "int32")
+world_step = external("_ZN7b2World4StepEfii", "void", "intp", "float32", "int32", "int32", cure="compile it")
 
 
 def main() -> None:

@@ -112,3 +112,11 @@ def test_units_of_others_have_arrays_that_count_from_the_end_and_are_checked() -
 
     toy_game.run(Worlds((*toy_game.GAME, Local()), 3), toy_game.RESET, toy_game.STEP)
     assert Generator(Worlds(toy_game.GAME, 1).layout, outside=True).checked
+
+
+@compiled_only
+def test_with_bounds_checks_there_are_no_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    view = arguments.View(np.dtype("f4"), 1)
+    assert view.type == Column(types.float32, 1, readonly=True)
+    monkeypatch.setattr(arguments.config, "BOUNDSCHECK", 1)
+    assert type(view.type) is types.Array
