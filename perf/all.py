@@ -31,7 +31,10 @@ SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of th
     "frames": ("perf.frames",),
     "interfaces": ("perf.interfaces",),
     "benchmarl": ("perf.benchmarl",),
-    "training": ("perf.training.rates", *["--preset", "fast", "--worlds", "256", "--rollout", "32768", "--threads", "1"]),
+    "training": (
+        *("perf.training.rates", "--preset", "fast", "--worlds", "256"),
+        *("--rollout", "32768", "--threads", "1"),
+    ),
 }
 NEEDS = {
     "interfaces": ("stable_baselines3", "torchrl", "pettingzoo"),

@@ -58,16 +58,13 @@ def filled(text: str, machine: str | None = None) -> str:
 
 
 def draw(machine: str) -> None:
-    """World-steps a second against the number of worlds: ours, plain Box2D, the original if it was timed there, too."""
+    """World-steps a second against the number of worlds: ours and plain Box2D, of one run."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     _, rows = read("worlds", machine)
-    originals = (
-        {row["row"]: row["original"] for row in read("original", machine)[1]} if has("original", machine) else {}
-    )
     names = [name for name in rows[0] if name != "worlds" and not name.endswith(" box2d")]
     figure, axes = pyplot.subplots(1, len(names), figsize=(4.6 * len(names), 3.6), sharey=True, squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
@@ -77,8 +74,6 @@ def draw(machine: str) -> None:
         ):
             points = [(int(row["worlds"]), 1e6 / float(row[column])) for row in rows if row[column]]
             axis.loglog(*zip(*points, strict=True), marker="o", markersize=4, color=colour, label=label)
-        if name in originals:
-            axis.axhline(1e6 / float(originals[name]), color="#666666", linestyle="--", label="the original")
         axis.set_title(name)
         axis.set_xlabel("worlds in the batch")
         axis.grid(alpha=0.3, which="major")
