@@ -102,6 +102,23 @@ class ActionSpace:
         rows: Array = self._table[joint[..., 0]]
         return rows
 
+    def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
+        """Write what a learner gave for all agents of a batch into `actions`, integers (worlds, agents, actions).
+
+        Args:
+            given: As `rows` takes it.
+            actions: Where to; as it was, if what was given is refused.
+            ranges: As in `rows`.
+
+        Raises:
+            ActionError: As `rows`.
+        """
+        plain = self._table is None and not ranges and isinstance(given, np.ndarray)
+        if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):  # the usual case takes no time
+            named = {"axes": "worlds, agents", "who": "agent {1} in world {0}"}
+            given = self.rows(given, actions.shape[:2], ranges, **named)
+        actions[...] = given
+
     def masks(self) -> Array:
         """Which values can change anything in the next tick, or are the one that does nothing: bool, a new array.
 

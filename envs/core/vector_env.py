@@ -32,7 +32,6 @@ from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
 Stops = Callable[[], tuple[Actions, Actions]]
-NAMED: dict[str, Any] = {"axes": "worlds, agents", "who": "agent {1} in world {0}"}  # in errors
 Runner = TypeVar("Runner")  # see recording.Recorder: run, check, close and recording
 
 
@@ -199,9 +198,7 @@ class SurvivalVectorEnv(Described):
             ValueError: `out` has other names, shapes or types.
             TypeError: A wrapper is around that cannot work with a reward for each agent.
         """
-        if (
-            not self._wrappers_checked
-        ):  # what can be wrapped around it between two resets is not worth every step's time
+        if not self._wrappers_checked:  # once between two resets
             refuse_reward_sums(sys._getframe(2))
             self._wrappers_checked = True
         return self._step(actions, out)
@@ -210,11 +207,11 @@ class SurvivalVectorEnv(Described):
         self, actions: Actions, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         buffers = None if out is None else StepBuffers(self, out)
-        self._take(actions)
         tracker, recording = self._tracker, self._recording
+        self._actions.write(actions, tracker.actions)
         flags = tracker.step(self._runner, self.check_actions or recording)
         if flags & OUT_OF_RANGE:
-            self._actions.rows(actions, tracker.actions.shape[:2], **NAMED)  # raises what is wrong
+            self._actions.write(actions, tracker.actions, ranges=True)  # raises what is wrong
         self._step_events.forget()
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self._stops is not None:
@@ -398,12 +395,3 @@ class SurvivalVectorEnv(Described):
     @property
     def _recording(self) -> bool:
         return self._runner is not self.worlds and bool(self._runner.recording)
-
-    def _take(self, actions: Any) -> None:
-        """Check the shape and type of actions, and make them those of the next step."""
-        given = self._tracker.actions
-        plain = self._actions.kind == "multi" and isinstance(actions, np.ndarray)
-        if plain and actions.shape == given.shape and actions.dtype.kind in "iu":  # the usual case, in no time
-            given[...] = actions
-        else:
-            given[...] = self._actions.rows(actions, given.shape[:2], ranges=False, **NAMED)

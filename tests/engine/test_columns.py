@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from numba import types
@@ -11,6 +10,7 @@ from numba.core.errors import NumbaError
 from outlast import make_vec
 from outlast.ecs import Read, Rows, Worlds, arguments
 from outlast.ecs.columns import Column
+from outlast.ecs.jit import kernel
 from outlast.ecs.tick import Generator
 from tests.conftest import COMPILED, draw_actions, few_by_day
 from tests.helpers import toy_game
@@ -76,7 +76,7 @@ def test_the_array_that_refuses_refuses() -> None:
 )
 def test_a_negative_index_that_is_known_is_refused(function: Any, kinds: Any) -> None:
     with pytest.raises(NumbaError, match="of a column: count from the start"):
-        numba.njit(kinds)(function)
+        kernel(function).compile(kinds)
 
 
 @compiled_only
@@ -85,7 +85,7 @@ def test_a_negative_index_that_is_written_is_refused() -> None:
         a[-1] = 0
 
     with pytest.raises(NumbaError, match="the index -1 of a column"):
-        numba.njit((ROW,))(write)
+        kernel(write).compile((ROW,))
 
 
 @compiled_only
