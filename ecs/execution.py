@@ -9,8 +9,10 @@ from .arguments import ArgumentBlock
 from .cache import RUNNER, CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
-from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, STATE, TABLE, UNITS, WORLD_BYTES
+from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, TABLE, UNITS, share_lines
 from .tick import Segment, Unit
+
+CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: to fetch them gains nothing
 
 
 class CompiledExecution:
@@ -27,11 +29,20 @@ class CompiledExecution:
         self.blocks = [ArgumentBlock(unit.arguments, worlds, compiled=True) for unit in segment.units]
         self._frame = np.zeros(TABLE + 2 * len(segment.units), np.int64)
         self._frame[UNITS] = len(segment.units)
-        self._frame[STATE], self._frame[WORLD_BYTES] = worlds.block.ctypes.data, worlds.layout.world_bytes
         self._frame[TABLE::2] = [compiled_units.address(unit.label) for unit in segment.units]
         self._frame[TABLE + 1 :: 2] = [block.address for block in self.blocks]
         self._frame[FAILED] = NONE
+        self._share_fetching(worlds)
         self.address = int(self._frame.ctypes.data)  # of what ecs.run_units takes
+
+    def _share_fetching(self, worlds: Any) -> None:
+        """Let the units that run in every tick fetch the worlds that come next, in equal parts, if that pays."""
+        fetching = [block for unit, block in zip(self._units, self.blocks, strict=True) if not unit.only_at_reset]
+        if worlds.block.nbytes > CACHED and fetching:
+            size = worlds.layout.world_bytes
+            share, lines = share_lines(size, len(fetching))
+            for k, block in enumerate(fetching):
+                block.fetch(worlds.block.ctypes.data + CHUNK * size + k * share, lines)
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""

@@ -8,7 +8,8 @@ rows and scratch memory, the mechanics' numbers. So a unit's source depends on i
 cache (ecs.cache) keeps machine code for a system, not for a scenario. Each has an argument layout of its own for the
 same reason.
 
-ecs.run_units is the tick: it takes a few worlds at a time through all units. A system that runs as Python splits the
+Each iteration also fetches memory of a world that comes later. ecs.run_units is the tick: it takes a few worlds at a
+time through all units. A system that runs as Python splits the
 tick into several such calls.
 """
 
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from .access import Parameter
-from .arguments import BLOCK, EVENTS, MODE, ArgumentLayout, View, array_view, number_view, table_view
+from .arguments import BLOCK, EVENTS, LINES, MODE, ArgumentLayout, View, array_view, number_view, table_view
 from .component import Clock, Component, Entity
 from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
@@ -35,6 +36,7 @@ from .per_agent import ROWS, AgentNumber, AgentNumbers, AgentRoles, assign
 from .per_agent import plan as plan_roles
 from .phase import When
 from .random import stream_number
+from .run_units import begin_fetch, fetch
 from .system import System
 from .varied import NumbersView, Varied, VariedNumber
 
@@ -80,6 +82,7 @@ class Unit:
         names: What its source refers to.
         arguments: The layout of its arguments.
         compiled: False if it runs as Python.
+        only_at_reset: Whether it does nothing in other ticks.
     """
 
     label: str
@@ -89,6 +92,7 @@ class Unit:
     names: dict[str, Any]
     arguments: ArgumentLayout
     compiled: bool
+    only_at_reset: bool
 
     def function(self) -> Any:
         """The Python function; debuggers and tracebacks find its source."""
@@ -189,9 +193,16 @@ class Generator:
         lines = [f"def unit(arguments, first, last):  # {label}"]
         lines += [f"    {name} = {slot}" for name, slot in self.slots.items()]
         lines += ["    " + line for line in self.outside]
-        lines += ["    for w in range(first, last):", f"        if {idle}:", "            continue"]
+        if self.compiled:
+            self.names |= {"begin_fetch": begin_fetch, "fetch": fetch, "int64": number_view("int64", python=False)}
+            lines += [f"    line, lines = begin_fetch(arguments, first), int64(arguments, {LINES})"]
+        lines += ["    for w in range(first, last):"]
+        if self.compiled:
+            lines += ["        line = fetch(line, lines)"]
+        lines += [f"        if {idle}:", "            continue"]
         lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
-        return Unit(label, system, kernel, "\n".join(lines) + "\n", self.names, self.arguments, self.compiled)
+        source = "\n".join(lines) + "\n"
+        return Unit(label, system, kernel, source, self.names, self.arguments, self.compiled, idle == IDLE[When.RESET])
 
     def _argument(self, module: Module, system: System, parameter: Parameter) -> str:
         match parameter.kind:

@@ -89,17 +89,18 @@ def see(
         count = cull(blocks, alive_blocks, living, aabbs, body, me, far, half_cos) if entities.alive[me] else 0
         for b in range(bodies.size):
             sight.visible[i, b] = 0
+        hiding = 0
         for k in range(count):
             b, here = blocks[BLOCK, k], blocks[BITS, k]
             inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
-            blocks[BITS, k] = around & here & occluders[b]
-        for k in range(count):
-            b = blocks[BLOCK, k]
+            blocks[BITS, hiding], blocks[BLOCK, hiding] = around & here & occluders[b], b
+            hiding += blocks[BITS, hiding] != 0
+        for b in range(bodies.size):
             pending = sight.visible[i, b]
             while pending:
                 e = first_row(b, pending)  # blocks of walls hide, and nobody observes them
-                if is_inner_wall(entities, e) or not line_of_sight(blocks, count, aabbs, body, shape, me, e):
+                if is_inner_wall(entities, e) or not line_of_sight(blocks, hiding, aabbs, body, shape, me, e):
                     sight.visible[i, b] ^= pending & -pending
                 pending &= pending - 1
 

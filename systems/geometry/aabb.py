@@ -22,7 +22,7 @@ AABBs: TypeAlias = tuple[Array, Array, Array, Array]
 
 ALONG_X, ALONG_Y = 0, 1  # rows of `half_extents`
 SLACK = np.float32(1e-3)  # metres: more than float32 loses in a test
-ZERO = np.float32(0)
+HALF = np.float32(0.5)
 
 
 def make_half_extents(dims: dict[str, int]) -> np.ndarray[Any, Any]:
@@ -54,8 +54,8 @@ def aabbs_near_point(aabbs: AABBs, b: int, x: Real, y: Real, distance: Real) -> 
 def aabbs_hit_by_ray(aabbs: AABBs, b: int, ox: Real, oy: Real, dx: Real, dy: Real) -> int:
     """Bitset of the rows of block `b` whose AABB the ray o + f d, 0 <= f <= 1, hits (a separating-axis test)."""
     xs, ys, halves_x, halves_y = aabbs
+    wide, high = abs(dx), abs(dy)
     half_x, half_y = load(halves_x, SIMD_WIDTH * b), load(halves_y, SIMD_WIDTH * b)
-    x, y = load(xs, SIMD_WIDTH * b) - ox, load(ys, SIMD_WIDTH * b) - oy
-    in_x = (x - half_x <= max(dx, ZERO)) & (x + half_x >= min(dx, ZERO))
-    in_y = (y - half_y <= max(dy, ZERO)) & (y + half_y >= min(dy, ZERO))
-    return int(to_bits(in_x & in_y & (abs(x * dy - y * dx) <= half_x * abs(dy) + half_y * abs(dx))))
+    x, y = load(xs, SIMD_WIDTH * b) - ox - HALF * dx, load(ys, SIMD_WIDTH * b) - oy - HALF * dy  # from its middle
+    near = (abs(x) <= half_x + HALF * wide) & (abs(y) <= half_y + HALF * high)
+    return int(to_bits(near & (abs(x * dy - y * dx) <= half_x * high + half_y * wide)))

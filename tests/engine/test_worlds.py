@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from outlast.ecs import DeclarationError, Entity, Module, Random, ScheduleError, Worlds, Write
+from outlast.ecs.layout import ALIGN
 from outlast.ecs.random import uniform
+from outlast.ecs.run_units import CHUNK, share_lines
 from outlast.ecs.workers import Job, Workers
 from tests.conftest import COMPILED, digest, scaled
 from tests.helpers import toy_game
@@ -336,3 +338,13 @@ def test_several_python_threads_may_run_worlds_of_their_own() -> None:
 
     with ThreadPoolExecutor(6) as pool:
         assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}
+
+
+@pytest.mark.parametrize("world_bytes", [64, 1000, 4224, 7552])
+@pytest.mark.parametrize("units", [1, 7, 37])
+def test_units_together_fetch_the_whole_of_the_next_chunk(world_bytes: int, units: int) -> None:
+    """As the loop of a unit does it: some lines in each of its worlds, one behind the other."""
+    share, lines = share_lines(world_bytes, units)
+    fetched = {(k * share // ALIGN) + line for k in range(units) for line in range(CHUNK * lines)}
+    assert fetched >= {*range(CHUNK * world_bytes // ALIGN)}
+    assert CHUNK * lines * ALIGN * units <= CHUNK * (world_bytes + ALIGN * units)  # and not much more
