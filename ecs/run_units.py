@@ -4,7 +4,7 @@ Their state stays in the processor's cache meanwhile, and each unit fetches a pa
 for each of its worlds: more at once would have to wait for each other.
 """
 
-from .arguments import AHEAD, LINES, STRIDE
+from .arguments import AHEAD, STRIDE
 from .jit import kernel, loader, storer
 from .layout import ALIGN
 from .machine_code import call_address, prefetch

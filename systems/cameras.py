@@ -13,14 +13,14 @@ from outlast.components.wall import is_inner_wall
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.aabb import aabbs_hit_by_ray, aabbs_near_point, compute_aabbs, make_half_extents
+from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
 from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
+from .geometry.strips import FEW, fill_strips, make_extent, make_strips, rows_near
 
 SECTOR = 0  # index into the choices of Cameras.cone
-HALF, QUARTER, ONE = np.float32(0.5), np.float32(0.25), np.float32(1)
-FEW = 8  # blocks: of so many, testing each is faster than culling them first
+ZERO = np.float32(0)
 STRETCH = np.float32(1 + 1e-6)  # the ray to a centre is this much longer, as in the original
 
 
@@ -49,7 +49,10 @@ class Cameras(Module):
     )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
+        if name == "extent":
+            return make_extent()
+        made = {"half_extents": make_half_extents, "strips": make_strips}
+        return made.get(name, make_blocks)(dims)
 
 
 @Cameras.system(Phase.DRAW)
@@ -70,6 +73,8 @@ def see(
     half_extents: Scratch,
     alive_blocks: Scratch,
     blocks: Scratch,
+    strips: Scratch,
+    extent: Scratch,
     fov: float,
     depth: float,
     cone: int,
@@ -81,21 +86,25 @@ def see(
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)
     occluders = bodies if items_occlude else solids
+    if living > FEW:
+        fill_strips(strips, extent, alive_blocks, living, aabbs)
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
         if differs(fov):
             half_cos, half_sin = half_angle(of(fov, me))
-        count = cull(blocks, alive_blocks, living, aabbs, body, me, far, half_cos) if entities.alive[me] else 0
+        count = hiding = 0
+        if entities.alive[me]:
+            count = list_near(blocks, alive_blocks, living, strips, extent, body, me, far, half_cos, half_sin)
         for b in range(bodies.size):
             sight.visible[i, b] = 0
-        hiding = 0
         for k in range(count):
             b, here = blocks[BLOCK, k], blocks[BITS, k]
             inside, around = in_view(aabbs, body, me, b, far, half_cos, half_sin, cone)
             sight.visible[i, b] = inside & here
-            blocks[BITS, hiding], blocks[BLOCK, hiding] = around & here & occluders[b], b
-            hiding += blocks[BITS, hiding] != 0
+            hides = around & here & occluders[b]
+            blocks[BITS, hiding], blocks[BLOCK, hiding] = hides, b
+            hiding += hides != 0
         for b in range(bodies.size):
             pending = sight.visible[i, b]
             while pending:
@@ -112,24 +121,45 @@ def half_angle(fov: Real) -> tuple[Real, Real]:
 
 
 @kernel
-def cull(
-    blocks: Array, alive_blocks: Array, living: int, aabbs: Array, body: Array, me: int, depth: Real, half_cos: Real
+def list_near(
+    blocks: Array,
+    alive_blocks: Array,
+    living: int,
+    strips: Array,
+    extent: Array,
+    body: Array,
+    me: int,
+    depth: Real,
+    half_cos: Real,
+    half_sin: Real,
 ) -> int:
-    """List the blocks with rows near the vision cone of `me`, and their bitsets; returns how many.
+    """List the blocks with other rows near the vision cone of `me`, and their bitsets; returns how many.
 
-    Near is an AABB that reaches into a square around the cone.
+    Near is an AABB that reaches into that of the cone. With few blocks all rows are.
     """
-    x, y = body.x[me] + HALF * depth * body.cosine[me], body.y[me] + HALF * depth * body.sine[me]
-    far = depth * np.float32(np.sqrt(max(QUARTER, ONE + QUARTER - half_cos)))  # of all in the cone from (x, y)
+    if living > FEW:
+        x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
+        low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
+        low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
+        count = rows_near(blocks, strips, extent, x + low_x, x + high_x, y + low_y, y + high_y)
+        for k in range(count):
+            blocks[BITS, k] = without_row(blocks[BITS, k], blocks[BLOCK, k], me)
+        return count
     count = 0
     for k in range(living):
         b = alive_blocks[BLOCK, k]
         here = without_row(alive_blocks[BITS, k], b, me)
-        if living > FEW:
-            here &= aabbs_near_point(aabbs, b, x, y, far)
         blocks[BITS, count], blocks[BLOCK, count] = here, b
         count += here != 0
     return count
+
+
+@kernel
+def cone_ends(along: Real, across: Real, depth: Real, half_cos: Real, half_sin: Real) -> tuple[Real, Real]:
+    """How far a vision cone reaches back and forth along an axis; (along, across) is its heading, seen from there."""
+    one, other = depth * (along * half_cos - across * half_sin), depth * (along * half_cos + across * half_sin)
+    low, high = min(ZERO, min(one, other)), max(ZERO, max(one, other))
+    return -depth if -along >= half_cos else low, depth if along >= half_cos else high
 
 
 @kernel

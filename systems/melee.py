@@ -31,6 +31,7 @@ from outlast.ecs import (
 from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
 from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
 from .geometry.rays import NO_HIT, raycast_entity
+from .geometry.strips import FEW, fill_strips, make_extent, make_strips, rows_near
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,10 @@ class Melee(Module):
         return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return make_half_extents(dims) if name == "half_extents" else make_blocks(dims)
+        if name == "extent":
+            return make_extent()
+        made = {"half_extents": make_half_extents, "strips": make_strips}
+        return made.get(name, make_blocks)(dims)
 
 
 @Melee.system(Phase.MELEE)
@@ -86,12 +90,17 @@ def aim(
     bodies: Bitset[Shape],
     half_extents: Scratch,
     blocks: Scratch,
+    strips: Scratch,
+    extent: Scratch,
     reach: float,
     cooldown: int,
     blocked: bool,
 ) -> None:
     """All rays are cast before any damage is dealt, so two agents can kill each other."""
     aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
+    crowded = count > FEW
+    if crowded:
+        fill_strips(strips, extent, blocks, count, aabbs)
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
@@ -105,6 +114,8 @@ def aim(
         x, y, far = body.x[me], body.y[me], of(reach, me)
         dx, dy = far * body.cosine[me], far * body.sine[me]
         nearest = NO_HIT
+        if crowded:
+            count = rows_near(blocks, strips, extent, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
         for k in range(count):
             b = blocks[BLOCK, k]
             pending = without_row(blocks[BITS, k] & aabbs_hit_by_ray(aabbs, b, x, y, dx, dy), b, me)

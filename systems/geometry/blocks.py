@@ -59,6 +59,7 @@ def nonempty_blocks(blocks: Array, entities: Array, members: Array) -> int:
     """
     count = 0
     for b in range(members.size):
-        blocks[BITS, count], blocks[BLOCK, count] = alive_bits(entities, members, b), b
-        count += blocks[BITS, count] != 0
+        bits = alive_bits(entities, members, b)
+        blocks[BITS, count], blocks[BLOCK, count] = bits, b
+        count += bits != 0
     return count

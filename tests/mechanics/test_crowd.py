@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import outlast
-from outlast.components import Body, Phase, Side, Sight
+from outlast.components import Body, Phase, Side, Sight, Weapon
 from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.systems.cameras import FEW
+from outlast.systems.geometry.strips import FEW
 from tests.conftest import draw_actions, scaled, slow_compiled
-from tests.helpers import naive_observations
-from tests.helpers.ambiguity import collecting
+from tests.helpers import naive_mechanics, naive_observations
+from tests.helpers.ambiguity import Ambiguous, collecting
 from tests.helpers.naive_world import World, read
 
 WORLDS = scaled(12, least=2)
-HEALS = 150
+HEALS = 270
 CONES = {
     "sector": {"cameras_cone": "sector", "cameras_items_occlude": False},
     "kite": {"cameras_cone": "kite", "cameras_depth": 6.0},
@@ -27,10 +27,10 @@ CONES = {
 }
 
 
-def crowd(cone: str) -> SurvivalVectorEnv:
+def crowd(cone: str, **numbers: float) -> SurvivalVectorEnv:
     """Agents anywhere, at any angle; after a tick in which all idle."""
     scenario = outlast.variant("ffa_4").replace(
-        n_agents=4, n_heals=HEALS, n_boxes=4, spawn_grid_cells=16, **CONES[cone]
+        n_agents=4, n_heals=HEALS, n_boxes=4, spawn_grid_cells=19, **CONES[cone], **numbers
     )
     env, rng = outlast.make_vec(scenario, WORLDS, seed=1), np.random.default_rng(2)
     env.reset()
@@ -62,6 +62,28 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
         assert differing <= len(ambiguities), (got, want)
     env.close()
     assert several >= WORLDS
+
+
+def test_blows_in_a_crowd_land_where_they_land_one_by_one() -> None:
+    """Of a weapon that reaches far, so that many bodies are in its way."""
+    env = crowd("kite", melee_reach=8.0)
+    before = [read(env, w) for w in range(WORLDS)]
+    env.step(np.tile([1, 1, 1, 1, 0, 0], (WORLDS, env.num_agents, 1)))
+    targets, landed, unclear = env.worlds[Weapon].target[:, : env.num_agents], 0, 0
+    for w, world in enumerate(before):
+        for agent in world.live("agent"):
+            try:
+                met = naive_mechanics.first_on_ray(
+                    (agent.x, agent.y), naive_mechanics.ahead(agent, 8.0), naive_mechanics.in_the_way(world, agent)
+                )
+            except Ambiguous:
+                unclear += 1
+                continue
+            assert targets[w, agent.index] == (met.row if met else -1)
+            landed += met is not None
+    env.close()
+    assert landed >= WORLDS
+    assert unclear <= WORLDS
 
 
 # ---- nobody leaves the room

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from outlast.ecs import kernel
 from outlast.ecs.simd import SIMD_WIDTH
-from outlast.systems.geometry import aabb, blocks, broad_phase
+from outlast.systems.geometry import aabb, blocks, broad_phase, strips
 from outlast.systems.geometry.rays import NO_HIT
 from tests.conftest import COMPILED
 from tests.helpers import naive_geometry as naive
@@ -188,6 +188,51 @@ def test_culling_keeps_all_that_is_hit_or_near(seed: int, grid: bool, ray: tuple
         parted, far = apart(body, shape, e, given_ray)
         assert e not in crossed or not parted
         assert e not in near or not far
+
+
+@kernel
+def _sort(sorted_rows: Any, extent: Any, half_extents: Any, lines: Any, body: Any, shape: Any, alive: Any) -> None:
+    members = alive[1]
+    count = blocks.nonempty_blocks(lines, alive[0], members)
+    strips.fill_strips(sorted_rows, extent, lines, count, aabb.compute_aabbs(half_extents, body, shape))
+
+
+@SOME
+@given(seeds, grids, st.sampled_from([0.0, 70.0, 9e4]), rays)
+def test_strips_keep_all_that_reach_into_a_rectangle(
+    seed: int, grid: bool, away: float, box: tuple[float, ...]
+) -> None:
+    """And leave out most others, in a room that is larger than what is looked for. The room may be far from (0, 0)."""
+    body, shape, entities = random_bodies(seed, grid)
+    body = body._replace(x=_column(body.x + F4(away)))
+    members = [e for e in range(ROWS) if e % 7 and entities.alive[e]]
+    dims = {"blocks": strips.FEW + 1}  # of which those without bodies stay empty
+    sorted_rows, extent, lines = strips.make_strips(dims), strips.make_extent(), blocks.make_blocks(dims)
+    sorted_rows[:] = -1  # what is left from another world
+    _sort(
+        sorted_rows,
+        extent,
+        aabb.make_half_extents({"blocks": BLOCKS}),
+        lines,
+        body,
+        shape,
+        (entities, to_bits(members)),
+    )
+    low_x, low_y, high_x, high_y = (F4(at) for at in (*np.minimum(box[:2], box[2:4]), *np.maximum(box[:2], box[2:4])))
+    low_x, high_x = low_x + F4(away), high_x + F4(away)
+    count = strips.rows_near(lines, sorted_rows, extent, low_x, high_x, low_y, high_y)
+    found = [SIMD_WIDTH * b + j for bits, b in lines[:, :count].T.tolist() for j in range(SIMD_WIDTH) if bits >> j & 1]
+    cosine, sine = np.abs(body.cosine), np.abs(body.sine)
+    wide = cosine * shape.half_width + sine * shape.half_height + shape.radius
+    tall = sine * shape.half_width + cosine * shape.half_height + shape.radius
+    assert {*found} <= {*members}
+    for e in members:
+        out = body.x[e] - wide[e] > high_x or body.x[e] + wide[e] < low_x
+        assert e in found or out or body.y[e] - tall[e] > high_y or body.y[e] + tall[e] < low_y
+        width = 1.05 * extent[1, 1] + 2e-3  # of a strip, with what the sorting adds
+        edges = extent[1, 0], extent[1, 0] + 15 * extent[1, 1]
+        if edges[0] < body.y[e] - tall[e] - width and body.y[e] + tall[e] + width < edges[1]:  # not in the outer ones
+            assert e not in found or (body.y[e] - tall[e] - width <= high_y and body.y[e] + tall[e] + width >= low_y)
 
 
 def test_arrays_that_kernels_return_are_counted() -> None:
