@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from llvmlite.binding import get_host_cpu_name
+
 FOLDER = Path(__file__).parent / "results"
 
 
@@ -81,7 +83,7 @@ def describe() -> str:
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "Box2D"))
     cpu = names[0] if names else platform.processor()
-    return f"{cpu}, {os.cpu_count()} CPUs; Python {platform.python_version()}, {versions}"
+    return f"{cpu} ({get_host_cpu_name()}), {os.cpu_count()} CPUs; Python {platform.python_version()}, {versions}"
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
