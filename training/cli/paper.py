@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     seconds, known = expected_seconds([experiment for experiment, _ in plan])
     jobs = options.jobs or os.cpu_count() or 1
     hours = sum(seconds) / jobs / 3600
-    timed = "as timed on one core of an AMD EPYC (Zen 5)" if known else "some of them never timed, so this is a guess"
+    timed = "as timed on one core of an AMD EPYC (Zen 3)" if known else "some of them never timed, so this is a guess"
     about = f"{len(plan)} runs, {jobs} at a time: about {hours:.1f} hours, {timed}"
     if options.plan:
         print(about)
