@@ -28,6 +28,13 @@ def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = ""
         raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
 
 
+def check_flags(**flags: Any) -> None:
+    """ValueError unless all are True or False; any other word would count as True."""
+    for name, value in flags.items():
+        if not isinstance(value, (bool, np.bool_)):
+            raise ValueError(f"{name} = {value!r}: allowed are True and False")
+
+
 def renamed(options: dict[str, Any], old: str, new: str, value: Any) -> Any:
     """`value` of the keyword `new`, or what `options` has under its old name, with a DeprecationWarning."""
     if old not in options:

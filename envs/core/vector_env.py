@@ -27,7 +27,7 @@ from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
 from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE
-from .validation import MAX_WORLDS, check_choice, check_count, keys, reset_mask
+from .validation import MAX_WORLDS, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
@@ -104,13 +104,15 @@ class SurvivalVectorEnv(Described):
         check_count("threads", threads, 1)
         check_count("first_world", first_world, 0, MAX_WORLDS)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        check_flags(copy=copy, check_actions=check_actions, scaled=scaled)
+        check_flags(action_masks=action_masks, specialize=specialize)
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
         self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = scenario.worlds(
-            int(num_worlds), int(threads), interpret=interpret, specialize=bool(specialize), functions=FUNCTIONS
+            int(num_worlds), int(threads), interpret=interpret, specialize=specialize, functions=FUNCTIONS
         )
         self._runner: Any = self.worlds  # or what also records it
         self._guard = CallGuard()

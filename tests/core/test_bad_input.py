@@ -206,6 +206,10 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
     "seed below zero": ({"seed": -1}, "seed = -1", "0 to 2**64 - 1"),
     "seed a float": ({"seed": 0.5}, "seed = 0.5", "integer"),
     "unknown autoreset": ({"autoreset_mode": "never"}, "autoreset_mode", "'never'", "NextStep", "SameStep", "Disabled"),
+    **{
+        f"{flag} a word": ({flag: "no"}, f"{flag} = 'no'", "True and False")
+        for flag in ("copy", "check_actions", "scaled", "action_masks", "specialize")
+    },
     "autoreset a number": ({"autoreset_mode": 1}, "autoreset_mode", "1", "NextStep", "SameStep", "Disabled"),
 }
 
