@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -175,11 +176,16 @@ def test_ctrl_c_leaves_the_summary_of_the_finished_batches(workers, monkeypatch,
 def test_the_command_prints_the_same_table(workers, capsys):
     arguments = ["rollout", "ffa_2", "--worlds", "5", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
     tables = []
-    for more in ([], ["--ray"]):
+    for more, shares in (
+        ([], r" \(policy \d+%, worlds \d+%, rest \d+%\)"),
+        (["--ray"], ""),
+    ):
         assert cli.main([*arguments, *more]) == 0
         out = capsys.readouterr().out
         assert "750 world-steps in" in out
-        tables.append(out.split("agent-steps/s")[1])
+        rest, _, table = out.split("agent-steps/s")[1].partition("\n")
+        assert re.fullmatch(shares, rest)
+        tables.append(table)
     assert tables[0] == tables[1]
     assert "deaths_zone" in tables[0]
 
