@@ -9,8 +9,7 @@ cache (ecs.cache) keeps machine code for a system, not for a scenario. Each has 
 same reason.
 
 Each iteration also fetches memory of a world that comes later. ecs.run_units is the tick: it takes a few worlds at a
-time through all units. A system that runs as Python splits the
-tick into several such calls.
+time through all units. A system that runs as Python splits the tick into several such calls.
 """
 
 import linecache

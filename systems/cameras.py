@@ -13,11 +13,11 @@ from outlast.components.wall import is_inner_wall
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
-from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs
+from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.strips import FEW, fill_strips, make_extent, make_strips, rows_near
+from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
 
 SECTOR = 0  # index into the choices of Cameras.cone
 ZERO = np.float32(0)
@@ -49,10 +49,7 @@ class Cameras(Module):
     )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "extent":
-            return make_extent()
-        made = {"half_extents": make_half_extents, "strips": make_strips}
-        return made.get(name, make_blocks)(dims)
+        return make_scratch(name, dims)
 
 
 @Cameras.system(Phase.DRAW)

@@ -28,10 +28,10 @@ from outlast.ecs import (
     of,
 )
 
-from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs, make_half_extents
-from .geometry.blocks import BITS, BLOCK, first_row, make_blocks, nonempty_blocks, without_row
+from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs
+from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
 from .geometry.rays import NO_HIT, raycast_entity
-from .geometry.strips import FEW, fill_strips, make_extent, make_strips, rows_near
+from .geometry.strips import FEW, fill_strips, make_scratch, rows_near
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,7 @@ class Melee(Module):
         return {"attack": inactive(worlds) | (worlds[Weapon].cooldown[:, worlds.span("agent")] > 0)}
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "extent":
-            return make_extent()
-        made = {"half_extents": make_half_extents, "strips": make_strips}
-        return made.get(name, make_blocks)(dims)
+        return make_scratch(name, dims)
 
 
 @Melee.system(Phase.MELEE)

@@ -17,8 +17,8 @@ import numpy as np
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
 
-from .aabb import AABBs
-from .blocks import BITS, BLOCK, first_row
+from .aabb import AABBs, make_half_extents
+from .blocks import BITS, BLOCK, first_row, make_blocks
 
 FEW = 16  # blocks: of so many, testing each is faster
 STRIPS = 16  # along each axis
@@ -36,6 +36,14 @@ def make_strips(dims: dict[str, int]) -> np.ndarray[Any, Any]:
 def make_extent() -> np.ndarray[Any, Any]:
     """Scratch for where the strips lie: float32 (axes, 2), where the first one begins, and the width of each."""
     return np.ones((2, 2), np.float32)
+
+
+def make_scratch(name: str, dims: dict[str, int]) -> np.ndarray[Any, Any]:
+    """All scratch of a mechanic that looks for bodies: half_extents, strips, extent, or a list of blocks."""
+    if name == "extent":
+        return make_extent()
+    made = {"half_extents": make_half_extents, "strips": make_strips}
+    return made.get(name, make_blocks)(dims)
 
 
 @kernel
