@@ -103,6 +103,11 @@ class EpisodeTracker:
         self._whole = self._worlds.call_with_tick("step")
 
     @property
+    def masks(self) -> dict[str, Array]:
+        """What saved states have of each world beside its tables, bool (worlds,) each, by the names they have there."""
+        return {"over": self.ended, "started": self.running}
+
+    @property
     def done(self) -> Array:
         """Which episodes are over, a new array."""
         done: Array = self.ended | self.stopped
@@ -168,19 +173,21 @@ class EpisodeTracker:
             column[where] = 0
 
     @contextlib.contextmanager
-    def overwritten(self, where: Any) -> Iterator[None]:
-        """While the worlds `where` and their masks are overwritten, none is running: Ctrl-C may leave half a world."""
-        before = self.running.copy()
+    def overwritten(self, where: Any) -> Iterator[dict[str, Array]]:
+        """While the worlds `where` are overwritten, none is running: Ctrl-C may leave half a world.
+
+        Yields:
+            `masks` to overwrite, of which "started" counts only once all else is written.
+        """
+        before, masks = self.running.copy(), self.masks | {"started": self.running.copy()}
         self.running[:] = False
         try:
-            yield
+            yield masks
         except Exception:  # a refusal, ahead of it
             self.running[:] = before
             raise
-        before[where] = self.running[where]
-        self.running[:] = before
-        self.stopped[where] = False
         self.set_states[where] += 1
+        self.running[:] = masks["started"]
 
     def _refuse(self) -> None:
         """Raise NotResetError."""

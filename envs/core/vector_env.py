@@ -134,7 +134,6 @@ class SurvivalVectorEnv(Described):
         )
         self._living = self.worlds[Entity].alive[:, self.worlds.span("agent")]
         self._step_events = StepEvents(self.worlds)
-        self._masks = {"over": self._tracker.ended, "started": self._tracker.running}  # as saved states name them
         self._stops: Stops | None = None
         self._wrappers_checked = False
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
@@ -278,7 +277,7 @@ class SurvivalVectorEnv(Described):
     @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
         """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
-        return snapshot(self.scenario, self.worlds, self._masks, where)
+        return snapshot(self.scenario, self.worlds, self._tracker.masks, where)
 
     @exclusive
     def set_state(self, state: State, where: Any = slice(None)) -> Arrays:
@@ -296,10 +295,10 @@ class SurvivalVectorEnv(Described):
             RecordingError: A recording goes on.
         """
         self._check_unrecorded("set_state")
-        with self._tracker.overwritten(where):
-            restore(state, self.scenario, self.worlds, self._masks, where)
+        with self._tracker.overwritten(where) as masks:
+            restore(state, self.scenario, self.worlds, masks, where)
             self._step_events.forget(where)
-        self._stop(where)
+            self._stop(where)
         return self._observe()
 
     @exclusive
