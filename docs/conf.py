@@ -14,7 +14,7 @@ html_title = f"outlast {version}"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "replay", "tables"]
 nb_execution_mode = "off"  # their outputs are kept in them, by docs/notebooks.py
-exclude_patterns = ["_build", "benchmark", "examples", "results", "training"]
+exclude_patterns = ["_build", "benchmark", "examples", "results"]
 default_role = "code"  # single backticks, in docstrings
 napoleon_use_ivar = True  # attributes of a class as a list
 html_theme = "furo"

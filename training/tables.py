@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 
 from .statistics import interval
 
+ENDS = "ends.csv"  # the file of end values, beside a figure
+
 
 def number(value: float) -> str:
     """A number with as many digits as mean something."""

@@ -15,13 +15,16 @@ import outlast
 from outlast import systems
 from outlast.training.paper.claims import claims_table, findings
 from outlast.training.paper.end_values import markdown
-from outlast.training.paper.results import group_runs, load_runs
+from outlast.training.paper.report import side_by_side
+from outlast.training.paper.results import RunGroup, group_runs, load_runs
 from outlast.training.plots.plot import compare
+from outlast.training.reproduction.experiments import Experiment, experiments
 
 DOCS = Path(__file__).resolve().parent.parent
 TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
-COMPARED = [DOCS / "results" / name for name in ("teams_2-original-0.csv", "teams_2-original-1.csv", "worlds-4")]
+ORIGINAL = "original"  # the folder of docs/results with the paper's runs repeated, and their preset
+COMPARED = [DOCS / "results" / folder / "ffa_4-original-0.csv" for folder in (ORIGINAL, "worlds-64")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
 
@@ -93,29 +96,43 @@ def deviations() -> str:
     return grid(["number", "the paper's text", "its runs", "explained at"], rows)
 
 
-def trained(folder: str = ".") -> str:
-    """Figures, end values and films of the results in docs/results or a folder there."""
-    parts = []
-    for group in group_runs(load_runs([DOCS / "results" / folder])):
-        place = Path("training", folder)
-        film = place / f"{group.variant}.gif"
-        filmed = (DOCS / film).exists()
-        parts += [f"### {group.variant}"] * filmed
+def kept(folder: str = ORIGINAL) -> list[RunGroup]:
+    """The results in a folder of docs/results, by variant."""
+    return group_runs(load_runs([DOCS / "results" / folder]))
+
+
+def beside_the_paper() -> str:
+    """End values of all variants beside the paper's, and which of their runs are not there yet."""
+    planned = experiments([ORIGINAL])
+    missing = [f"{code(each.game)} ({', '.join(map(str, lacking))})" for each in planned if (lacking := _lacking(each))]
+    note = f"\n\nNot trained yet, with the seeds that are missing: {', '.join(missing)}." if missing else ""
+    return side_by_side(kept()) + note
+
+
+def _lacking(experiment: Experiment) -> list[int]:
+    """Seeds whose results are not in docs/results."""
+    return [seed for seed in range(experiment.seeds) if not experiment.kept(DOCS / "results", seed).exists()]
+
+
+def trained() -> str:
+    """Figure, end values and film of each variant that was trained as in the paper."""
+    parts, place = [], Path("results", ORIGINAL)
+    for group in kept():
+        parts.append(f"### {group.variant}")
         parts.append(f"![Learning curves of {group.variant}: ours and the paper's]({place / group.name}.png)")
         parts.append(markdown(group))
-        parts += [f"![An episode of {group.variant} after training]({film})"] * filmed
+        parts.append(f"![An episode of {group.variant} after training]({place / group.name}.gif)")
     return "\n\n".join(parts)
 
 
 def ends(folder: str) -> str:
     """End values of the results in a folder of docs/results, a table for each variant."""
-    return "\n\n".join(markdown(group) for group in group_runs(load_runs([DOCS / "results" / folder])))
+    return "\n\n".join(map(markdown, kept(folder)))
 
 
-def claimed(preset: str = "original") -> str:
-    """What the paper says, measured in the results of a preset in docs/results."""
-    groups = group_runs(load_runs([DOCS / "results"]))
-    return claims_table(list(findings([group for group in groups if group.preset == preset])))
+def claimed() -> str:
+    """What the paper says, measured in our runs."""
+    return claims_table(list(findings(kept())))
 
 
 def mended() -> str:

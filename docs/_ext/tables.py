@@ -48,6 +48,8 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.checks,
         evidence.compared,
         evidence.deviations,
+        evidence.beside_the_paper,
+        evidence.claimed,
         evidence.trained,
         evidence.ends,
         evidence.compared_runs,

@@ -4,7 +4,7 @@
         [--steps 10e6] [--every 15] [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
 
 Each run trains on one thread and is stopped every so many CPU seconds, on a clock that then stands still, to play
-against the policy of `docs/results/VARIANT-original-0.zip`. It is at the level of that policy with a win rate of 60 %
+against the policy of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy with a win rate of 60 %
 and, in self-play, episodes as long as its. There it ends, unless --whole asks for all of its steps.
 """
 
@@ -28,7 +28,7 @@ from outlast.training.resume import capture
 from outlast.training.trainer import Trainer
 from perf.table import Table, options
 
-RESULTS = Path(__file__).parents[2] / "docs" / "results"
+RESULTS = Path(__file__).parents[2] / "docs" / "results" / "original"
 WINS, LENGTH = 0.6, 0.97  # win rate; length of an episode as a share of that of the reference, for its errors are 2 %
 SHOWN = {"train/entropy": "entropy", "rollout/heals_used": "heals", "rollout/deaths_melee": "melee"}
 EPISODES, WORLDS = 300, 100  # of a duel

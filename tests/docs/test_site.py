@@ -25,12 +25,14 @@ from outlast.components import Phase
 from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.training.paper.report import report
 from outlast.training.paper.results import group_runs, load_runs
 from outlast.training.plots.plot import compare
 from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
+ORIGINAL = DOCS / "results/original"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_nb", "furo")
 LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
@@ -252,19 +254,16 @@ def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch:
 
 
 def test_figures_of_training_show_the_kept_results() -> None:
-    """To update them: outlast plot docs/results --paper --out docs/training
-
-    And compare.png: that of evaluating.md.
-    """
+    """To update them: the commands of paper.md and evaluating.md."""
     image = pytest.importorskip("PIL.Image", reason="Pillow comes with matplotlib: outlast[plot]")
     figures = pytest.importorskip("outlast.training.paper.figures", reason="needs matplotlib: outlast[plot]")
-    groups = group_runs(load_runs([DOCS / "results"]))
+    groups = group_runs(load_runs([ORIGINAL]))
     assert groups
     for group in groups:
-        with image.open(DOCS / "training" / f"{group.name}.png") as figure:
+        with image.open(ORIGINAL / f"{group.name}.png") as figure:
             assert figure.text["Source"] == figures.digest(group)
-    with image.open(DOCS / "training/compare.png") as figure:
-        compared = [
-            DOCS / "results" / name for name in ("teams_2-original-0.csv", "teams_2-original-1.csv", "worlds-4")
-        ]
+        assert (ORIGINAL / f"{group.name}.gif").exists()
+    assert (ORIGINAL / "ends.md").read_text() == report(groups)
+    with image.open(DOCS / "results/worlds-64/curves.png") as figure:
+        compared = [place / "ffa_4-original-0.csv" for place in (ORIGINAL, DOCS / "results/worlds-64")]
         assert figure.text["Source"] == compare(compared).digest()

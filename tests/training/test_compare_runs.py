@@ -25,7 +25,7 @@ from outlast.training.image import STYLE  # noqa: E402
 from outlast.training.plots import figure  # noqa: E402
 from outlast.training.plots.plot import compare, plot  # noqa: E402
 
-KEPT = Path(__file__).resolve().parents[2] / "docs/results"
+KEPT = Path(__file__).resolve().parents[2] / "docs/results/worlds-64"
 
 
 def run(
@@ -248,4 +248,4 @@ def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys: pytest.Captu
         assert reason in line
     assert not (tmp_path / "out").exists()
     assert main(["plot", str(KEPT), "--out", str(tmp_path / "out")]) == 0
-    assert "| ffa_2 | 0, 1 | 10,027,008 |" in capsys.readouterr().out
+    assert "| ffa_1 | 0, 1 | 10,027,008 |" in capsys.readouterr().out

@@ -18,7 +18,6 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.helpers.kept_policies import kept_policy
 from tests.web.clients import answer
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -36,8 +35,8 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 
 @pytest.fixture(scope="module")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return kept_policy(tmp_path_factory.mktemp("policy") / "policy.zip")
+def policy() -> Path:
+    return Path(__file__).parents[2] / "docs/results/original/teams_3-original-0.zip"
 
 
 @pytest.fixture

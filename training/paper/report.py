@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from outlast.envs.errors import install
 
 from ..errors import TrainingError
-from ..tables import markdown_table, number, with_spread
+from ..tables import ENDS, markdown_table, number, with_spread
 from .claims import claims_table, findings
 from .curves import KILLS
 from .end_values import csv_table, markdown, rows
@@ -62,4 +62,4 @@ def figures_and_tables(groups: Sequence[RunGroup], form: str, beside: Sequence[R
     except ModuleNotFoundError as error:
         raise TrainingError(f"figures need {error.name}: {install('plot')}") from error
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
-    return {**figures, "ends.md": report(groups, beside).encode(), "ends.csv": csv_table(groups).encode()}
+    return {**figures, "ends.md": report(groups, beside).encode(), ENDS: csv_table(groups).encode()}

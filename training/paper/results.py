@@ -19,6 +19,7 @@ from ..curves import NEEDED, Curves, Logged, curves_of_log, format_curves, read_
 from ..errors import EmptyRunError, TrainingError
 from ..hyperparameters import Hyperparameters
 from ..presets import ROLLOUT, preset
+from ..tables import ENDS
 from .curves import PAPER_STEPS, is_kept, is_known, published_curves
 
 FREE = ("seed", "device", "threads")  # what may differ between runs of a group
@@ -157,7 +158,8 @@ def _found(place: Path) -> list[Path]:
     if place.is_file() or any((place / name).exists() for name in RUN_FILES):
         return [place]
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
-    found = sorted([*place.glob("*.csv"), *runs])
+    kept = (path for path in place.glob("*.csv") if path.name != ENDS)  # figures and tables may lie beside results
+    found = sorted([*kept, *runs])
     if not found:
         wanted = f"neither {log_file.NAME} nor folders or files with results of outlast"
         raise TrainingError(f"there are no runs in {place}: {wanted}")

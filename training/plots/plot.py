@@ -7,6 +7,7 @@ from outlast.envs.errors import install
 
 from ..errors import TrainingError
 from ..files import write_files
+from ..tables import ENDS
 from .comparison import AXES, Comparison
 from .groups import group_runs
 from .panels import chosen, hours
@@ -67,7 +68,7 @@ def plot(
     contents = {
         folder / f"{FIGURE}.{form}": picture(found, form),
         folder / "ends.md": str(found).encode(),
-        folder / "ends.csv": found.csv().encode(),
+        folder / ENDS: found.csv().encode(),
     }
     write_files(contents)
     found.files.extend(contents)
