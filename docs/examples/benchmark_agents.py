@@ -23,8 +23,21 @@ def striker(env, seed: int) -> Policy:
     return act
 
 
+def train_sb3(task: str, seed: int, steps: int = 10_000_000) -> None:
+    """Train PPO of Stable-Baselines3, a network of dense layers, in the game of a task; saves sb3-SEED.zip."""
+    from stable_baselines3 import PPO
+
+    import outlast
+    from outlast.training.benchmark.tasks import task_of
+
+    env = outlast.make_sb3(task_of(task).scenario, 64, seed=seed)
+    model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=4096, n_epochs=4, seed=seed, device="cpu")
+    model.learn(steps)
+    model.save(f"sb3-{seed}")
+
+
 def sb3(env, seed: int) -> Policy:
-    """PPO of Stable-Baselines3, trained with outlast.make_sb3 and saved as sb3-SEED.zip."""
+    """What train_sb3 has saved."""
     from stable_baselines3 import PPO
 
     model = PPO.load(f"sb3-{seed}.zip", device="cpu")

@@ -8,6 +8,8 @@ import outlast
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
+from benchmark_agents import train_sb3
+
 from outlast.training.benchmark.agents import Made
 from outlast.training.benchmark.matches import play
 from outlast.training.benchmark.tasks import Game
@@ -20,8 +22,8 @@ SHORT = outlast.variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20
 def test_agents_play(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     if name == "sb3":
-        sb3 = pytest.importorskip("stable_baselines3")
-        sb3.PPO("MultiInputPolicy", outlast.make_sb3(SHORT, 4, seed=0), n_steps=8, batch_size=64).save("sb3-0.zip")
+        pytest.importorskip("stable_baselines3")
+        train_sb3("ffa_2-v1", seed=0, steps=1)  # one rollout
     game = Game("trained", SHORT, (), 0)
     found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4, tmp_path / "self.rec")
     assert found["games"] == 4
