@@ -11,9 +11,10 @@ from outlast.components.limits import FAR
 from outlast.components.sight import MODES, OMNISCIENT
 from outlast.components.wall import is_inner_wall
 from outlast.ecs import Array, Bitset, Entity, Module, Read, Real, Rows, Scratch, Write, differs, kernel, number, of
-from outlast.ecs.simd import SIMD_WIDTH, load, to_bits
+from outlast.ecs.jit import noinline_kernel
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load, to_bits, trailing_zeros
 
-from .geometry.aabb import aabbs_hit_by_ray, compute_aabbs
+from .geometry.aabb import AABBs, aabbs_hit_by_ray, compute_aabbs
 from .geometry.blocks import BITS, BLOCK, first_row, nonempty_blocks, without_row
 from .geometry.points import in_kite, in_sector, to_local
 from .geometry.rays import NO_HIT, raycast_entity
@@ -49,6 +50,11 @@ class Cameras(Module):
     )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
+        rows = SIMD_WIDTH * dims["blocks"]
+        if name == "listed":
+            return np.zeros((4, rows), np.float32)
+        if name in ("rows", "targets"):
+            return np.zeros(rows, np.int32)
         return make_scratch(name, dims)
 
 
@@ -72,6 +78,9 @@ def see(
     blocks: Scratch,
     strips: Scratch,
     extent: Scratch,
+    listed: Scratch,
+    rows: Scratch,
+    targets: Scratch,
     fov: float,
     depth: float,
     cone: int,
@@ -85,6 +94,11 @@ def see(
     occluders = bodies if items_occlude else solids
     if living > FEW:
         fill_strips(strips, extent, alive_blocks, living, aabbs)
+        see_in_crowd(
+            sight, body, shape, entities, agents, bodies, occluders, aabbs, blocks, strips, extent, listed, rows,
+            targets, fov, depth, cone,
+        )  # fmt: skip
+        return
     for i in range(agents.size):
         me = agents[i]
         far = of(depth, me)
@@ -92,7 +106,7 @@ def see(
             half_cos, half_sin = half_angle(of(fov, me))
         count = hiding = 0
         if entities.alive[me]:
-            count = list_near(blocks, alive_blocks, living, strips, extent, body, me, far, half_cos, half_sin)
+            count = list_others(blocks, alive_blocks, living, me)
         for b in range(bodies.size):
             sight.visible[i, b] = 0
         for k in range(count):
@@ -118,30 +132,8 @@ def half_angle(fov: Real) -> tuple[Real, Real]:
 
 
 @kernel
-def list_near(
-    blocks: Array,
-    alive_blocks: Array,
-    living: int,
-    strips: Array,
-    extent: Array,
-    body: Array,
-    me: int,
-    depth: Real,
-    half_cos: Real,
-    half_sin: Real,
-) -> int:
-    """List the blocks with other rows near the vision cone of `me`, and their bitsets; returns how many.
-
-    Near is an AABB that reaches into that of the cone. With few blocks all rows are.
-    """
-    if living > FEW:
-        x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
-        low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
-        low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
-        count = rows_near(blocks, strips, extent, x + low_x, x + high_x, y + low_y, y + high_y)
-        for k in range(count):
-            blocks[BITS, k] = without_row(blocks[BITS, k], blocks[BLOCK, k], me)
-        return count
+def list_others(blocks: Array, alive_blocks: Array, living: int, me: int) -> int:
+    """List the blocks with other rows than `me`, and their bitsets; returns how many."""
     count = 0
     for k in range(living):
         b = alive_blocks[BLOCK, k]
@@ -149,6 +141,102 @@ def list_near(
         blocks[BITS, count], blocks[BLOCK, count] = here, b
         count += here != 0
     return count
+
+
+@noinline_kernel
+def see_in_crowd(
+    sight: Array,
+    body: Array,
+    shape: Array,
+    entities: Array,
+    agents: Array,
+    bodies: Array,
+    occluders: Array,
+    aabbs: AABBs,
+    blocks: Array,
+    strips: Array,
+    extent: Array,
+    listed: Array,
+    rows: Array,
+    targets: Array,
+    fov: Any,
+    depth: Any,
+    cone: int,
+) -> None:
+    """What `see` does, among many: near rows are listed side by side first, as few of those of a block are near."""
+    half_cos, half_sin = half_angle(of(fov, agents[0]))
+    lanes = listed[0], listed[1], listed[2], listed[3]
+    for i in range(agents.size):
+        me = agents[i]
+        far = of(depth, me)
+        if differs(fov):
+            half_cos, half_sin = half_angle(of(fov, me))
+        for b in range(bodies.size):
+            sight.visible[i, b] = 0
+        if not entities.alive[me]:
+            continue
+        wanted = hiding = 0
+        count = list_near(listed, rows, blocks, strips, extent, aabbs, body, me, far, half_cos, half_sin)
+        for start in range(0, count, SIMD_WIDTH):
+            inside, around = in_view(lanes, body, me, start >> SIMD_SHIFT, far, half_cos, half_sin, cone)
+            inside, around = inside & first_lanes(count - start), around & first_lanes(count - start)
+            while inside:
+                targets[wanted] = rows[start + trailing_zeros(inside)]
+                inside &= inside - 1
+                wanted += 1
+            while around:  # in place: what may hide others is a part of what was near
+                e = rows[start + trailing_zeros(around)]
+                around &= around - 1
+                if occluders[e >> SIMD_SHIFT] >> (e & SIMD_WIDTH - 1) & 1:
+                    list_row(listed, rows, hiding, aabbs, e)
+                    hiding += 1
+        for k in range(wanted):
+            e = targets[k]
+            if not is_inner_wall(entities, e) and seen_past(lanes, rows, hiding, body, shape, me, e):
+                sight.visible[i, e >> SIMD_SHIFT] |= 1 << (e & SIMD_WIDTH - 1)
+
+
+@kernel
+def list_near(
+    listed: Array,
+    rows: Array,
+    blocks: Array,
+    strips: Array,
+    extent: Array,
+    aabbs: AABBs,
+    body: Array,
+    me: int,
+    depth: Real,
+    half_cos: Real,
+    half_sin: Real,
+) -> int:
+    """List the other rows whose AABB may reach into that of the vision cone of `me`; returns how many."""
+    x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
+    low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
+    low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
+    found = 0
+    for k in range(rows_near(blocks, strips, extent, x + low_x, x + high_x, y + low_y, y + high_y)):
+        b, here = blocks[BLOCK, k], blocks[BITS, k]
+        here = without_row(here, b, me)
+        while here:
+            list_row(listed, rows, found, aabbs, first_row(b, here))
+            here &= here - 1
+            found += 1
+    return found
+
+
+@kernel
+def list_row(listed: Array, rows: Array, k: int, aabbs: Array, e: int) -> None:
+    """Enter row `e` and its AABB as number `k` of a list, so that sixteen of them lie side by side."""
+    xs, ys, half_x, half_y = aabbs
+    rows[k] = e
+    listed[0, k], listed[1, k], listed[2, k], listed[3, k] = xs[e], ys[e], half_x[e], half_y[e]
+
+
+@kernel
+def first_lanes(count: int) -> int:
+    """A bitset of the first `count` lanes, or of all of them."""
+    return (1 << min(count, SIMD_WIDTH)) - 1
 
 
 @kernel
@@ -178,14 +266,12 @@ def in_view(
 
 
 @kernel
-def line_of_sight(blocks: Array, count: int, aabbs: Array, body: Array, shape: Array, me: int, e: int) -> bool:
+def line_of_sight(blocks: Array, count: int, aabbs: AABBs, body: Array, shape: Array, me: int, e: int) -> bool:
     """Whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
 
     blocks: the rows that may be in between.
     """
-    x, y = body.x[me], body.y[me]
-    dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
-    reach = raycast_entity(body, shape, x, y, dx, dy, e)
+    x, y, dx, dy, reach = ray_to(body, shape, me, e)
     if reach == NO_HIT:
         return False
     for k in range(count):
@@ -196,3 +282,27 @@ def line_of_sight(blocks: Array, count: int, aabbs: Array, body: Array, shape: A
                 return False
             pending &= pending - 1
     return True
+
+
+@kernel
+def seen_past(listed: AABBs, rows: Array, count: int, body: Array, shape: Array, me: int, e: int) -> bool:
+    """What `line_of_sight` says, where the `count` rows that may be in between are listed, see `list_row`."""
+    x, y, dx, dy, reach = ray_to(body, shape, me, e)
+    if reach == NO_HIT:
+        return False
+    for start in range(0, count, SIMD_WIDTH):
+        pending = aabbs_hit_by_ray(listed, start >> SIMD_SHIFT, x, y, dx, dy) & first_lanes(count - start)
+        while pending:
+            other = rows[start + trailing_zeros(pending)]
+            if other != e and raycast_entity(body, shape, x, y, dx, dy, other) < reach:
+                return False
+            pending &= pending - 1
+    return True
+
+
+@kernel
+def ray_to(body: Array, shape: Array, me: int, e: int) -> tuple[Real, Real, Real, Real, Real]:
+    """The ray from the centre of `me` to that of `e`: origin, direction, and the fraction at which it enters `e`."""
+    x, y = body.x[me], body.y[me]
+    dx, dy = (body.x[e] - x) * STRETCH, (body.y[e] - y) * STRETCH
+    return x, y, dx, dy, raycast_entity(body, shape, x, y, dx, dy, e)

@@ -4,8 +4,12 @@ from typing import Any
 
 from outlast.components.sight import is_set
 from outlast.ecs import Array, kernel
+from outlast.ecs.simd import trailing_zeros
 
 from .geometry.blocks import block_span, first_row
+
+FEW = 3  # blocks of a kind: with so many, a branch for each is faster
+WORD = 64  # blocks that are looked at together
 
 
 @kernel
@@ -33,15 +37,42 @@ def write_rows(
     """
     first, last = block_span(members)
     for i in range(rows.shape[0]):
-        for b in range(first, last):
-            pending = masks.dirty[i, b] & members[b]
-            while pending:
-                e = first_row(b, pending)
-                pending &= pending - 1
-                k = index[e]
-                if skip_self:
-                    if k == i:
-                        continue
-                    k -= k > i
-                row_masks[i, k] = is_set(masks.mask, i, e)
-                fill(rows[i, k], e, is_set(masks.filled, i, e) != 0, tables)
+        if last - first <= FEW:
+            for b in range(first, last):
+                write_block(rows, row_masks, masks, members, i, b, index, fill, tables, skip_self)
+            continue
+        for start in range(first, last, WORD):
+            some = 0  # which blocks have dirty rows, found without a branch, which would often be mispredicted
+            for b in range(start, min(start + WORD, last)):
+                some |= int(masks.dirty[i, b] & members[b] != 0) << (b - start)
+            while some:
+                b = start + trailing_zeros(some)
+                some &= some - 1
+                write_block(rows, row_masks, masks, members, i, b, index, fill, tables, skip_self)
+
+
+@kernel
+def write_block(
+    rows: Array,
+    row_masks: Array,
+    masks: Array,
+    members: Array,
+    i: int,
+    b: int,
+    index: Array,
+    fill: Any,
+    tables: Any,
+    skip_self: bool,
+) -> None:
+    """Write those of block `b` for observer `i`; the rest as for `write_rows`."""
+    pending = masks.dirty[i, b] & members[b]
+    while pending:
+        e = first_row(b, pending)
+        pending &= pending - 1
+        k = index[e]
+        if skip_self:
+            if k == i:
+                continue
+            k -= k > i
+        row_masks[i, k] = is_set(masks.mask, i, e)
+        fill(rows[i, k], e, is_set(masks.filled, i, e) != 0, tables)

@@ -1,5 +1,9 @@
-"""Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions."""
+"""Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions.
 
+python benchmark_agents.py ffa_2-v1 0 1 2    # trains what `sb3` loads: PPO of Stable-Baselines3, with these seeds
+"""
+
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -48,3 +52,8 @@ def sb3(env, seed: int) -> Policy:
         return actions.reshape(env.num_worlds, env.num_agents, -1)
 
     return act
+
+
+if __name__ == "__main__":
+    for number in sys.argv[2:]:
+        train_sb3(sys.argv[1], int(number))

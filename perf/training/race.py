@@ -4,8 +4,8 @@
         [--steps 10e6] [--every 15] [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
 
 Each run trains on one thread and is stopped every so many CPU seconds, on a clock that then stands still, to play
-against the policy of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy with a win rate of 60 %
-and, in self-play, episodes as long as its. There it ends, unless --whole asks for all of its steps.
+against the policy of `docs/results/original/VARIANT-original-0.zip`. It is at the level of that policy with a win rate
+of 60 % and, in self-play, episodes as long as its. There it ends, unless --whole asks for all of its steps.
 """
 
 import contextlib

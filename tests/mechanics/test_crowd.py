@@ -13,6 +13,7 @@ from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.geometry.strips import FEW
+from outlast.systems.observation_rows import WORD
 from tests.conftest import draw_actions, scaled, slow_compiled
 from tests.helpers import naive_mechanics, naive_observations
 from tests.helpers.ambiguity import Ambiguous, collecting
@@ -29,9 +30,8 @@ CONES = {
 
 def crowd(cone: str, **numbers: float) -> SurvivalVectorEnv:
     """Agents anywhere, at any angle; after a tick in which all idle."""
-    scenario = outlast.variant("ffa_4").replace(
-        n_agents=4, n_heals=HEALS, n_boxes=4, spawn_grid_cells=19, **CONES[cone], **numbers
-    )
+    given = {"n_agents": 4, "n_heals": HEALS, "n_boxes": 4, "spawn_grid_cells": 19} | CONES[cone] | numbers
+    scenario = outlast.variant("ffa_4").replace(**given)
     env, rng = outlast.make_vec(scenario, WORLDS, seed=1), np.random.default_rng(2)
     env.reset()
     env.worlds[Body].angle[:, : env.num_agents] = rng.uniform(-4, 4, (WORLDS, env.num_agents))
@@ -62,6 +62,24 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
         assert differing <= len(ambiguities), (got, want)
     env.close()
     assert several >= WORLDS
+
+
+@pytest.mark.parametrize("heals", [HEALS, SIMD_WIDTH * (WORD + 1)])
+def test_rows_of_a_crowd_are_those_of_what_is_seen(heals: int) -> None:
+    """Where a kind has several blocks, and where it has more than are looked at together."""
+    env, shown = crowd("wide", n_heals=heals, spawn_grid_cells=34), 0
+    for _ in range(2):  # what is no longer seen is zero again
+        env.worlds[Body].angle[:, : env.num_agents] += 2
+        observations = env.step(np.tile([1, 1, 1, 0, 0, 0], (WORLDS, env.num_agents, 1)))[0]
+        body, rows = env.worlds[Body], env.worlds.span("heal")
+        for w in range(WORLDS):
+            visible = np.array([[e in each for e in range(rows.start, rows.stop)] for each in seen(env, w)])
+            np.testing.assert_array_equal(observations["heals_mask"][w], visible)
+            places = np.stack([body.x[w, rows], body.y[w, rows]], 1)
+            np.testing.assert_array_equal(observations["heals"][w], np.where(visible[:, :, None], places, 0))
+            shown += visible.sum()
+    env.close()
+    assert shown > WORLDS
 
 
 def test_blows_in_a_crowd_land_where_they_land_one_by_one() -> None:

@@ -32,7 +32,8 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Path(shutil.copy(RESULTS / "teams_3-original-0.zip", tmp_path_factory.mktemp("run") / "steps_0000001024.zip"))
+    place = tmp_path_factory.mktemp("run") / "steps_0000001024.zip"
+    return Path(shutil.copy(RESULTS / "teams_3-original-0.zip", place))
 
 
 @pytest.fixture(autouse=True)
