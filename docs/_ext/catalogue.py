@@ -17,7 +17,8 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import in_words, number_rows
-from outlast.training.benchmark.tasks import tasks
+from outlast.training.benchmark.suite import suite
+from outlast.training.benchmark.tasks import task_of, tasks
 from outlast.training.columns import COLUMNS
 from outlast.training.hyperparameters import RANGES, Hyperparameters
 from outlast.training.presets import PRESETS
@@ -151,9 +152,21 @@ def columns() -> str:
 
 
 def benchmark_tasks() -> str:
-    """The tasks of the benchmark, with the games that they are tested in beside that of training."""
-    rows = ([code(task.name), task.about, ", ".join(game.name for game in task.games[1:])] for task in tasks().values())
-    return grid(["task", "is", "also tested in"], rows)
+    """The tasks of the benchmark, with the games that they are tested in beside that of training, and their anchors."""
+    rows = []
+    for task in tasks().values():
+        anchors = sum(member.file is not None for member in suite(task))
+        rows.append([code(task.name), task.about, ", ".join(game.name for game in task.games[1:]), anchors or ""])
+    return grid(["task", "is", "also tested in", "anchors"], rows)
+
+
+def suite_ratings(*names: str) -> str:
+    """The fixed Elo ratings of the benchmark's suite in some tasks, best first in the first of them."""
+    found = [{member.name: member.rating or 0.0 for member in suite(task_of(name))} for name in names]
+    order = sorted(found[0], key=lambda member: -found[0][member])
+    return grid(
+        ["opponent", *map(code, names)], [[member, *(f"{own[member]:.0f}" for own in found)] for member in order]
+    )
 
 
 def actions() -> str:

@@ -33,6 +33,7 @@ TABLES: dict[str, Callable[..., str]] = {
         catalogue.ppo,
         catalogue.columns,
         catalogue.benchmark_tasks,
+        catalogue.suite_ratings,
         catalogue.actions,
         catalogue.observations,
         catalogue.fields,
