@@ -179,7 +179,8 @@ def see_in_crowd(
         count = list_near(listed, rows, blocks, strips, extent, aabbs, body, me, far, half_cos, half_sin)
         for start in range(0, count, SIMD_WIDTH):
             inside, around = in_view(lanes, body, me, start >> SIMD_SHIFT, far, half_cos, half_sin, cone)
-            inside, around = inside & first_lanes(count - start), around & first_lanes(count - start)
+            filled = first_lanes(count - start)
+            inside, around = inside & filled, around & filled
             while inside:
                 targets[wanted] = rows[start + trailing_zeros(inside)]
                 inside &= inside - 1
