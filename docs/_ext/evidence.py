@@ -56,8 +56,8 @@ def rules() -> str:
 
 
 def _note(tree: ast.Module | ast.FunctionDef) -> str:
-    """A docstring without its references."""
-    return re.sub(r" \(rules[^)]*\)", "", ast.get_docstring(tree) or "")
+    """A docstring without its references, as one paragraph."""
+    return re.sub(r" \(rules[^)]*\)", "", " ".join((ast.get_docstring(tree) or "").split()))
 
 
 def checks() -> str:
