@@ -94,10 +94,7 @@ def aim(
     blocked: bool,
 ) -> None:
     """All rays are cast before any damage is dealt, so two agents can kill each other."""
-    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
-    crowded = count > FEW
-    if crowded:
-        fill_strips(strips, extent, blocks, count, aabbs)
+    first = strikes.count[0]
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
@@ -105,12 +102,20 @@ def aim(
             continue
         if weapon.cooldown[me] > 0:
             weapon.cooldown[me] -= 1
-            continue
-        if not attack.attack[i]:
-            continue
+        elif attack.attack[i]:
+            k = emit(strikes)
+            strikes.agent[k], strikes.target[k] = me, -1
+    if strikes.count[0] == first:
+        return
+    aabbs, count = compute_aabbs(half_extents, body, shape), nonempty_blocks(blocks, entities, bodies)
+    crowded = count > FEW
+    if crowded:
+        fill_strips(strips, extent, blocks, count, aabbs)
+    for n in range(first, strikes.count[0]):
+        me = strikes.agent[n]
         x, y, far = body.x[me], body.y[me], of(reach, me)
         dx, dy = far * body.cosine[me], far * body.sine[me]
-        nearest = NO_HIT
+        nearest, target = NO_HIT, -1
         if crowded:
             count = rows_near(blocks, strips, extent, min(x, x + dx), max(x, x + dx), min(y, y + dy), max(y, y + dy))
         for k in range(count):
@@ -123,12 +128,10 @@ def aim(
                     continue
                 at = raycast_entity(body, shape, x, y, dx, dy, e)
                 if at < nearest:
-                    nearest = at
-                    weapon.target[me] = e
-        if weapon.target[me] >= 0:
+                    nearest, target = at, e
+        weapon.target[me] = strikes.target[n] = target
+        if target >= 0:
             weapon.cooldown[me] = np.int32(of(cooldown, me))
-        k = emit(strikes)
-        strikes.agent[k], strikes.target[k] = me, weapon.target[me]
 
 
 @Melee.system(Phase.MELEE, after="melee.aim")

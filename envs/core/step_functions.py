@@ -22,6 +22,7 @@ WORLDS, AGENTS, COLUMNS, RANGES, RESETS, AT_ONCE, ACTIONS, SIZES, ZEROS, TAKEN, 
 MODE, RUNNING, ENDED, STOPPED, TERMINATED, TRUNCATED = PLACES[11:17]
 FAULT, FAULT_STRIDE, UNPLACED, UNPLACED_STRIDE = PLACES[17:]
 NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULTY = (1 << k for k in range(5))
+TILE = 64  # agents whose actions are taken column by column, while they are in the first-level cache
 FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: nothing is said of it
 
 read, read_byte, read_int = loader("int64"), loader("uint8"), loader("int32")
@@ -47,23 +48,29 @@ def begin(block: int) -> int:
             if read_byte(ended + w) | read_byte(stopped + w):
                 return HAS_ENDED
     if read(block + RANGES):
-        for row in range(rows):
+        outside = 0  # without a branch for each action
+        for first in range(0, rows, TILE):
             for k in range(columns):
-                action = read(actions + 8 * (row * columns + k))
-                if action < 0 or action >= read(sizes + 8 * k):
-                    return OUT_OF_RANGE
+                most = read(sizes + 8 * k) - 1
+                for row in range(first, min(first + TILE, rows)):
+                    action = read(actions + 8 * (row * columns + k))
+                    outside |= int(action < 0) | int(action > most)
+        if outside:
+            return OUT_OF_RANGE
     mode, zeros, taken, size = read(block + MODE), read(block + ZEROS), read(block + TAKEN), read(block + TAKEN_BYTES)
     for w in range(worlds):
         write_byte(mode + w, STEP + (read_byte(ended + w) | read_byte(stopped + w)))
-    for row in range(rows):
+    for first in range(0, rows, TILE):
         for k in range(columns):
-            action, at = read(actions + 8 * (row * columns + k)) - read(zeros + 8 * k), taken + size * (k * rows + row)
-            if size == 1:
-                write_byte(at, action)
-            elif size == 2:
-                write_short(at, action)
-            else:
-                write_int(at, action)
+            zero, column = read(zeros + 8 * k), taken + size * k * rows
+            for row in range(first, min(first + TILE, rows)):
+                action, at = read(actions + 8 * (row * columns + k)) - zero, column + size * row
+                if size == 1:
+                    write_byte(at, action)
+                elif size == 2:
+                    write_short(at, action)
+                else:
+                    write_int(at, action)
     return 0
 
 

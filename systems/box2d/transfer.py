@@ -50,7 +50,12 @@ def gather(
     substeps: int,
 ) -> int:
     """Write the marked bodies into `batch` in order of rows; returns how many."""
-    aabbs, count = compute_aabbs(half_extents, body, shape), 0
+    some = count = 0
+    for b in range(solids.size):
+        some |= marked(solid, entities, solids, b)
+    if some == 0:
+        return 0
+    aabbs = compute_aabbs(half_extents, body, shape)
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
         while pending:
