@@ -3,11 +3,12 @@
     python -m perf.compare OLD NEW [--variants ffa_1 teams_3] [--worlds 1024] [--specialize]
 
 OLD and NEW are folders with a checkout each, such as one that `git worktree add ../before HEAD~1` makes. Each runs in a
-process of its own, with this Python and the libraries of it. With --specialize, a checkout that can does so (see
-make_vec); rows of perf.step are variants, too. In every round each of them steps all worlds for about a
-second, the order changing from round to round, with random actions and copy=False. Microseconds of CPU time a
-world-step, the best of the rounds; `change` is the ratio of the bests, and the last column the range of the ratios in
-single rounds: a change that is smaller than that range is none. Comparing a checkout with itself shows the noise.
+process of its own, with this Python and the libraries of it; four times, as each process keeps its luck with memory,
+and all of them on one processor, as two of a machine can differ. With --specialize, a checkout that can does so (see
+make_vec); rows of perf.step are variants, too. In every round each of them steps all worlds for over half a second, the
+order changing from round to round, with random actions and copy=False. Microseconds of CPU time a world-step, the best
+of the rounds; `change` is the median of the ratios in single rounds, and the last column their range: a change that is
+smaller than that range is none. Comparing a checkout with itself shows the noise.
 """
 
 import os
@@ -23,7 +24,7 @@ from tqdm import tqdm
 
 from perf.table import Table, options
 
-ROUNDS, SECONDS = 9, 1.0
+STARTS, ROUNDS, SECONDS = 4, 4, 0.6  # new processes; rounds of each of them
 WORKER = """
 import inspect, sys, time
 import numpy as np
@@ -85,8 +86,15 @@ def checkout(text: str) -> Path:
 
 def compared(old: Path, new: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
     """Microseconds of CPU time a world-step, (rounds, 2)."""
+    pairs = [(old, new), (new, old)]  # who starts first may get the better memory
+    times = [started(*pairs[k % 2], variant, worlds, specialize)[:, :: (1, -1)[k % 2]] for k in range(STARTS)]
+    return np.concatenate(times)
+
+
+def started(one: Path, other: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
+    """The same of two new processes."""
     with ExitStack() as stack:
-        both = [stack.enter_context(Checkout(folder, variant, worlds, specialize)) for folder in (old, new)]
+        both = [stack.enter_context(Checkout(folder, variant, worlds, specialize)) for folder in (one, other)]
         slow = max(each.time(5) for each in both)  # it also compiles
         slow = min(slow, *(each.time(20) for each in both))
         steps = max(1, round(SECONDS / (slow * worlds * 1e-6)))
@@ -94,7 +102,7 @@ def compared(old: Path, new: Path, variant: str, worlds: int, specialize: bool) 
         for k in range(ROUNDS):
             for i in (0, 1) if k % 2 else (1, 0):
                 times[k, i] = both[i].time(steps)
-    return times
+        return times
 
 
 def main() -> None:
@@ -106,12 +114,14 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
     parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
     given = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):  # both on one processor, as two of a machine can differ by more than a change
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):
         times = compared(given.old, given.new, variant, given.worlds, given.specialize)
         old, new = times.min(0)
         each = times[:, 1] / times[:, 0]
-        table.add(variant, float(old), float(new), float(new / old), f"{each.min():.4g} to {each.max():.4g}")
+        table.add(variant, float(old), float(new), float(np.median(each)), f"{each.min():.4g} to {each.max():.4g}")
     table.finish(given.save)
 
 

@@ -239,10 +239,10 @@ def test_two_checkouts_are_compared(
         (folder / ".src" / "outlast" / "__init__.py").write_text(BUSY.format(seconds=seconds))
         (folder / "perf").mkdir()
         (folder / "perf" / "rows.py").write_text("scenario = str")
-    monkeypatch.setattr(compare, "ROUNDS", 3)
-    monkeypatch.setattr(compare, "SECONDS", 0.05)
+    for name, value in (("STARTS", 2), ("ROUNDS", 3), ("SECONDS", 0.05)):
+        monkeypatch.setattr(compare, name, value)
     times = compare.compared(*folders, "ffa_1", 2, specialize=True)  # which these cannot
-    assert times.shape == (3, 2)
+    assert times.shape == (6, 2)
     assert 2.5 < times[:, 1].min() / times[:, 0].min() < 3.5
     assert 900 < times[:, 0].min() < 1300  # microseconds of one of two worlds
     monkeypatch.setattr(sys, "argv", ["perf.compare", str(tmp_path), str(folders[0])])
