@@ -26,12 +26,14 @@ from perf.table import Table, options
 
 STARTS, ROUNDS, SECONDS = 4, 4, 0.6  # new processes; rounds of each of them
 WORKER = """
-import inspect, sys, time
+import inspect, os, sys, time
 import numpy as np
 import outlast
 
 from perf.rows import scenario
 
+if hasattr(os, "sched_setaffinity"):  # both on one processor, as two of a machine can differ by more than a change
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 worlds, known = int(sys.argv[2]), inspect.signature(outlast.make_vec).parameters
 more = {"copy": False, "specialize": sys.argv[3] == "True"}
 env = outlast.make_vec(scenario(sys.argv[1]), worlds, seed=0, **{k: more[k] for k in more if k in known})
@@ -114,8 +116,6 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=1024, help="of a batch (default 1024)")
     parser.add_argument("--specialize", action="store_true", help="make environments with specialize=True")
     given = parser.parse_args()
-    if hasattr(os, "sched_setaffinity"):  # both on one processor, as two of a machine can differ by more than a change
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):
         times = compared(given.old, given.new, variant, given.worlds, given.specialize)
