@@ -161,17 +161,18 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
 
 
 def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]], before: str = "") -> str:
-    """SECONDS out of runs: for each experiment the mean over those of its folders in which something was logged.
+    """SECONDS out of runs: for each experiment the mean over those of its folders that log a whole run.
 
     Args:
         timed: The experiments, with their runs.
-        before: The table as it was: what it says of experiments without a log stays.
+        before: The table as it was: what it says of experiments without such a log stays.
     """
     text, known = io.StringIO(), _read_seconds(before)
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["part", "game", "preset", "seconds"])
     for experiment, folders in timed:
-        every = [seconds for folder in folders if folder.is_dir() and (seconds := _seconds(folder))]
+        whole = [folder for folder in folders if folder.is_dir() and last_step(folder / LOG) >= experiment.steps]
+        every = [seconds for folder in whole if (seconds := _seconds(folder))]
         if every or experiment.key in known:
             rows.writerow([*experiment.key, round(sum(every) / len(every) if every else known[experiment.key])])
     return text.getvalue()
