@@ -208,9 +208,9 @@ class SurvivalVectorEnv(Described):
         self, actions: Actions, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         buffers = None if out is None else StepBuffers(self, out)
-        tracker, recording = self._tracker, self._recording
+        tracker = self._tracker
         self._actions.write(actions, tracker.actions)
-        flags = tracker.step(self._runner, self.check_actions or recording)
+        flags = tracker.step(self._runner, self.check_actions or self._recording)
         if flags & OUT_OF_RANGE:
             self._actions.write(actions, tracker.actions, ranges=True)  # raises what is wrong
         self._step_events.forget()
