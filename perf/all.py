@@ -31,6 +31,7 @@ SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of th
     "profile": ("perf.profile", "teams_3"),
     "frames": ("perf.frames",),
     "interfaces": ("perf.interfaces",),
+    "vector_step": ("perf.vector_step",),
     "benchmarl": ("perf.benchmarl",),
     "training": (
         *("perf.training.rates", "--preset", "fast", "--worlds", "256"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from perf import compare, interfaces, step
+from perf import compare, interfaces, step, vector_step
 from perf.measure import in_turn
 from perf.original import Original
 
@@ -214,6 +214,14 @@ def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPa
         assert us > 0
         assert float(rate.replace(",", "")) > 0
         assert float(share.rstrip("%")) > 0
+
+
+def test_gymnasium_measures_every_vector_environment() -> None:
+    """By its own benchmark, and with actions that are drawn ahead."""
+    pytest.importorskip("gymnasium", "1.4", reason="benchmark_vector_step came with gymnasium 1.4")
+    table = vector_step.measured([1, 4], 0.02)
+    assert [row[:2] for row in table.rows] == [[label, n] for n in ("1", "4") for label in vector_step.ENVIRONMENTS]
+    assert all(float(rate.replace(",", "")) > 0 for row in table.rows for rate in row[2:])
 
 
 BUSY = """
