@@ -12,10 +12,9 @@ import sys
 import time
 from importlib.util import find_spec
 
-import numpy as np
 from tqdm import tqdm
 
-from perf.compare import compared
+from perf.compare import compared, summary
 from perf.report import ROOT
 from perf.table import Table, options
 
@@ -78,9 +77,7 @@ def noise() -> Table:
     """What two equal checkouts differ by."""
     table = Table("noise", "variant", "one", "the other", "ratio", "round by round")
     for variant in ("ffa_1", "teams_3"):
-        times = compared(ROOT, ROOT, variant, 1024, specialize=True)
-        (one, other), each = times.min(0), times[:, 1] / times[:, 0]
-        table.add(variant, float(one), float(other), float(np.median(each)), f"{each.min():.4g} to {each.max():.4g}")
+        table.add(variant, *summary(compared(ROOT, ROOT, variant, 1024, specialize=True)))
     return table
 
 

@@ -93,6 +93,13 @@ def compared(old: Path, new: Path, variant: str, worlds: int, specialize: bool) 
     return np.concatenate(times)
 
 
+def summary(times: np.ndarray) -> tuple[float, float, float, str]:
+    """Cells of a table: the best of each, and the median and the range of their ratios in single rounds."""
+    old, new = times.min(0)
+    each = times[:, 1] / times[:, 0]
+    return float(old), float(new), float(np.median(each)), f"{each.min():.4g} to {each.max():.4g}"
+
+
 def started(one: Path, other: Path, variant: str, worlds: int, specialize: bool) -> np.ndarray:
     """The same of two new processes."""
     with ExitStack() as stack:
@@ -118,10 +125,7 @@ def main() -> None:
     given = parser.parse_args()
     table = Table("compare", "variant", "old", "new", "change", "round by round")
     for variant in tqdm(given.variants, unit="variant"):
-        times = compared(given.old, given.new, variant, given.worlds, given.specialize)
-        old, new = times.min(0)
-        each = times[:, 1] / times[:, 0]
-        table.add(variant, float(old), float(new), float(np.median(each)), f"{each.min():.4g} to {each.max():.4g}")
+        table.add(variant, *summary(compared(given.old, given.new, variant, given.worlds, given.specialize)))
     table.finish(given.save)
 
 
