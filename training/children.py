@@ -14,7 +14,8 @@ from . import log_file
 from .live_view import LiveView
 
 POLL = 0.5  # seconds
-STOPPED = 130  # the exit status after Ctrl-C
+SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
+STOPPED = SIGNALLED + signal.SIGINT  # the exit status after Ctrl-C
 RESUME = "stopped: go on with --resume"
 logger = logging.getLogger("outlast")
 
@@ -63,12 +64,13 @@ class ChildRun:
         return log_file.last_step(self.folder / log_file.NAME)
 
     def report(self) -> int:
-        """Print the last line of its output; its exit status."""
+        """Print the last line of its output; its exit status, as a shell has it: 128 and the signal that ended it."""
         with self.process as process:  # `communicate` would close its input first, which interrupts it
             output = process.stdout.read().strip().splitlines() if process.stdout else []
-            process.wait()
-        tqdm.write(f"{self.name}: {(output or ['ended without a word'])[-1]}")
-        return int(process.returncode)
+            code = process.wait()
+        last = (output or ["ended without a word"])[-1]
+        tqdm.write(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
+        return code if code >= 0 else SIGNALLED - code
 
 
 def side_by_side(

@@ -1,6 +1,7 @@
 """A run as a child of `outlast train`: python -m outlast.training.job train ... It ends, and saves, with its parent."""
 
 import _thread
+import os
 import signal
 import sys
 import threading
@@ -16,7 +17,8 @@ def end_with_parent() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
-        sys.stdin.buffer.read()
+        while os.read(sys.stdin.fileno(), 1024):  # sys.stdin's own lock would abort Python's end
+            pass
         _thread.interrupt_main()
 
     threading.Thread(target=watch, daemon=True).start()

@@ -17,7 +17,9 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.envs.cli.main import parser  # noqa: E402
 from outlast.training import checkpoint  # noqa: E402
+from outlast.training.children import ChildRun, side_by_side  # noqa: E402
 from outlast.training.cli import train  # noqa: E402
+from outlast.training.live_view import LiveView  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
 TINY = ("--preset", "original", "--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
@@ -49,6 +51,23 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys: pytest.
     assert "ffa_1-original-1: 2,048 agent-steps of them" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
     assert names(tmp_path / "ffa_1-original-0") == [checkpoint.NAME.format(n) for n in (1024, 2048)]
+
+
+def test_a_run_ends_well_while_its_input_is_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The thread that reads it must hold nothing that Python needs at its end."""
+    run = ChildRun(tmp_path / "run", ["--help"], resume=False)
+    run.start()
+    assert run.report() == 0
+    assert "outlast train ffa_2 --resume" in capsys.readouterr().out  # the end of the help
+
+
+def test_a_run_that_was_killed_failed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also beside others that end well."""
+    runs = [ChildRun(tmp_path / name, ["--help"], resume=False) for name in ("killed", "well")]
+    start = runs[0].start
+    runs[0].start = lambda: (start(), runs[0].process.kill())  # type: ignore[method-assign,func-returns-value]
+    assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == 128 + signal.SIGKILL
+    assert "killed: ended by signal 9: ended without a word" in capsys.readouterr().out
 
 
 def test_every_option_reaches_every_run() -> None:
