@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numba
 import pytest
 
 import outlast
@@ -14,6 +15,7 @@ from outlast.training.benchmark.agents import Made
 from outlast.training.benchmark.matches import play
 from outlast.training.benchmark.tasks import Game
 
+pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="worlds without compiled systems take minutes")
 EXAMPLE = Path(__file__).with_name("benchmark_agents.py")
 SHORT = outlast.variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
 

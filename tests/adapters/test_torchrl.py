@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import outlast
-from tests.conftest import COMPILED, scaled
+from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
 with warnings.catch_warnings():
@@ -133,7 +133,7 @@ def test_it_moves_and_stands_beside_others() -> None:
     several.close()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_processes() -> None:
     several = ParallelEnv(2, make)
     assert several.rollout(3)["agents", "observation"].shape[:4] == (2, WORLDS, 3, 4)
@@ -156,7 +156,7 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         make(**options)
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "teams_3", ALL])
+@pytest.mark.parametrize("name", few_by_day(["ffa_1", "teams_3", ALL], (ALL,)))
 def test_mappo_updates(name: str, one_torch_thread: None) -> None:
     """The example: returns are those of whole episodes, and the same seed learns the same."""
     train = runpy.run_path(str(EXAMPLE))["train"]

@@ -19,7 +19,7 @@ def test_tables_are_those_of_the_kept_results() -> None:
     assert (KEPT / "table.csv").read_text() == table.as_csv(found)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_kept_results_are_as_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["benchmark", "verify", str(KEPT), "--quiet"]) == 0
     assert " 0 wrong, " in capsys.readouterr().out

@@ -31,7 +31,7 @@ def printed(path: Path) -> list[str]:
     return ["".join(output["text"]) for _, found in outputs(path) for output in found if "text" in output]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="documents are the same in every mode; tested compiled")
 def test_notebooks_run(tmp_path: Path) -> None:
     """From the first cell to the last, and the first one prints what is stored; the second one trains less here."""

@@ -135,7 +135,7 @@ def test_the_source_archive_holds_what_git_has(tree: Path, tmp_path: Path) -> No
     assert held == {name for name in here if not name.startswith((".git", ".devcontainer", ".dockerignore"))}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_test_is_found_without_the_extras() -> None:
     """Where a library is missing, its tests are skipped with a reason; not one file fails to be collected."""
     program = (

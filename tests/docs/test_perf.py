@@ -216,6 +216,7 @@ def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPa
         assert float(share.rstrip("%")) > 0
 
 
+@pytest.mark.nightly
 def test_gymnasium_measures_every_vector_environment() -> None:
     """By its own benchmark, and with actions that are drawn ahead."""
     pytest.importorskip("gymnasium", "1.4", reason="benchmark_vector_step came with gymnasium 1.4")

@@ -36,6 +36,7 @@ ORIGINAL = DOCS / "results/original"
 PAGES = {page.stem: page.read_text() for page in sorted(DOCS.glob("*.md"))}
 TOOLS = ("sphinx", "myst_nb", "furo")
 LARGEST_PICTURE, LARGEST_FILM, LARGEST_FOLDER = 60_000, 700_000, 3_000_000  # bytes
+LONG = ("experiments", "torch")  # page and library of examples that train
 PLAYED = ("sight", "fight", "tag")  # pictures of many ticks
 
 # A MyST comment before a block is "% needs: MODULE" or "% not run: REASON"; a text block right after it is its output.
@@ -81,7 +82,9 @@ def run(page: str, library: str) -> None:
 
 @once
 @pytest.mark.filterwarnings("default")
-@pytest.mark.parametrize(("page", "library"), cases())
+@pytest.mark.parametrize(
+    ("page", "library"), [case if case != LONG else pytest.param(*case, marks=pytest.mark.nightly) for case in cases()]
+)
 def test_examples_run(page: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if library:
         pytest.importorskip(library)

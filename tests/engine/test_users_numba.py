@@ -82,7 +82,7 @@ def in_process(script: str, folder: Path) -> list[str]:
     return done.stdout.strip().split("|")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", few_by_day(KERNELS, ("an array in a helper of a helper", "a large array")))
 def test_kernels_use_numba(tmp_path: Path, kind: str) -> None:
     helper, expression, value, python = KERNELS[kind]
@@ -97,7 +97,7 @@ def test_kernels_use_numba(tmp_path: Path, kind: str) -> None:
     assert ("local.act" in second[1]) == (not kept)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_engine_does_not_disturb_other_functions(tmp_path: Path) -> None:
     """Functions that the user compiles before and after, of numpy's and numba's parts that kernels use, too."""
     before = """

@@ -107,6 +107,7 @@ def test_blows_in_a_crowd_land_where_they_land_one_by_one() -> None:
 # ---- nobody leaves the room
 
 
+@pytest.mark.nightly
 @slow_compiled
 @settings(max_examples=scaled(60, least=3), deadline=None, derandomize=True)
 @given(

@@ -177,6 +177,7 @@ def test_it_is_played_in_a_browser(folder: Path, words: Sequence[str]) -> None:
         assert server.wait(60) == 0
 
 
+@pytest.mark.nightly
 def test_benchmarks_take_it(folder: Path) -> None:
     out = run(folder, "-m", "perf.profile", "bog_game.py:arena", "--worlds", "2", "--steps", "2", path=[ROOT])
     assert "swamp.wade" in out

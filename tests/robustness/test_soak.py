@@ -42,6 +42,7 @@ def leaking(kind: str, kept: list[Any]) -> Iterator[int]:
         yield 1
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("kind", "words"), [("memory", "memory grew by"), ("files", "file descriptors grew"),
                                              ("threads", "threads grew"), ("nothing", "")])  # fmt: skip
 def test_leaks_are_noticed(kind: str, words: str) -> None:

@@ -104,15 +104,15 @@ def test_numbers_are_those_of_one_process(alone: tuple[Path, dict[str, bytes]], 
     close(tmp_path, alone[0])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "changes",
     [
         {"policies": "side"},
-        pytest.param({"prioritised": True}, marks=pytest.mark.nightly),
-        pytest.param({"settings": {"target_kl": 0.001}}, marks=pytest.mark.nightly),
-        pytest.param({"memory": 16}, marks=pytest.mark.nightly),
-        pytest.param({"critic": "state"}, marks=pytest.mark.nightly),
+        {"prioritised": True},
+        {"settings": {"target_kl": 0.001}},
+        {"memory": 16},
+        {"critic": "state"},
         {"warm_start": f"scripted:{EACH}", "halves": True},
     ],
 )
@@ -122,7 +122,7 @@ def test_so_are_they_of_other_settings(tmp_path: Path, changes: dict[str, Any]) 
     close(tmp_path / "two", tmp_path / "one")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_run_goes_on_with_any_number_of_processes(alone: tuple[Path, dict[str, bytes]], tmp_path: Path) -> None:
     for rollouts, processes in ((1, 2), (2, 1), (3, 3)):
         files = trained(tmp_path, rollouts, processes=processes, resume=rollouts > 1)
@@ -284,8 +284,8 @@ def test_ctrl_c_saves_and_ends_all(tmp_path: Path) -> None:
     until(lambda: not any(map(lives, others)))
 
 
+@pytest.mark.nightly
 @linux
-@pytest.mark.slow
 def test_who_is_left_alone_ends(tmp_path: Path) -> None:
     with command(tmp_path / "run") as process:
         others = children(process.pid)

@@ -117,6 +117,7 @@ def two_runs(
         yield process, logs
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
     with two_runs(tmp_path, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) as (process, logs):

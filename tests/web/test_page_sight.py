@@ -17,6 +17,7 @@ from outlast.ecs import Archetype, Module
 from outlast.envs.inspect.trace import describe, snapshot
 from outlast.envs.web.replay import write_page
 from outlast.systems import Rooms
+from tests.conftest import few_by_day
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.web.browser import Screen, ticks
 
@@ -46,7 +47,7 @@ SCENARIOS = {
 }
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", few_by_day(SCENARIOS, ("a kite",)))
 def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name: str) -> None:
     """What lies in the cone that is painted is what the engine says is seen, and nothing else."""
     env = outlast.make_vec(SCENARIOS[name], 6, seed=3)
