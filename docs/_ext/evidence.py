@@ -5,6 +5,7 @@ import csv
 import dataclasses
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -104,10 +105,14 @@ def kept(folder: str = ORIGINAL) -> list[RunGroup]:
 
 def beside_the_paper() -> str:
     """End values of all variants beside the paper's, and which of their runs are not there yet."""
-    planned = experiments([ORIGINAL])
-    missing = [f"{code(each.game)} ({', '.join(map(str, lacking))})" for each in planned if (lacking := _lacking(each))]
-    note = f"\n\nNot trained yet, with the seeds that are missing: {', '.join(missing)}." if missing else ""
-    return side_by_side(kept()) + note
+    return side_by_side(kept()) + _missing(ORIGINAL, lambda each: code(each.game))
+
+
+def _missing(part: str, name: Callable[[Experiment], str]) -> str:
+    """A paragraph on the runs of a part of `outlast paper` that are not there yet."""
+    planned = [(name(each), _lacking(each)) for each in experiments([part])]
+    missing = [f"{each} ({', '.join(map(str, lacking))})" for each, lacking in planned if lacking]
+    return f"\n\nNot trained yet, with the seeds that are missing: {', '.join(missing)}." if missing else ""
 
 
 def _lacking(experiment: Experiment) -> list[int]:
@@ -133,17 +138,8 @@ def ends(folder: str) -> str:
 
 def as_written() -> str:
     """End values of the runs by the paper's text beside those of its code, and which are not there yet."""
-    planned = experiments([TEXT])
-    there = sorted({each.game for each in planned if each.results(DOCS / "results")})
-    alike = [each for part in (ORIGINAL, TEXT) for each in experiments([part]) if each.game in there]
-    found = compare([place for each in alike for place in each.results(DOCS / "results")], by=("scenario", "preset"))
-    lacking = [
-        f"{code(each.game)} {each.preset} ({', '.join(map(str, lacks))})"
-        for each in planned
-        if (lacks := _lacking(each))
-    ]
-    note = f"\n\nNot trained yet, with the seeds that are missing: {', '.join(lacking)}." if lacking else ""
-    return str(found) + note
+    table = (DOCS / "results" / TEXT / "ends.md").read_text().partition("\n\n")[0]
+    return table + _missing(TEXT, lambda each: f"{code(each.game)} {code(each.preset)}")
 
 
 def claimed() -> str:

@@ -50,6 +50,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.compared,
         evidence.deviations,
         evidence.beside_the_paper,
+        evidence.as_written,
         evidence.claimed,
         evidence.trained,
         evidence.ends,

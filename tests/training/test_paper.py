@@ -121,6 +121,7 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     monkeypatch.setattr(experiments, "PAPER_STEPS", 4096)
     monkeypatch.setattr(experiments, "FEW_WORLDS", ("--worlds", "4", "--rollout", "512", "--ppo", "n_epochs=1"))
     words = ("text", "--only", "teams_2", "--seeds", 1, "--out", tmp_path)
+    assert outlast_paper("original", *words[1:]) == 0  # which the others are compared with
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
     for name in names:
@@ -128,6 +129,7 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
             assert (tmp_path / "text" / f"{name}{end}").exists()
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
+    assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]
     seconds = (tmp_path / "seconds.csv").read_text()
     assert seconds.count("text,teams_2,") == 2
     shutil.rmtree(tmp_path / "runs")

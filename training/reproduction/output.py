@@ -45,8 +45,9 @@ def _beside_the_paper(part: str, chosen: Sequence[Experiment], out: Path, progre
     """Results to keep, figures, tables, and a film of each variant."""
     runs = load_runs(place for each in chosen for place in each.results(out))
     yield from _written(files_to_keep(runs, out / part))
-    kept = [out / FIRST / path.name for path in sorted((out / FIRST).glob("*.csv")) if part != FIRST]
-    beside = [run for run in load_runs(kept) if run.variant in {each.game for each in chosen}]
+    games = {each.game for each in chosen}
+    others = [each for each in experiments([FIRST]) if part != FIRST and each.game in games]
+    beside = load_runs(place for each in others for place in each.results(out))
     files = figures_and_tables(group_runs(runs), "png", group_runs(beside))
     yield from _written({out / part / name: content for name, content in files.items()})
     progress(1)
