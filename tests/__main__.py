@@ -8,7 +8,6 @@ suite, without those folders, compiled with bounds checks.
 
 import importlib.util
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -166,7 +165,6 @@ def main() -> int:
     options = parser.parse_args(own)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background processes ignore it
     results = []
     for stage in [] if options.nightly else checks():
         results.append(check(stage))

@@ -1,6 +1,8 @@
 """What all tests share: marks and sizes by mode, digests, actions, and fixtures."""
 
 import hashlib
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -13,6 +15,11 @@ from outlast.ecs.event import zero_unused
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell's background processes ignore it, and their children
 
 COMPILED = not numba.config.DISABLE_JIT
 
