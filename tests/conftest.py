@@ -16,10 +16,9 @@ from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import Policy, noop_policy
 
+# A shell's background processes, and their children, ignore it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # a shell's background processes ignore it, and their children
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 COMPILED = not numba.config.DISABLE_JIT
 

@@ -13,7 +13,6 @@ import pytest
 
 from outlast.ecs import DeclarationError, Read, Rows, Write, kernel
 from outlast.ecs.cache_files import SUFFIX
-from tests.conftest import few_by_day
 from tests.engine.test_compile import ROOT, compiled_only, system_of
 from tests.helpers.toy_game import STEP, Energy, Phase, Toy, Walkers, make, run
 
@@ -83,7 +82,7 @@ def in_process(script: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("kind", few_by_day(KERNELS, ("an array in a helper of a helper", "a large array")))
+@pytest.mark.parametrize("kind", KERNELS)
 def test_kernels_use_numba(tmp_path: Path, kind: str) -> None:
     helper, expression, value, python = KERNELS[kind]
     (tmp_path / "theirs.py").write_text(THEIRS)

@@ -14,7 +14,7 @@ from outlast.ecs.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems.geometry.strips import FEW
 from outlast.systems.observation_rows import WORD
-from tests.conftest import draw_actions, scaled, slow_compiled
+from tests.conftest import draw_actions, nightly_compiled, scaled
 from tests.helpers import naive_mechanics, naive_observations
 from tests.helpers.ambiguity import Ambiguous, collecting
 from tests.helpers.naive_world import World, read
@@ -107,8 +107,7 @@ def test_blows_in_a_crowd_land_where_they_land_one_by_one() -> None:
 # ---- nobody leaves the room
 
 
-@pytest.mark.nightly
-@slow_compiled
+@nightly_compiled
 @settings(max_examples=scaled(60, least=3), deadline=None, derandomize=True)
 @given(
     size=st.floats(3, 12),

@@ -61,11 +61,15 @@ def test_a_run_ends_well_while_its_input_is_open(tmp_path: Path, capsys: pytest.
     assert "outlast train ffa_2 --resume" in capsys.readouterr().out  # the end of the help
 
 
+class Killed(ChildRun):
+    def start(self) -> None:
+        super().start()
+        self.process.kill()
+
+
 def test_a_run_that_was_killed_failed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also beside others that end well."""
-    runs = [ChildRun(tmp_path / name, ["--help"], resume=False) for name in ("killed", "well")]
-    start = runs[0].start
-    runs[0].start = lambda: (start(), runs[0].process.kill())  # type: ignore[method-assign,func-returns-value]
+    runs = [kind(tmp_path / name, ["--help"], resume=False) for kind, name in ((Killed, "killed"), (ChildRun, "well"))]
     assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == 128 + signal.SIGKILL
     assert "killed: ended by signal 9: ended without a word" in capsys.readouterr().out
 

@@ -36,13 +36,10 @@ def played() -> tuple[Trainer, Any]:
     return one, replace(rollout, seen=rollout.seen.select(everything))
 
 
-def gradients(policy: Any, seen: Any, *, precise: bool = False) -> list[Any]:
-    """Outputs and gradients of a loss; precise: in float64, where no order of summation shows."""
-    if precise:
-        policy, seen = (
-            deepcopy(policy).double(),
-            Rows(seen.own.double(), seen.entities.double(), seen.count, seen.known, seen.room),
-        )
+def gradients(policy: Any, seen: Any) -> list[Any]:
+    """Outputs and gradients of a loss, in float64, where no order of summation shows."""
+    policy = deepcopy(policy).double()
+    seen = Rows(seen.own.double(), seen.entities.double(), seen.count, seen.known, seen.room)
     logs, values, _ = policy(seen)
     policy.zero_grad()
     (logs.square().mean() + values.square().mean()).backward()
@@ -59,7 +56,7 @@ def test_rows_of_nobody_change_no_number(played: tuple[Trainer, Any]) -> None:
     filled = seen.filled()
     assert (len(filled.entities) % FILL, len(filled.pairs[0]) % FILL) == (0, 0)
     assert len(filled.entities) > len(seen.entities)
-    nearly(gradients(policy, filled, precise=True), gradients(policy, seen, precise=True))
+    nearly(gradients(policy, filled), gradients(policy, seen))
 
 
 @pytest.mark.parametrize("size", [1, 2, 100, 512])
@@ -69,7 +66,7 @@ def test_minibatches_of_filled_rows_are_those_of_others(played: tuple[Trainer, A
     one, other = seen.filled().select(part), seen.select(part)
     assert (len(one.entities) % FILL, len(one.pairs[0]) % FILL) == (0, 0)
     assert torch.equal(one.entities[: len(other.entities)], other.entities)
-    nearly(gradients(policy, one, precise=True), gradients(policy, other, precise=True))
+    nearly(gradients(policy, one), gradients(policy, other))
 
 
 def test_filled_rows_are_joined_without_those_of_nobody(played: tuple[Trainer, Any]) -> None:
