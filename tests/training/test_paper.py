@@ -59,11 +59,14 @@ def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: py
 def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A table of seconds that is written is the one that is read."""
     (one, other) = experiments.experiments(["original"])[:2]
-    folder = tmp_path / "run"
+    folder = tmp_path / "runs/original/ffa_1-original-0"
     short = ("--set", "safe_zone_damage=50", "--set", "safe_zone_stand=5", "--worlds", "8", "--rollout", "512")
     assert outlast_train("ffa_1", "--steps", "2048", *short, "--out", str(folder), "--quiet") == 0
     assert seconds_table([(one, [folder])]).count("\n") == 1  # as it has not ended, nobody knows how long it takes
+    assert one.results(tmp_path) == []  # and nothing is drawn of it
+    assert one.steps_done(tmp_path, 0) == 2048
     monkeypatch.setattr(experiments, "PAPER_STEPS", 2048)
+    assert one.results(tmp_path) == [folder]
     table = seconds_table([(one, [folder]), (other, [])])
     assert table.startswith("part,game,preset,seconds\noriginal,ffa_1,original,")
     assert table.count("\n") == 2
@@ -122,6 +125,12 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     monkeypatch.setattr(experiments, "FEW_WORLDS", ("--worlds", "4", "--rollout", "512", "--ppo", "n_epochs=1"))
     words = ("text", "--only", "teams_2", "--seeds", 1, "--out", tmp_path)
     assert outlast_paper("original", *words[1:]) == 0  # which the others are compared with
+    broken = tmp_path / "runs/text/teams_2-scaled-0"
+    broken.mkdir(parents=True)
+    (broken / "run.json").write_text("{")
+    assert outlast_paper(*words) == 2
+    assert "| preset `original` | preset `paper` |" in (tmp_path / "text/ends.md").read_text()  # made all the same
+    shutil.rmtree(broken)
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
     for name in names:

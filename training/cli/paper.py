@@ -11,7 +11,7 @@ from tqdm import tqdm
 from outlast.envs.cli.options import nonnegative, positive
 from outlast.envs.errors import install
 
-from ..children import ChildRun, side_by_side
+from ..children import STOPPED, ChildRun, side_by_side
 from ..errors import TrainingError
 from ..live_view import LiveView
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments
@@ -75,14 +75,15 @@ def run(options: argparse.Namespace) -> int:
         from ..reproduction.output import write_part
     except ModuleNotFoundError as error:
         raise TrainingError(f"this needs {error.name}: {install('train,plot')}") from error
-    if status := _train(plan, seconds, options, about, jobs):
+    status = _train(plan, seconds, options, about, jobs)
+    if status == STOPPED:
         return status
-    for part in PARTS:
-        if own := [each for each in chosen if each.part == part]:
+    for part in PARTS:  # after a run that failed, too: of those that did not
+        if own := [each for each in chosen if each.part == part and each.results(options.out)]:
             with tqdm(unit="step", disable=options.quiet, desc=f"figures and tables of {part}") as bar:
                 for made in write_part(part, own, options.out, bar.update):
                     tqdm.write(str(made))
-    return 0
+    return status
 
 
 def _chosen(options: argparse.Namespace) -> list[Experiment]:

@@ -106,17 +106,17 @@ class Experiment:
         return out / self.part / f"{self.folder(out, seed).name}.csv"
 
     def results(self, out: Path) -> list[Path]:
-        """Of all its runs that are there, in order of seeds: their folders, or what is kept of them."""
+        """Of all its whole runs that are there, in order of seeds: their folders, or what is kept of them."""
         name = f"{self.name}-{self.preset}-"
         found = [*self.kept(out, 0).parent.glob(f"{glob.escape(name)}*.csv")]
         found += [path for path in self.folder(out, 0).parent.glob(f"{glob.escape(name)}*") if any(path.glob(SAVED))]
-        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in found}  # folders come last
+        whole = [path for path in found if _steps(path) >= self.steps]
+        by_seed = {path.name.removeprefix(name).removesuffix(".csv"): path for path in whole}  # folders come last
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
         """Agent-steps of a run, by its log or by what is kept."""
-        kept = self.kept(out, seed)
-        return max(last_step(self.folder(out, seed) / LOG), read_curves(kept)[1].steps[-1] if kept.exists() else 0)
+        return max(_steps(self.folder(out, seed)), _steps(self.kept(out, seed)))
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -171,11 +171,16 @@ def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]], before: st
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["part", "game", "preset", "seconds"])
     for experiment, folders in timed:
-        whole = [folder for folder in folders if folder.is_dir() and last_step(folder / LOG) >= experiment.steps]
+        whole = [folder for folder in folders if folder.is_dir() and _steps(folder) >= experiment.steps]
         every = [seconds for folder in whole if (seconds := _seconds(folder))]
         if every or experiment.key in known:
             rows.writerow([*experiment.key, round(sum(every) / len(every) if every else known[experiment.key])])
     return text.getvalue()
+
+
+def _steps(place: Path) -> int:
+    """Agent-steps of a run's folder, or of what is kept of a run; 0 if it is not there."""
+    return read_curves(place)[1].steps[-1] if place.suffix == ".csv" and place.exists() else last_step(place / LOG)
 
 
 def _timed() -> dict[tuple[str, str, str], float]:
