@@ -62,12 +62,12 @@ def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch
     folder = tmp_path / "runs/original/ffa_1-original-0"
     short = ("--set", "safe_zone_damage=50", "--set", "safe_zone_stand=5", "--worlds", "8", "--rollout", "512")
     assert outlast_train("ffa_1", "--steps", "2048", *short, "--out", str(folder), "--quiet") == 0
-    assert seconds_table([(one, [folder])]).count("\n") == 1  # as it has not ended, nobody knows how long it takes
+    assert seconds_table([one], tmp_path).count("\n") == 1  # as it has not ended, nobody knows how long it takes
     assert one.results(tmp_path) == []  # and nothing is drawn of it
     assert one.steps_done(tmp_path, 0) == 2048
     monkeypatch.setattr(experiments, "PAPER_STEPS", 2048)
     assert one.results(tmp_path) == [folder]
-    table = seconds_table([(one, [folder]), (other, [])])
+    table = seconds_table([one, other], tmp_path)
     assert table.startswith("part,game,preset,seconds\noriginal,ffa_1,original,")
     assert table.count("\n") == 2
     monkeypatch.setattr(experiments, "files", lambda package: tmp_path)

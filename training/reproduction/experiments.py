@@ -160,21 +160,21 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], bool]:
     return seconds, all(each.key in known for each in chosen)
 
 
-def seconds_table(timed: Iterable[tuple[Experiment, Sequence[Path]]], before: str = "") -> str:
-    """SECONDS out of runs: for each experiment the mean over those of its folders that log a whole run.
+def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
+    """SECONDS out of runs: for each experiment the mean over its whole runs whose folders are there.
 
     Args:
-        timed: The experiments, with their runs.
-        before: The table as it was: what it says of experiments without such a log stays.
+        chosen: The experiments.
+        out: Of the command.
+        before: The table as it was: what it says of experiments without such a folder stays.
     """
     text, known = io.StringIO(), _read_seconds(before)
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["part", "game", "preset", "seconds"])
-    for experiment, folders in timed:
-        whole = [folder for folder in folders if folder.is_dir() and _steps(folder) >= experiment.steps]
-        every = [seconds for folder in whole if (seconds := _seconds(folder))]
-        if every or experiment.key in known:
-            rows.writerow([*experiment.key, round(sum(every) / len(every) if every else known[experiment.key])])
+    for each in chosen:
+        every = [seconds for run in each.results(out) if run.is_dir() and (seconds := _seconds(run))]
+        if every or each.key in known:
+            rows.writerow([*each.key, round(sum(every) / len(every) if every else known[each.key])])
     return text.getvalue()
 
 

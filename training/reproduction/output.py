@@ -36,7 +36,7 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
         TrainingError: Runs are not there, or something cannot be written.
     """
     before = (out / SECONDS).read_text(encoding="utf-8") if (out / SECONDS).exists() else ""
-    timed = seconds_table(((each, each.results(out)) for each in experiments(PARTS)), before)
+    timed = seconds_table(experiments(PARTS), out, before)
     yield from _written({out / SECONDS: timed.encode()})
     yield from (_mended if part == "mended" else _beside_the_paper)(part, chosen, out, progress)
 
