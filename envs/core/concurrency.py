@@ -22,46 +22,46 @@ class CallGuard:
 
     def __init__(self) -> None:
         self._worker = Workers(1)
-        self._pending: Job | None = None
+        self.pending: Job | None = None
         self._owner = os.getpid()
-        self._holder: dict[str, int] = {}  # the thread that is inside: what Ctrl-C leaves here, its next call clears
+        self.inside: dict[str, int] = {}  # the thread that is: what Ctrl-C leaves here, its next call clears
 
     def enter(self) -> None:
         """Begin a call; `leave` ends it. Raises PendingError while another thread is in one."""
         me = get_ident()
-        if self._holder.setdefault("thread", me) != me:
+        if self.inside.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
 
     def leave(self) -> None:
         """End a call."""
-        self._holder.pop("thread", None)
+        self.inside.pop("thread", None)
 
     @property
     def busy(self) -> bool:
         """Whether a call has begun whose result has not been fetched."""
-        return self._pending is not None
+        return self.pending is not None
 
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call; the one before must have been fetched. Raises PendingError if another thread is in one."""
         self.enter()
         self.leave()
         self._owner = os.getpid()
-        self._pending = Job(self._guarded, call, *arguments)
-        self._worker.submit([self._pending])
+        self.pending = Job(self._guarded, call, *arguments)
+        self._worker.submit([self.pending])
 
     def fetch(self) -> Any:
         """Wait for the call, and return or raise what it did. Raises PendingError if none has begun."""
-        if self._pending is None:
+        if self.pending is None:
             raise PendingError("recv() without send()")
         if self._owner != os.getpid():
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
-        if not self._pending.finished:
-            self._worker.submit([self._pending])  # again, as Ctrl-C may have kept `begin` from it
+        if not self.pending.finished:
+            self._worker.submit([self.pending])  # again, as Ctrl-C may have kept `begin` from it
         try:
-            return self._pending.result()
+            return self.pending.result()
         finally:
-            if self._pending.finished:  # it is not after Ctrl-C: then it can be fetched again
-                self._pending = None
+            if self.pending.finished:  # it is not after Ctrl-C: then it can be fetched again
+                self.pending = None
 
     def close(self) -> None:
         """Let the thread go, after its call."""
@@ -80,13 +80,16 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
 
     @functools.wraps(call)
     def checked(env: Any, /, *arguments: Options.args, **options: Options.kwargs) -> Result:
-        check_callable(env)  # before the guard, which the call in the background needs
         guard: CallGuard = env._guard
-        guard.enter()
+        if env.closed or guard.pending is not None:  # before the guard, which the call in the background needs
+            check_callable(env)
+        me, inside = get_ident(), guard.inside
+        if inside.setdefault("thread", me) != me:  # what `enter` does: calls of it are a tenth of one world's step
+            guard.enter()
         try:
             return call(env, *arguments, **options)
         finally:
-            guard.leave()
+            inside.pop("thread", None)
 
     return checked
 

@@ -219,14 +219,16 @@ class SurvivalVectorEnv(Described):
             self._stop(slice(None), terminated, truncated)
         log_deaths(self.worlds, self.first_world)
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
-        info: dict[str, Any] = {}
+        ended: dict[str, Any] = {}
         try:
             if flags & FAULTY:
                 check_faults(self.worlds)
         finally:  # the other worlds go on
             if (flags & DONE or self._stops is not None) and (done := tracker.done).any():
-                info = self._finish(done)
-        info |= self._info()
+                ended = self._finish(done)
+        info = self._info()
+        if ended:
+            info |= ended
         if buffers is None:
             return self._observe(), reward, terminated, truncated, info
         ends = buffers.put("terminated", terminated), buffers.put("truncated", truncated)
