@@ -91,11 +91,7 @@ class CacheKey:
             return function
         text = self._texts[function] = [f"{name} {sorted(getattr(target, 'targetoptions', {}).items())}"]
         self._callees[function] = []
-        for code in codes(function.__code__):
-            described = code is function.__code__ and code.co_consts[:1] == (function.__doc__,)
-            plain = [each for each in code.co_consts[described:] if not isinstance(each, CodeType)]
-            constants = [sorted(map(repr, each)) if isinstance(each, frozenset) else repr(each) for each in plain]
-            text.append(f"{code.co_qualname}{code.co_names}{code.co_code.hex()}{constants}")
+        text.append(_code_text(function.__code__, function.__doc__))
         for inner, value in references(function):
             refuse_random(self._label, inner, value)
             text.extend(self._describe(inner, value, function))
@@ -152,6 +148,18 @@ class CacheKey:
             f"{self._label} refers to {name}, {type(value).__name__} {value!r:.60}: machine code would keep it as it "
             f"is now, and a change of it would go unnoticed; {cure}"
         )
+
+
+@functools.lru_cache(maxsize=4096)
+def _code_text(code: CodeType, docstring: str | None) -> str:
+    """The code of a function and of those nested in it as text, without its docstring."""
+    lines = []
+    for each in codes(code):
+        described = each is code and each.co_consts[:1] == (docstring,)
+        plain = [value for value in each.co_consts[described:] if not isinstance(value, CodeType)]
+        constants = [sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value) for value in plain]
+        lines.append(f"{each.co_qualname}{each.co_names}{each.co_code.hex()}{constants}")
+    return "\n".join(lines)
 
 
 @functools.cache

@@ -53,6 +53,7 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
     return {
         f"{other.name}_{item.name}": other.value(item.name)
         for module, other in zip(modules, others, strict=True)
+        if module is not other
         for item in fields(other)
         if getattr(module, item.name) != getattr(other, item.name)
     }

@@ -10,7 +10,7 @@ from .errors import DeclarationError
 
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
-RANDOM = ("random", "numpy.random")  # modules of generators with a state
+RANDOM = ("random.", "numpy.random.")  # modules of generators with a state, with what is in them
 
 
 def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
@@ -68,7 +68,7 @@ def refuse_random(label: str, name: str, value: Any) -> None:
     else:
         homes = [str(getattr(value, "__module__", "")), type(value).__module__]
         homes += [type(getattr(value, "__self__", None)).__module__]
-    if any(home == module or home.startswith(f"{module}.") for home in homes for module in RANDOM):
+    if any([f"{home}.".startswith(RANDOM) for home in homes]):
         raise DeclarationError(
             f"{label} refers to {name}, a random generator whose state depends on what ran before: the same seed would "
             "not give the same episodes. Take a parameter annotated Random and draw with outlast.ecs.random"

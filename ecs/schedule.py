@@ -251,11 +251,10 @@ def _ambiguous(first: System, second: System, shared: type[Component]) -> Schedu
 def _conflict(first: System, second: System) -> type[Component] | None:
     for one in first.parameters:
         for two in second.parameters:
-            if {one.kind, two.kind} & set(SELECTIONS.values()):
+            if (one.kind, two.kind) not in CONFLICTS and (two.kind, one.kind) not in CONFLICTS:
                 continue
-            kinds = (one.kind, two.kind)
             for component in one.components:
-                if component in two.components and (kinds in CONFLICTS or kinds[::-1] in CONFLICTS):
+                if component in two.components:
                     here, there = _fields(first, component), _fields(second, component)
                     if not (here and there) or here & there:
                         return component

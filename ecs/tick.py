@@ -109,13 +109,21 @@ class Generator:
         python: Whether it runs as Python.
         outside: Whether its system is from outside of outlast.
         specialize: Whether shapes, places and lists of rows become part of its machine code.
+        tables: What it generates for tables of this layout, shared with other generators.
     """
 
     def __init__(
-        self, layout: Layout, *, python: bool = False, outside: bool = False, specialize: bool = False
+        self,
+        layout: Layout,
+        *,
+        python: bool = False,
+        outside: bool = False,
+        specialize: bool = False,
+        tables: dict[Any, tuple[Any, str]] | None = None,
     ) -> None:
         self.layout, self.compiled, self.checked = layout, compiled() and not python, outside
         self.specialize = specialize and self.compiled
+        self._tables = {} if tables is None else tables
         self.names: dict[str, Any] = {"np": np}
         self.arguments = ArgumentLayout()
         self.slots: dict[str, int] = {}
@@ -274,7 +282,9 @@ class Generator:
         return name
 
     def _view(self, view: View) -> str:
-        self.names[view.name] = array_view(replace(view, checked=self.checked), not self.compiled)
+        if self.checked:
+            view = replace(view, checked=True)
+        self.names[view.name] = array_view(view, not self.compiled)
         return view.name
 
     def _words(self, name: str, slot: int, dtype: np.dtype[Any], writable: bool = True, ndim: int = 1) -> str:
@@ -312,14 +322,20 @@ class Generator:
         name, slot = f"{self._named(component)}_{access}", f"TABLE_{self._named(component).upper()}"
         if slot not in self.slots:
             self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
-        views = tuple(self._column(component, column, access == "w") for column in component.columns)
-        hashable: Any = component  # classes are, but mypy rejects type[Component]
-        self.names[f"view_{name}"] = table_view(hashable, views, not self.compiled)
-        kinds = zip(component.columns, views, strict=True)
-        types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
-        types += "" if component.packed else ", not packed"  # the cache's key has all that decides on the machine code
+        form = component, access, self.compiled, self.checked, self.specialize
+        if form not in self._tables:
+            self._tables[form] = self._table_view(component, access == "w")
+        self.names[f"view_{name}"], types = self._tables[form]
         self.inside[f"{name} = view_{name}(arguments, {slot}, w)  # {types}"] = None
         return name
+
+    def _table_view(self, component: type[Component], writable: bool) -> tuple[Any, str]:
+        """A table's view, and in words all that decides on its machine code, as the cache's key has it from there."""
+        views = tuple(self._column(component, column, writable) for column in component.columns)
+        kinds = zip(component.columns, views, strict=True)
+        types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
+        hashable: Any = component  # classes are, but mypy rejects type[Component]
+        return table_view(hashable, views, not self.compiled), types + ("" if component.packed else ", not packed")
 
     def _column(self, component: type[Component], name: str, writable: bool) -> View:
         dtype, shape = component.columns[name].dtype, component.row_shape(name, self.layout.dims)
@@ -372,8 +388,10 @@ def segments(
     """
     modules = {module.name: module for module in layout.modules}
 
+    tables: dict[Any, tuple[Any, str]] = {}
+
     def generator(**options: bool) -> Generator:
-        return Generator(layout, specialize=specialize, **options)
+        return Generator(layout, specialize=specialize, tables=tables, **options)
 
     units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
     units += [generator().assign()] if layout.roles else []

@@ -73,14 +73,15 @@ def _write_templates(workspace: NDArray[np.uint8]) -> None:
     world = Box2D.b2World()
     fixture = world.CreateStaticBody().CreateFixture(shape=disc)
     _copy(workspace, BODY_DEF, Box2D.b2BodyDef(), at.DEF_SIZE)
-    for slot in range(SLOTS, SIZE, SLOT):
-        _copy(workspace, slot + FIXTURE, fixture, at.FIXTURE_SIZE)
-        _copy(workspace, slot + DISC, disc, at.CIRCLE_SIZE)
-        _copy(workspace, slot + BOX, box, at.POLYGON_SIZE)
+    slots = workspace[SLOTS:].reshape(CAPACITY, SLOT)
+    _copy(slots, FIXTURE, fixture, at.FIXTURE_SIZE)
+    _copy(slots, DISC, disc, at.CIRCLE_SIZE)
+    _copy(slots, BOX, box, at.POLYGON_SIZE)
 
 
-def _copy(workspace: NDArray[np.uint8], offset: int, item: Any, size: int) -> None:
-    workspace[offset : offset + size] = np.frombuffer(ctypes.string_at(int(item.this), size), np.uint8)
+def _copy(memory: NDArray[np.uint8], offset: int, item: Any, size: int) -> None:
+    """Copy an object of Box2D's to this offset in memory, or in each row of it."""
+    memory[..., offset : offset + size] = np.frombuffer(ctypes.string_at(int(item.this), size), np.uint8)
 
 
 def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
@@ -91,6 +92,6 @@ def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
     words[(SOLVER_DEF + at.SOLVER_POSITIONS) // 8] = base + POSITIONS
     words[(SOLVER_DEF + at.SOLVER_VELOCITIES) // 8] = base + VELOCITIES
     words[(SOLVER_DEF + at.SOLVER_STACK) // 8] = base + at.WORLD_STACK
-    for slot in range(SLOTS, SIZE, SLOT):
-        words[(slot + FIXTURE + at.FIXTURE_BODY) // 8] = base + slot
-        words[(slot + FIXTURE + at.FIXTURE_PROXIES) // 8] = base + slot + PROXY
+    slots, starts = words[SLOTS // 8 :].reshape(CAPACITY, SLOT // 8), base + np.arange(SLOTS, SIZE, SLOT)
+    slots[:, (FIXTURE + at.FIXTURE_BODY) // 8] = starts
+    slots[:, (FIXTURE + at.FIXTURE_PROXIES) // 8] = starts + PROXY
