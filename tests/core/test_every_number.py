@@ -138,7 +138,9 @@ def test_a_world_is_the_game_with_its_number(name: str) -> None:
         one = outlast.make_vec(plain, 1, first_world=k)
         for tick, own in enumerate(played(one, [chosen[k : k + 1, : one.num_agents] for chosen in actions])):
             for mine, its in zip(own, (values[k] for values in outcomes[tick]), strict=True):
-                np.testing.assert_array_equal(mine, its[tuple(map(slice, mine.shape))], f"{key}, tick {tick}")
+                its = its[tuple(map(slice, mine.shape))]
+                if not np.array_equal(mine, its):  # ten times as fast as what says where they differ
+                    np.testing.assert_array_equal(mine, its, f"{key}, tick {tick}")
         one.close()
 
 
