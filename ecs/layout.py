@@ -9,7 +9,7 @@ import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
-from .varied import DIM, NumbersView, Varied, differing_modules, place, replaced
+from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, place, replaced
 
 ALIGN = 64  # bytes: a cache line
 
@@ -51,10 +51,7 @@ class Layout:
         dims: Size by name of the dimension.
         damage_types: The damage types of the modules, in alphabetical order.
         fields: Fields by key of the observation and by name, in order of their columns; of keys that declare some.
-        places: Every column.
         events: The events, in the order of `event_type`, the memory that they take in a world.
-        initial_image: uint8 (world_bytes,), the state of a world at the start of an episode, before any system runs and
-            before numbers are drawn.
         varied: Numbers of which each world has its own, by name.
         roles: The roles of agents, if there are any.
         per_agent: Numbers of which each agent has its own, by name.
@@ -65,6 +62,7 @@ class Layout:
         observed: Those of them that are shown to agents, in varied.NumbersView.
         roles: Which agents have numbers of their own.
         checks: Whether modules say what is impossible together.
+        varied: In place of `distributions`, what a layout of the same mechanics has made of them.
     """
 
     def __init__(
@@ -74,10 +72,12 @@ class Layout:
         observed: Sequence[str] = (),
         roles: Roles | None = None,
         checks: bool = True,
+        varied: Mapping[str, VariedNumber] | None = None,
     ) -> None:
         self.fewer = False  # whether it has fewer entities than a world has room for, see varied.patches
         self.modules = sorted(modules, key=lambda module: (module.name, type(module).__name__))
-        self.varied = place(self.modules, distributions or {})
+        self.varied = place(self.modules, distributions or {}) if varied is None else varied
+        hold(self.modules, self.varied.values())
         self.archetypes = merge(a for module in self.modules for a in listed(module, "archetypes", Archetype))
         self._check_counts()
         self.spans: dict[str, range] = {}
@@ -116,9 +116,6 @@ class Layout:
         for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
-        self.event_type = memory_type(self.events, self.dims)
-        self.places, self.world_bytes = self._place()
-        self.initial_image = self._initial_image()
 
     def __repr__(self) -> str:
         """A line for each archetype: its rows, whether they are alive after reset, and its components."""
@@ -201,17 +198,31 @@ class Layout:
         names = self.roles.names
         return tuple(names[min(own)] if len(own) == 1 and own != {-1} else name for own, name in zip(owned, plain))
 
-    def systems(self) -> list[System]:
+    @functools.cached_property
+    def systems(self) -> tuple[System, ...]:
         """The systems of the modules, those included that a module has with some values only that differ here."""
         found = [system for module in self.modules for system in module.systems()]
+        known = {system.label for system in found}
         for module in differing_modules(self):
-            found += [s for s in module.systems() if s.label not in {system.label for system in found}]
-        return found
+            more = [system for system in module.systems() if system.label not in known]
+            known |= {system.label for system in more}
+            found += more
+        return tuple(found)
 
-    def with_modules(self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True) -> "Layout":
-        """The layout of the same worlds with other numbers. roles: in place of those that there are."""
-        distributions = {name: number.distribution for name, number in self.varied.items()}
-        return type(self)(modules, distributions, [*self.fields.get("numbers", ())], roles or self.roles, checks)
+    def with_modules(
+        self, modules: Sequence[Any], roles: Roles | None = None, checks: bool = True, others: bool = False
+    ) -> "Layout":
+        """The layout of the same worlds with other numbers.
+
+        Args:
+            modules: The same mechanics, in the same order.
+            roles: In place of those that there are.
+            checks: Whether modules say what is impossible together.
+            others: Whether numbers are others with which those that vary must be looked at again.
+        """
+        distributions = {name: number.distribution for name, number in self.varied.items()} if others else None
+        observed, varied = [*self.fields.get("numbers", ())], None if others else self.varied
+        return type(self)(modules, distributions, observed, roles or self.roles, checks, varied)
 
     def numbers(self, module: str) -> dict[str, Any]:
         """The numbers of the module of that name, or of a subclass of it, by their own names; none without one."""
@@ -300,8 +311,24 @@ class Layout:
                             f"{component.__name__}.{name} needs it: add {makers or 'a module whose dims() has it'}"
                         )
 
-    def _place(self) -> tuple[list[Place], int]:
-        places, offset = [], 0
+    @functools.cached_property
+    def event_type(self) -> np.dtype[Any]:
+        """The memory of one world's events."""
+        return memory_type(self.events, self.dims)
+
+    @property
+    def places(self) -> list[Place]:
+        """Every column."""
+        return self._placing[0]
+
+    @property
+    def world_bytes(self) -> int:
+        """Of a world's state."""
+        return self._placing[1]
+
+    @functools.cached_property
+    def _placing(self) -> tuple[list[Place], int]:
+        places, offset = list[Place](), 0
         for component in self.components:
             for name, column in component.columns.items():
                 shape = component.row_shape(name, self.dims)
@@ -310,7 +337,7 @@ class Layout:
                     continue
                 offset = -(-offset // column.dtype.itemsize) * column.dtype.itemsize
                 places.append(Place(component, name, shape, offset))
-                offset += column.dtype.itemsize * int(np.prod(shape))
+                offset += column.dtype.itemsize * math.prod(shape)
         return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
 
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
@@ -324,12 +351,21 @@ class Layout:
                     place.offset,
                     (block.strides[0], *_strides(place.shape, component.columns[place.name].dtype.itemsize)),
                 )
-                for place in self.places
-                if place.component is component
+                for place in self._places_of[component]
             )
         )
 
-    def _initial_image(self) -> np.ndarray[Any, Any]:
+    @functools.cached_property
+    def _places_of(self) -> dict[type[Component], list[Place]]:
+        return {component: list(own) for component, own in groupby(self.places, lambda place: place.component)}
+
+    @functools.cached_property
+    def initial_image(self) -> np.ndarray[Any, Any]:
+        """The state of a world at the start of an episode, before any system runs and numbers are drawn.
+
+        Returns:
+            uint8 (world_bytes,).
+        """
         block = np.zeros((1, self.world_bytes), np.uint8)
         for singleton, values in self.singletons.items():
             if singleton.packed:

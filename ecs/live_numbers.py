@@ -44,7 +44,7 @@ def changed_modules(
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    extreme_layouts(layout.with_modules(found))  # raises where they are impossible together
+    extreme_layouts(layout.with_modules(found, others=True))  # raises where they are impossible together
     return found
 
 
@@ -67,7 +67,7 @@ def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, n
         yield "roles differ in it"
     if full in layout.varied:
         yield "it varies from world to world, so give_numbers() sets it"
-    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]])
+    there = layout.with_modules([*layout.modules[:k], other, *layout.modules[k + 1 :]], others=True)
     yield from reasons(layout, there, k)
     if not np.array_equal(there.initial_image, layout.initial_image):
         yield "it is part of what an episode begins with"

@@ -53,7 +53,7 @@ def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[
 
 def is_read(layout: Any, k: int, number: str) -> bool:
     """Whether a system of the mechanic `k` gets the number."""
-    systems = [system for system in layout.systems() if system.module == layout.modules[k].name]
+    systems = [system for system in layout.systems if system.module == layout.modules[k].name]
     return any(p.kind in ("number", "numbers") and p.name == number for s in systems for p in s.parameters)
 
 

@@ -17,6 +17,7 @@ random numbers are those of the stream "poison.sicken": a subclass draws what it
 import contextlib
 import dataclasses
 import difflib
+import functools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -96,22 +97,28 @@ class Module:
                 )
 
     def __post_init__(self) -> None:
-        annotations = vars(type(self)).get("__annotations__", {})
+        for name, kind, rule in self._declared():
+            object.__setattr__(self, name, checked(f"{self.name}.{name}", getattr(self, name), kind, rule))
+
+    @classmethod
+    @functools.cache
+    def _declared(cls) -> tuple[tuple[str, type, Any], ...]:
+        """The name, the type and the rule of every number. DeclarationError for one that cannot be."""
+        annotations = vars(cls).get("__annotations__", {})
         own = [name for name, kind in annotations.items() if "ClassVar" not in str(kind)]
-        if own and "__dataclass_fields__" not in vars(type(self)):
+        if own and "__dataclass_fields__" not in vars(cls):
             raise DeclarationError(
-                f"{type(self).__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
-                f"@dataclass(frozen=True) above class {type(self).__name__}"
+                f"{cls.__name__} declares numbers ({', '.join(own)}), which only a dataclass has: write "
+                f"@dataclass(frozen=True) above class {cls.__name__}"
             )
-        for item in dataclasses.fields(self):
+        for item in dataclasses.fields(cls):
             if hasattr(Module, item.name):
                 raise DeclarationError(
-                    f"{self.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "
+                    f"{cls.name} has a number '{item.name}', which hides Module.{item.name}; rename it (a class "
                     "attribute, as the mechanic's own name, has no annotation, or one with ClassVar)"
                 )
-            name = f"{self.name}.{item.name}"
-            value = checked(name, getattr(self, item.name), kind_of(name, item), item.metadata)
-            object.__setattr__(self, item.name, value)
+        items = dataclasses.fields(cls)
+        return tuple((item.name, kind_of(f"{cls.name}.{item.name}", item), item.metadata) for item in items)
 
     @classmethod
     def slot(cls) -> type:
@@ -310,7 +317,7 @@ class Module:
 
     def replace(self, **numbers: Any) -> Self:
         """A copy with other numbers; an unknown name is a NumberError that lists the known ones."""
-        known = [item.name for item in dataclasses.fields(self)]
+        known = [name for name, *_ in self._declared()]
         for key in numbers:
             if key not in known:
                 raise NumberError(f"{self.name} has no number '{key}'; it has: {', '.join(known) or 'none'}")

@@ -102,8 +102,7 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
     """Where the words of varied numbers lie, by name.
 
     Args:
-        modules: The mechanics, in order. Those with varied counts are replaced by ones with the highest, and values
-            that no world has by the highest, too.
+        modules: The mechanics, in order, which become as `hold` makes them.
         distributions: By name, "module_number".
 
     Raises:
@@ -123,9 +122,22 @@ def place(modules: list[Any], distributions: Mapping[str, Distribution]) -> dict
         counted = _counted(modules[k], field, distribution) if kind is int else ((), ())
         found[name] = VariedNumber(name, k, field, distribution, kind, start, width := widths.pop(), *counted)
         start += width
-        if counted[0] or getattr(modules[k], field) not in distribution:  # as no world has that value
-            modules[k] = modules[k].replace(**{field: distribution.extremes()[-1]})
+        hold(modules, [found[name]])
     return found
+
+
+def hold(modules: list[Any], numbers: Iterable[VariedNumber]) -> None:
+    """Replace mechanics with varied counts by ones with the highest, and values that no world has by the highest, too.
+
+    Args:
+        modules: The mechanics, in order.
+        numbers: Those that vary.
+    """
+    for number in numbers:
+        module, highest = modules[number.module], number.distribution.extremes()[-1]
+        value = getattr(module, number.number)
+        if value != highest and (number.archetypes or value not in number.distribution):
+            modules[number.module] = module.replace(**{number.number: highest})
 
 
 def _counted(module: Any, field: str, distribution: Distribution) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -265,6 +277,9 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
     images, found = [layout.initial_image], list[tuple[int, int, int]]()
     for value in probes:
         there = with_values(layout, {number: value})
+        for other in layout.varied.values():
+            for each in other.distribution.probes() if other.module == k and other is not number else ():
+                there.modules[k].replace(**{other.number: each})  # raises what they cannot be together
         if reason := next(reasons(layout, there, k, systems=not by_agent), ""):  # systems take what agents have
             raise NumberError(f"{number.name} cannot vary: {reason}")
         images.append(_with_room(there, _without_room(layout, {number: value})))

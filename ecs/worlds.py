@@ -77,7 +77,7 @@ class Worlds:
         self.layout = Layout(modules, varied, observed, roles)
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
-        systems = [s for s in self.layout.systems() if self._applies(s) and s.phase not in without]
+        systems = [s for s in self.layout.systems if self._applies(s) and s.phase not in without]
         self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
