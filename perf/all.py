@@ -26,6 +26,7 @@ SCRIPTS = {  # by name: arguments of python -m, and libraries beside those of th
     "threads": ("perf.scale", "threads"),
     "reset": ("perf.cost", "reset"),
     "memory": ("perf.cost", "memory", "--steps", "10000000"),
+    "make": ("perf.cost", "make"),
     "edit": ("perf.edit",),
     "profile": ("perf.profile", "teams_3"),
     "frames": ("perf.frames",),

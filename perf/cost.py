@@ -1,24 +1,28 @@
-"""What is paid beside the step: memory, and resets. The start is in perf.edit.
+"""What is paid beside the step: memory, resets, and making environments. The start of a process is in perf.edit.
 
     python -m perf.cost memory [--steps 10000000] [--save MACHINE]
     python -m perf.cost reset [--save MACHINE]
+    python -m perf.cost make [--save MACHINE]
 
 memory: bytes of state and of buffers (actions, observations, signals) a world, and how far the process grows while it
 takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch, and as
-one of 1,024.
+one of 1,024. make: milliseconds of CPU time until an environment of one world is made, when all of its machine code is
+in memory already; best of five.
 """
 
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from outlast import make_vec
+from outlast import integers, make_vec, role, uniform, variant
 from outlast.ecs import RESET, STEP, Worlds
 from outlast.envs.rollout.policies import random_policy
 from outlast.envs.scenarios.variants import VARIANTS
+from outlast.systems import Maze
 from perf.measure import alternate
 from perf.table import Table, options
 
@@ -26,12 +30,12 @@ CHUNK = 1024  # worlds that the memory test steps together
 
 
 def main() -> None:
-    """One of the two."""
+    """One of the three."""
     parser = options(__doc__)
-    parser.add_argument("what", choices=("memory", "reset"))
+    parser.add_argument("what", choices=("memory", "reset", "make"))
     parser.add_argument("--steps", type=int, default=1_000_000, help="world-steps of the memory test, each variant")
     given = parser.parse_args()
-    tables = {"memory": lambda: memory(given.steps), "reset": reset}
+    tables = {"memory": lambda: memory(given.steps), "reset": reset, "make": make}
     tables[given.what]().finish(given.save)
 
 
@@ -71,6 +75,23 @@ def reset() -> Table:
             worlds.run(np.full(count, RESET, np.int8))
             times = np.median(alternate([ticks(worlds, STEP), ticks(worlds, RESET)]), axis=0) / count * 1e6
             table.add(name, count, float(times[0]), float(times[1]), float(times[1] / times[0]))
+    return table
+
+
+def make() -> Table:
+    """Environments of scenarios with more and more that varies, made again."""
+    counts = variant("teams_4").vary(n_agents=integers(2, 6), n_heals=integers(1, 15), n_boxes=integers(1, 8))
+    roles = counts.roles(hunter=role(1, melee_damage=integers(15, 25), cameras_depth=uniform(8, 14)), prey=role())
+    scenarios = {"ffa_1": variant("ffa_1"), "teams_4": variant("teams_4"), "teams_4, counts vary": counts}
+    scenarios |= {"... and roles": roles, "... and a maze": roles.with_(Maze())}
+    table = Table("make", "scenario", "ms")
+    for name, scenario in tqdm(scenarios.items(), unit="scenario"):
+        times = []
+        for _ in range(6):  # the first one compiles or loads
+            start = time.process_time()
+            make_vec(scenario, 1, seed=0).close()
+            times.append(time.process_time() - start)
+        table.add(name, min(times[1:]) * 1e3)
     return table
 
 
