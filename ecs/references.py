@@ -68,7 +68,7 @@ def refuse_random(label: str, name: str, value: Any) -> None:
     else:
         homes = [str(getattr(value, "__module__", "")), type(value).__module__]
         homes += [type(getattr(value, "__self__", None)).__module__]
-    if any([f"{home}.".startswith(RANDOM) for home in homes]):
+    if any(f"{home}.".startswith(RANDOM) for home in homes):
         raise DeclarationError(
             f"{label} refers to {name}, a random generator whose state depends on what ran before: the same seed would "
             "not give the same episodes. Take a parameter annotated Random and draw with outlast.ecs.random"
