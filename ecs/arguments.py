@@ -34,7 +34,7 @@ MAX_DIMENSIONS = 4  # of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
 MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
-AHEAD, LINES = EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 1  # what it fetches for later worlds, see ecs.run_units
+AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what it fetches, see ecs.run_units
 SLOT = ir.IntType(64)
 
 
@@ -42,7 +42,7 @@ SLOT = ir.IntType(64)
 class ArgumentLayout:
     """Which slot has which argument: each method assigns its argument the next free slots and returns the first."""
 
-    size: int = LINES + 1
+    size: int = COUNT + 1
     columns: dict[int, tuple[type[Component], str]] = field(default_factory=dict)
     constants: dict[int, np.ndarray[Any, Any]] = field(default_factory=dict)
     scratch: dict[int, tuple[Module, str]] = field(default_factory=dict)
@@ -108,9 +108,13 @@ class ArgumentBlock:
             value = changed.get(name, value)
             self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
-    def fetch(self, address: int, lines: int) -> None:
-        """Let the unit fetch so many cache lines, from `address` on for world 0."""
-        self.slots[AHEAD], self.slots[LINES] = address, lines
+    def fetch(self, address: int, lines: np.ndarray[Any, Any]) -> None:
+        """Let the unit fetch cache lines of later worlds; for world 0 of that whose state is at `address`.
+
+        lines: int64 (lines,), where they lie in the state.
+        """
+        self._lines = np.ascontiguousarray(lines, np.int64)  # referred to by address only
+        self.slots[[AHEAD, LINES, COUNT]] = address, self._lines.ctypes.data, len(lines)
 
     def _describe(self, slot: int, array: np.ndarray[Any, Any], axes: int) -> None:
         """axes: 1 if the first axis is the worlds, 0 if the array is the same for all."""

@@ -9,7 +9,7 @@ from .arguments import ArgumentBlock
 from .cache import RUNNER, CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
-from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, TABLE, UNITS, share_lines
+from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, TABLE, UNITS
 from .tick import Segment, Unit
 
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: to fetch them gains nothing
@@ -39,10 +39,10 @@ class CompiledExecution:
         """Let the units that run in every tick fetch the worlds that come next, in equal parts, if that pays."""
         fetching = [block for unit, block in zip(self._units, self.blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
-            size = worlds.layout.world_bytes
-            share, lines = share_lines(size, len(fetching))
-            for k, block in enumerate(fetching):
-                block.fetch(worlds.block.ctypes.data + CHUNK * size + k * share, lines)
+            ahead = worlds.block.ctypes.data + CHUNK * worlds.layout.world_bytes
+            lines = worlds.layout.lines(worlds.schedule.touched)
+            for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
+                block.fetch(ahead, share)
 
     def __call__(self, start: int, stop: int) -> None:
         """Take the worlds from `start` to `stop` through the units. Raises what a kernel raises."""

@@ -7,7 +7,7 @@ world is to copy bytes. Columns that environments return (actions, observations,
 import difflib
 import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import groupby, pairwise
 from typing import Any
@@ -29,6 +29,7 @@ from .system import System
 from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, place, replaced
 
 ALIGN = 64  # bytes: a cache line
+ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
 
 
 @dataclass(frozen=True)
@@ -339,6 +340,23 @@ class Layout:
                 places.append(Place(component, name, shape, offset))
                 offset += column.dtype.itemsize * math.prod(shape)
         return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
+
+    def lines(self, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
+        """Where the cache lines lie that hold these components, of entities that have them, and the engine's own.
+
+        Returns:
+            int64 (lines,), offsets in a world's state, in order.
+        """
+        found = set[int]()
+        for each in self.places:
+            component, itemsize = each.component, each.component.columns[each.name].dtype.itemsize
+            if each.offset >= 0 and component in {*components, *ENGINE}:
+                alone = issubclass(component, Singleton)
+                size = itemsize * math.prod(each.shape[0 if alone else 1 :])
+                for row in [0] if alone else self.rows(component).tolist():
+                    start = each.offset + row * size
+                    found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
+        return ALIGN * np.array(sorted(found), np.int64)
 
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
         """Table of a packed component over `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""

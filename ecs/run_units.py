@@ -1,12 +1,11 @@
 """The tick in machine code: it takes a few worlds at a time through all units (see ecs.tick).
 
 Their state stays in the processor's cache meanwhile, and each unit fetches a part of that of the next ones, a few lines
-for each of its worlds: more at once would have to wait for each other.
+for each of its worlds: more at once would have to wait for each other. Lines that no tick touches are left out.
 """
 
 from .arguments import AHEAD, STRIDE
 from .jit import kernel, loader, storer
-from .layout import ALIGN
 from .machine_code import call_address, prefetch
 
 CHUNK = 32  # worlds that go through all units together
@@ -45,20 +44,12 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
 @kernel
 def begin_fetch(arguments: int, first: int) -> int:
-    """The address of a unit's share of the state of the worlds that come a chunk after `first`; there need be none."""
+    """The address of the state of the world that comes a chunk after `first`; there need be none."""
     return int(read_word(arguments + 8 * AHEAD) + first * read_word(arguments + 8 * STRIDE))
 
 
 @kernel
-def fetch(line: int, lines: int) -> int:
-    """Begin to load cache lines, `lines` from `line` on; returns the address of the next one."""
-    for _ in range(lines):
-        prefetch(line)
-        line += ALIGN
-    return line
-
-
-def share_lines(world_bytes: int, units: int) -> tuple[int, int]:
-    """Bytes between the shares of units, and how many lines each fetches in each of its worlds."""
-    lines = -(-world_bytes // (ALIGN * units))
-    return CHUNK * world_bytes // units, lines
+def fetch(world: int, offsets: int, count: int) -> None:
+    """Begin to load the cache lines of a world's state that lie at `count` offsets, an int64 each."""
+    for k in range(count):
+        prefetch(world + read_word(offsets + 8 * k))

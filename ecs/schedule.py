@@ -10,7 +10,7 @@ from .component import Component
 from .errors import ScheduleError
 from .event import Event
 from .module import Module
-from .phase import Phase
+from .phase import Phase, When
 from .system import System
 
 CONFLICTS = {("read", "write"), ("read", "add"), ("add", "write"), ("write", "write")}
@@ -21,6 +21,12 @@ class Schedule:
     """The systems of one tick, in order. `str(schedule)` is the printed table."""
 
     systems: tuple[System, ...]
+
+    @property
+    def touched(self) -> set[type[Component]]:
+        """The components that systems read or write in ticks in which no episode begins."""
+        parameters = [p for system in self.systems if system.phase.when is not When.RESET for p in system.parameters]
+        return {c for p in parameters if p.kind not in SELECTIONS.values() for c in p.components}
 
     def __str__(self) -> str:
         lines = [f"{'phase':<9} {'runs on':<12} {'system':<22} {'reads':<34} {'writes':<30} adds"]

@@ -21,7 +21,19 @@ from typing import Any
 import numpy as np
 
 from .access import Parameter
-from .arguments import BLOCK, EVENTS, LINES, MODE, ArgumentLayout, View, array_view, number_view, table_view
+from .arguments import (
+    BLOCK,
+    COUNT,
+    EVENTS,
+    LINES,
+    MODE,
+    STRIDE,
+    ArgumentLayout,
+    View,
+    array_view,
+    number_view,
+    table_view,
+)
 from .component import Clock, Component, Entity
 from .draw import clear_rows, draw, plan, published_rows, show, shown
 from .errors import DeclarationError
@@ -202,10 +214,11 @@ class Generator:
         lines += ["    " + line for line in self.outside]
         if self.compiled:
             self.names |= {"begin_fetch": begin_fetch, "fetch": fetch, "int64": number_view("int64", python=False)}
-            lines += [f"    line, lines = begin_fetch(arguments, first), int64(arguments, {LINES})"]
+            lines += [f"    ahead, stride = begin_fetch(arguments, first), int64(arguments, {STRIDE})"]
+            lines += [f"    offsets, count = int64(arguments, {LINES}), int64(arguments, {COUNT})"]
         lines += ["    for w in range(first, last):"]
         if self.compiled:
-            lines += ["        line = fetch(line, lines)"]
+            lines += ["        fetch(ahead, offsets, count)", "        ahead += stride"]
         lines += [f"        if {idle}:", "            continue"]
         lines += ["        " + line for line in (*self.inside, f"kernel({', '.join(arguments)})")]
         source = "\n".join(lines) + "\n"

@@ -1,5 +1,6 @@
 """Running worlds: each gets what it would have alone, and errors and Ctrl-C leave no thread at work."""
 
+import ctypes
 import dataclasses
 import threading
 import time
@@ -9,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import outlast
 from outlast.ecs import DeclarationError, Entity, Module, Random, ScheduleError, Worlds, Write
+from outlast.ecs.arguments import COUNT, LINES
 from outlast.ecs.layout import ALIGN
 from outlast.ecs.random import uniform
-from outlast.ecs.run_units import CHUNK, share_lines
 from outlast.ecs.workers import Job, Workers
-from tests.conftest import COMPILED, digest, scaled
+from tests.conftest import COMPILED, digest, draw_actions, scaled
 from tests.helpers import toy_game
 from tests.helpers.toy_game import (
     RESET,
@@ -340,11 +342,33 @@ def test_several_python_threads_may_run_worlds_of_their_own() -> None:
         assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}
 
 
-@pytest.mark.parametrize("world_bytes", [64, 1000, 4224, 7552])
-@pytest.mark.parametrize("units", [1, 7, 37])
-def test_units_together_fetch_the_whole_of_the_next_chunk(world_bytes: int, units: int) -> None:
-    """As the loop of a unit does it: some lines in each of its worlds, one behind the other."""
-    share, lines = share_lines(world_bytes, units)
-    fetched = {(k * share // ALIGN) + line for k in range(units) for line in range(CHUNK * lines)}
-    assert fetched >= {*range(CHUNK * world_bytes // ALIGN)}
-    assert CHUNK * lines * ALIGN * units <= CHUNK * (world_bytes + ALIGN * units)  # and not much more
+@pytest.mark.parametrize("name", ["ffa_1", "teams_4"])
+def test_lines_that_steps_write_are_fetched_ahead(name: str) -> None:
+    env = outlast.make_vec(name, 16, seed=0)
+    env.reset()
+    worlds, written, rng = env.worlds, set[int](), np.random.default_rng(0)
+    for _ in range(scaled(600, least=5)):
+        before = worlds.block.copy()
+        env.step(draw_actions(env, rng))
+        changed = (before != worlds.block)[worlds.mode == STEP].any(axis=0)
+        written.update(np.flatnonzero(changed) // ALIGN)
+    lines = worlds.layout.lines(worlds.schedule.touched) // ALIGN
+    assert written <= {*lines.tolist()}
+    assert len(lines) < worlds.layout.world_bytes // ALIGN
+    env.close()
+
+
+@pytest.mark.skipif(not COMPILED, reason="only machine code fetches")
+def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = digest(walked(make(count=100), 10))
+    monkeypatch.setattr("outlast.ecs.execution.CACHED", 0)
+    worlds = walked(make(count=100), 10)
+    assert digest(worlds) == expected
+    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds._runner.single().blocks]  # type: ignore[union-attr]
+    assert sorted(np.concatenate(found).tolist()) == worlds.layout.lines(worlds.schedule.touched).tolist()
+
+
+def int64_at(address: int, count: int) -> Any:
+    """So many numbers in memory."""
+    kind = ctypes.c_int64 * count
+    return np.array(kind.from_address(address) if count else kind(), np.int64)
