@@ -27,8 +27,8 @@ from numba.extending import intrinsic
 from .columns import Column
 from .component import Component
 from .jit import compiled
-from .layout import ALIGN
 from .module import Module
+from .placing import ALIGN
 
 MAX_DIMENSIONS = 4  # of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS

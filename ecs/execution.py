@@ -9,8 +9,10 @@ from .arguments import ArgumentBlock
 from .cache import RUNNER, CompiledUnits
 from .jit import interpreted
 from .machine_code import exception_at
+from .placing import touched_lines
 from .run_units import CHUNK, EXCEPTION, FAILED, FIRST_WORLD, NONE, TABLE, UNITS
-from .tick import Segment, Unit
+from .segments import Segment
+from .tick import Unit
 
 CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: to fetch them gains nothing
 
@@ -40,7 +42,7 @@ class CompiledExecution:
         fetching = [block for unit, block in zip(self._units, self.blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + CHUNK * worlds.layout.world_bytes
-            lines = worlds.layout.lines(worlds.schedule.touched)
+            lines = touched_lines(worlds.layout, worlds.schedule.touched)
             for block, share in zip(fetching, np.array_split(lines, len(fetching)), strict=True):
                 block.fetch(ahead, share)
 

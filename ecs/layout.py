@@ -6,9 +6,8 @@ world is to copy bytes. Columns that environments return (actions, observations,
 
 import difflib
 import functools
-import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -22,24 +21,12 @@ from .event import Event, memory_type
 from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
 from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
+from .placing import Place, place_columns
 from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
 from .system import System
 from .varied import DIM, NumbersView, Varied, VariedNumber, differing_modules, hold, place, replaced
-
-ALIGN = 64  # bytes: a cache line
-ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a column lies: its shape in one world, and its offset in the world's state (-1: a buffer of its own)."""
-
-    component: type[Component]
-    name: str
-    shape: tuple[int, ...]
-    offset: int
 
 
 class Layout:
@@ -329,49 +316,11 @@ class Layout:
 
     @functools.cached_property
     def _placing(self) -> tuple[list[Place], int]:
-        places, offset = list[Place](), 0
-        for component in self.components:
-            for name, column in component.columns.items():
-                shape = component.row_shape(name, self.dims)
-                if not component.packed:
-                    places.append(Place(component, name, shape, -1))
-                    continue
-                offset = -(-offset // column.dtype.itemsize) * column.dtype.itemsize
-                places.append(Place(component, name, shape, offset))
-                offset += column.dtype.itemsize * math.prod(shape)
-        return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
-
-    def lines(self, components: Collection[type[Component]]) -> np.ndarray[Any, Any]:
-        """Where the cache lines lie that hold these components, of entities that have them, and the engine's own.
-
-        Returns:
-            int64 (lines,), offsets in a world's state, in order.
-        """
-        found = set[int]()
-        for each in self.places:
-            component, itemsize = each.component, each.component.columns[each.name].dtype.itemsize
-            if each.offset >= 0 and component in {*components, *ENGINE}:
-                alone = issubclass(component, Singleton)
-                size = itemsize * math.prod(each.shape[0 if alone else 1 :])
-                for row in [0] if alone else self.rows(component).tolist():
-                    start = each.offset + row * size
-                    found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
-        return ALIGN * np.array(sorted(found), np.int64)
+        return place_columns(self.components, self.dims)
 
     def columns(self, block: np.ndarray[Any, Any], component: type[Component]) -> Any:
         """Table of a packed component over `block`, uint8 (worlds, world_bytes): columns (worlds, ...)."""
-        return component.Table(
-            *(
-                np.ndarray(
-                    (len(block), *place.shape),
-                    component.columns[place.name].dtype,
-                    block,
-                    place.offset,
-                    (block.strides[0], *_strides(place.shape, component.columns[place.name].dtype.itemsize)),
-                )
-                for place in self._places_of[component]
-            )
-        )
+        return component.Table(*(place.view(block) for place in self._places_of[component]))
 
     @functools.cached_property
     def _places_of(self) -> dict[type[Component], list[Place]]:
@@ -415,10 +364,6 @@ def _check_keys(base: type[Component], components: Iterable[type[Component]]) ->
                     'columns, or give it another key: column(..., key="mine")'
                 )
             owners[key] = owner
-
-
-def _strides(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    return tuple(itemsize * math.prod(shape[k + 1 :]) for k in range(len(shape)))
 
 
 def _fill(table: Any, where: Any, part: Component) -> None:

@@ -36,7 +36,7 @@ def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[
     """In which entries of columns the states of worlds differ.
 
     Args:
-        places: ecs.layout.Place of all columns.
+        places: ecs.placing.Place of all columns.
         images: uint8 (world_bytes,) each.
 
     Yields:

@@ -9,7 +9,8 @@ from typing import Any
 from .cache import CompiledUnits
 from .execution import CompiledExecution, PythonExecution
 from .jit import compiled
-from .tick import Segment, Unit
+from .segments import Segment
+from .tick import Unit
 from .workers import Job, Workers
 
 Execution = CompiledExecution | PythonExecution

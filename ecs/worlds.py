@@ -15,14 +15,15 @@ from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
 from .event import Event, EventMemory
 from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
 from .kernel_check import check, check_interpretable
-from .layout import ALIGN, Layout
+from .layout import Layout
 from .live_numbers import changed_modules, differing
 from .module import Module
 from .per_agent import agent_values, differing_numbers
 from .phase import Phase
+from .placing import ALIGN
 from .roles import Roles
 from .runner import Runner
-from .tick import segments
+from .segments import segments
 from .varied import Varied
 
 

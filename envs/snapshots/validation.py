@@ -26,7 +26,7 @@ from outlast.components.sight import MODES
 from outlast.ecs import AgentRoles, Clock, Component, Entity, Layout, Singleton
 from outlast.ecs.event import EventMemory, table
 from outlast.ecs.given import Given, misfits, wrongly_given
-from outlast.ecs.layout import Place
+from outlast.ecs.placing import Place
 from outlast.ecs.varied import Varied
 
 from ..errors import StateError

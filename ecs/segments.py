@@ -1,0 +1,57 @@
+"""The units of a tick in order, in segments: those that a thread runs by one call."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from .draw import published_rows
+from .layout import Layout
+from .system import System
+from .tick import Generator, Unit
+from .varied import NumbersView
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Units that a thread runs by one call: those between two that run as Python, or one of these."""
+
+    units: Sequence[Unit]
+    compiled: bool
+
+
+def segments(
+    layout: Layout,
+    systems: Sequence[System],
+    split: bool = False,
+    interpret: Collection[str] = (),
+    specialize: bool = False,
+) -> list[Segment]:
+    """Generate the units of a tick.
+
+    Args:
+        layout: Of the worlds.
+        systems: In the order of the schedule.
+        split: Whether each system gets a segment of its own, the first with the clock.
+        interpret: Labels of systems to run as Python.
+        specialize: Whether machine code is for this layout alone.
+    """
+    modules = {module.name: module for module in layout.modules}
+
+    tables: dict[Any, tuple[Any, str]] = {}
+
+    def generator(**options: bool) -> Generator:
+        return Generator(layout, specialize=specialize, tables=tables, **options)
+
+    units = [generator().clock(), *([generator().draw()] if layout.keyed else [])]
+    units += [generator().assign()] if layout.roles else []
+    for system in systems:
+        python = not system.compiled or system.label in interpret
+        units.append(generator(python=python, outside=system.outside).system(modules[system.module], system))
+    if NumbersView in layout.components:
+        units.append(generator().show())
+    units += [generator().clear(*each) for each in published_rows(layout)]
+    found = [Segment(tuple(part), compiled) for compiled, part in groupby(units, lambda unit: unit.compiled)]
+    if split:
+        found = [Segment((unit,), unit.compiled) for unit in units]
+    return found
