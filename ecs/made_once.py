@@ -3,7 +3,6 @@
 Kernels read numbers whenever they run. Tables, the schedule and the memory of systems stay as they are.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -44,9 +43,7 @@ def differences(places: Iterable[Any], images: Sequence[Any]) -> Iterator[tuple[
     """
     stacked = np.stack(images)
     for where in [each for each in places if each.offset >= 0]:
-        dtype = where.component.columns[where.name].dtype
-        size = dtype.itemsize * math.prod(where.shape)
-        values = stacked[:, where.offset : where.offset + size].copy().view(dtype)
+        values = stacked[:, where.offset : where.offset + where.nbytes].copy().view(where.dtype)
         for k in np.flatnonzero((values != values[0]).any(0)).tolist():
             yield where, k, values[:, k]
 

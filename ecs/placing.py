@@ -30,6 +30,11 @@ class Place:
         """Of the column."""
         return self.component.columns[self.name].dtype
 
+    @property
+    def nbytes(self) -> int:
+        """Of the column in one world."""
+        return self.dtype.itemsize * math.prod(self.shape)
+
     def view(self, block: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         """The column (worlds, ...) of worlds whose states are `block`, uint8 (worlds, bytes)."""
         strides = (self.dtype.itemsize * math.prod(self.shape[k + 1 :]) for k in range(len(self.shape)))
@@ -48,7 +53,7 @@ def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -
                 continue
             offset = -(-offset // column.dtype.itemsize) * column.dtype.itemsize
             places.append(Place(component, name, shape, offset))
-            offset += column.dtype.itemsize * math.prod(shape)
+            offset += places[-1].nbytes
     return places, max(ALIGN, -(-offset // ALIGN) * ALIGN)
 
 
@@ -66,8 +71,9 @@ def touched_lines(layout: Any, components: Collection[type[Component]]) -> np.nd
     for place in layout.places:
         if place.offset >= 0 and place.component in {*components, *ENGINE}:
             alone = issubclass(place.component, Singleton)
-            size = place.dtype.itemsize * math.prod(place.shape[0 if alone else 1 :])
-            for row in [0] if alone else layout.rows(place.component).tolist():
+            rows = [0] if alone else layout.rows(place.component).tolist()
+            size = place.nbytes if alone else place.nbytes // place.shape[0]
+            for row in rows:
                 start = place.offset + row * size
                 found.update(range(start // ALIGN, (start + size - 1) // ALIGN + 1))
     return ALIGN * np.array(sorted(found), np.int64)

@@ -7,7 +7,7 @@
 memory: bytes of state and of buffers (actions, observations, signals) a world, and how far the process grows while it
 takes that many world-steps. reset: what resetting one world costs, in steps of one world: alone in its batch, and as
 one of 1,024. make: milliseconds of CPU time until an environment of one world is made, when all of its machine code is
-in memory already; best of five.
+in memory already; best of five rounds.
 """
 
 import os
@@ -23,7 +23,7 @@ from outlast.ecs import RESET, STEP, Worlds
 from outlast.envs.rollout.policies import random_policy
 from outlast.envs.scenarios.variants import VARIANTS
 from outlast.systems import Maze
-from perf.measure import alternate
+from perf.measure import alternate, in_turn, timer
 from perf.table import Table, options
 
 CHUNK = 1024  # worlds that the memory test steps together
@@ -86,12 +86,8 @@ def make() -> Table:
     scenarios |= {"... and roles": roles, "... and a maze": roles.with_(Maze())}
     table = Table("make", "scenario", "ms")
     for name, scenario in tqdm(scenarios.items(), unit="scenario"):
-        times = []
-        for _ in range(6):  # the first one compiles or loads
-            start = time.process_time()
-            make_vec(scenario, 1, seed=0).close()
-            times.append(time.process_time() - start)
-        table.add(name, min(times[1:]) * 1e3)
+        made = timer(lambda k, scenario=scenario: make_vec(scenario, 1, seed=0).close(), clock=time.process_time)
+        table.add(name, float(in_turn([made]).min()) * 1e3)
     return table
 
 

@@ -86,8 +86,7 @@ def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, 
     owner = np.full(worlds.layout.world_bytes, -1)
     for place in worlds.layout.places:
         if place.offset >= 0:
-            size = place.component.columns[place.name].dtype.itemsize * int(np.prod(place.shape))
-            owner[place.offset : place.offset + size] = kinds.index(place.component)
+            owner[place.offset : place.offset + place.nbytes] = kinds.index(place.component)
     fours = owner.reshape(-1, 4)
     owners = fours.max(1)
     whole = ((fours == owners[:, None]) | (fours < 0)).all(1)

@@ -1,10 +1,7 @@
 """Scenarios of files: which classes of mechanics one has, one made anew from such names, and how large it would be."""
 
-import math
 from collections.abc import Iterable
 from typing import Any
-
-import numpy as np
 
 from outlast.ecs import Layout
 from outlast.ecs.identity import full_name
@@ -35,22 +32,15 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
     return Scenario(name, modules, order=order, **restored(modules, fingerprint))
 
 
-class _Plan(Layout):
-    """A layout without the bytes of a world, to know their number before they are there."""
-
-    def _template(self) -> np.ndarray[Any, Any]:
-        return np.zeros(0, np.uint8)
-
-
 def planned(scenario: Scenario) -> tuple[int, int]:
     """Agents in a world, and bytes that a world takes; next to nothing is allocated to know it.
 
     Raises ScenarioError if a world is absurdly large or has no agents, and what Layout raises.
     """
-    layout = _Plan(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
+    layout = Layout(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
     if "agents" not in layout.dims:
         raise ScenarioError("it has no agents")
     if layout.world_bytes > LARGEST:
         raise ScenarioError(f"a world would have {layout.world_bytes} bytes of state: at most {LARGEST} is possible")
-    beside = [math.prod(p.shape) * p.component.columns[p.name].dtype.itemsize for p in layout.places if p.offset < 0]
-    return layout.dims["agents"], layout.world_bytes + sum(beside)
+    beside = sum(place.nbytes for place in layout.places if place.offset < 0)
+    return layout.dims["agents"], layout.world_bytes + beside

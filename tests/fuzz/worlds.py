@@ -117,7 +117,7 @@ class States:
         if name == "world" and column.shape[1:] == self.states[0].arrays[name].shape[1:]:
             layout, kinds = self.env.worlds.layout, rng.choice(("iu", "iu", "biuf"))
             packed = [place for place in layout.places if place.offset >= 0]
-            place = rng.choice([p for p in packed if p.component.columns[p.name].dtype.kind in kinds])
+            place = rng.choice([p for p in packed if p.dtype.kind in kinds])
             column = getattr(layout.columns(column, place.component), place.name)
         elif rng.random() < 0.2:
             shape = rng.choice([(0,), (1,), (3,), (2, 0), (2, 9)])
