@@ -27,19 +27,22 @@ class Runner:
         lock: Held while executions are made or changed.
     """
 
-    def __init__(self, worlds: Any, segments: Sequence[Segment], functions: Mapping[str, Any]) -> None:
+    def __init__(
+        self, worlds: Any, segments: Sequence[Segment], units: CompiledUnits, functions: Mapping[str, Any]
+    ) -> None:
         """Make it; nothing is compiled or loaded yet.
 
         Args:
             worlds: Their tables, `count` and `threads`.
             segments: The tick.
+            units: Its machine code, and that of the functions.
             functions: Kernels of integers by label, see `function`.
         """
         self._worlds = weakref.ref(worlds)  # which refer to this, and are freed when nobody refers to them
         self._count: int = worlds.count
         self._threads: int = worlds.threads
         self._segments, self._functions = segments, functions
-        self.units = CompiledUnits([unit for unit in self.sources if unit.compiled], functions)
+        self.units = units
         self.times = {segment.units[0].label: 0.0 for segment in segments}
         self.lock = threading.Lock()
         self._loaded = False

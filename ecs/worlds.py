@@ -1,29 +1,25 @@
 """A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
 
-import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from . import event, schedule
-from .access import SELECTIONS
+from . import event
 from .component import Action, Clock, Component
 from .distributions import Distribution
 from .entity_view import EntityView
-from .errors import CapacityError, DeclarationError, NumberError, ScheduleError
+from .errors import CapacityError, DeclarationError, NumberError
 from .event import Event, EventMemory
 from .given import AWAY, KEY, NO_LEVELS, ONCE, Given, given_words
-from .kernel_check import check, check_interpretable
-from .layout import Layout
 from .live_numbers import changed_modules, differing
 from .module import Module
-from .per_agent import agent_values, differing_numbers
+from .per_agent import agent_values
 from .phase import Phase
 from .placing import ALIGN
+from .plan import Wanted, plan
 from .roles import Roles
 from .runner import Runner
-from .segments import segments
 from .varied import Varied
 
 
@@ -75,11 +71,22 @@ class Worlds:
         roles: Roles | None = None,
         functions: Mapping[str, Any] | None = None,
     ) -> None:
-        self.layout = Layout(modules, varied, observed, roles)
+        wanted = Wanted(
+            modules=tuple(modules),
+            varied=tuple((varied or {}).items()),
+            observed=tuple(observed),
+            roles=roles,
+            without=frozenset(without),
+            ordered=tuple(map(tuple, ordered)),
+            split=split,
+            interpret=(interpret,) if isinstance(interpret, str) else tuple(map(str, interpret)),
+            specialize=specialize,
+            functions=tuple((functions or {}).items()),
+        )
+        made = plan(wanted)
+        self.layout, self.schedule = made.layout, made.schedule
         self.count, self.threads = count, threads
         self.modules = list(self.layout.modules)
-        systems = [s for s in self.layout.systems if self._applies(s) and s.phase not in without]
-        self.schedule = schedule.order(systems, self.layout.components, ordered)
         self.block = _aligned(count, self.layout.world_bytes)
         self.block[:] = self.layout.initial_image
         self.mode = np.zeros(count, np.int8)
@@ -87,15 +94,7 @@ class Worlds:
         self.event_memory = EventMemory(counts, np.zeros(count, self.layout.event_type))
         self.actions = self._allocate_actions()
         self._tables = {c: self._allocate(c) for c in self.layout.components}
-        interpret = (interpret,) if isinstance(interpret, str) else interpret
-        _check_labels(interpret, self.schedule)
-        for system in self.schedule.systems:
-            if system.outside:
-                check(system, differing_numbers(self.layout, system.module))
-            if system.label in interpret:
-                check_interpretable(system)
-        tick = segments(self.layout, self.schedule.systems, split, interpret, specialize)
-        self._runner = Runner(self, tick, functions or {})
+        self._runner = Runner(self, made.segments, made.units, functions or {})
 
     def __getitem__(self, component: type[Component]) -> Any:
         try:
@@ -315,11 +314,6 @@ class Worlds:
         ticks = self[Clock].tick[:, 0]
         return event.capacity_error(self.layout.events, self.event_memory, self.schedule.systems, ticks)
 
-    def _applies(self, system: Any) -> bool:
-        """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
-        rows = (self.layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
-        return {*system.needs} <= {*self.layout.components} and all(map(len, rows))
-
     def _allocate(self, component: type[Component]) -> Any:
         if component.packed:
             return self.layout.columns(self.block, component)
@@ -344,15 +338,6 @@ class Worlds:
             raise DeclarationError(f"all columns of actions must have the same type and shape; there are: {found}")
         dtype, shape = kinds.pop() if kinds else (np.dtype(np.int8), ())
         return np.zeros((len(self.layout.actions), self.count, *shape), dtype)
-
-
-def _check_labels(interpret: Collection[str], systems: schedule.Schedule) -> None:
-    known = [system.label for system in systems.systems]
-    for label in map(str, interpret):
-        if label not in known:
-            near = difflib.get_close_matches(label, known, 3)
-            hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}Known: {', '.join(known)}")
 
 
 def _aligned(count: int, world_bytes: int) -> np.ndarray[Any, Any]:

@@ -6,12 +6,13 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from outlast.ecs import Action, Column, Component, DeclarationError, Field, Observation, Statistic, Worlds
+from outlast.ecs import Action, Column, Component, DeclarationError, Field, Layout, Observation, Statistic, Worlds
 from outlast.ecs.varied import extreme_layouts
 
 Array = np.ndarray[Any, Any]
 Ends = tuple[Array, Array]  # low, high
 STATISTICS: WeakKeyDictionary[Worlds, list[tuple[str, Array]]] = WeakKeyDictionary()  # see _statistic_columns
+BOUNDS: WeakKeyDictionary[Layout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
@@ -57,6 +58,12 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
         DeclarationError: a module's bounds do not fit the shape, have a low end above the high one, or are not by the
             names of the key's fields.
     """
+    if worlds.layout not in BOUNDS:
+        BOUNDS[worlds.layout] = _bounds(worlds)
+    return {key: (low.copy(), high.copy()) for key, (low, high) in BOUNDS[worlds.layout].items()}
+
+
+def _bounds(worlds: Worlds) -> dict[str, Ends]:
     layout, found = worlds.layout, {}
     stated = [(module.name, module.bounds(there)) for there in extreme_layouts(layout) for module in there.modules]
     for key, component, name, column in published(worlds, Observation):

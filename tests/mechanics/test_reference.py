@@ -67,8 +67,8 @@ def test_whole_episodes_are_those_of_the_reference(name: str, policy: str) -> No
 def test_motion_is_the_references_to_the_bit() -> None:
     """What flies free moves by Box2D's own arithmetic, in float32: as if Box2D had all bodies."""
     for name in ("ffa_4", "teams_4"):
-        for episode in record(variant(name), 2, 5, POLICIES["random"]):
-            assert compare(episode).drift == 0
+        (episode,) = record(variant(name), 1, 5, POLICIES["random"])
+        assert compare(episode).drift == 0
 
 
 def test_the_reference_feels_what_the_engine_does_otherwise() -> None:

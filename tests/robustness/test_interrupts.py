@@ -124,8 +124,10 @@ def test_a_fault_in_one_world_keeps_no_other_from_ending(autoreset: str) -> None
 
 
 @pytest.mark.skipif(not COMPILED, reason="hundreds of resets")
-@pytest.mark.parametrize("name", ["step", "reset", "set_state"])
-@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+@pytest.mark.parametrize(
+    ("name", "autoreset"),
+    [("step", "NextStep"), ("step", "SameStep"), ("reset", "NextStep"), ("set_state", "SameStep")],
+)
 def test_interrupted_at_any_line(name: str, autoreset: str) -> None:
     """Signals at random times seldom find the lines between the parts of a call: each of them, one after the other."""
     scenario, idle = variant("ffa_3").replace(agents_health=20, ending_limit=3), np.ones((3, 2, 6), int)

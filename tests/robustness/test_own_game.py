@@ -86,6 +86,18 @@ if __name__ == "__main__":
 """
 
 
+COMMANDS = """
+import contextlib, io, json, sys
+from outlast.envs.cli.main import main
+
+if __name__ == "__main__":
+    outcomes = []
+    for words in json.loads(sys.argv[1]):
+        with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(said):
+            status = main(words)
+        outcomes.append((status, said.getvalue()))
+    print(json.dumps(outcomes))
+"""
 CALLS = """
 import outlast
 
@@ -124,41 +136,59 @@ def outlast(folder: Path, *words: str, path: Sequence[Path] = (), status: int = 
     return run(folder, "-m", "outlast", *words, path=path, status=status)
 
 
+def in_turn(folder: Path, commands: Sequence[Sequence[str]]) -> list[tuple[int, str]]:
+    """The status of each command, and what it prints; one after the other in one process, which takes fewer starts."""
+    (folder / "commands.py").write_text(COMMANDS)
+    return [(status, said) for status, said in json.loads(run(folder, "commands.py", json.dumps(commands)))]
+
+
 def test_every_command_takes_it(folder: Path) -> None:
     """In the order in which somebody would: look, play, record, replay, train, compare."""
     pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     name, quiet = "bog_game.py:arena", "--quiet"
-    assert "swamp.wade" in outlast(folder, "schedule", name)
-    assert "share of a push that is lost" in outlast(folder, "numbers", name)
-    recording = ("--worlds", "2", "--record", "a.rec", quiet)
-    assert "bog-swamp_drag=0.1: random policy" in outlast(
-        folder, "rollout", name, "--set", "swamp_drag=0.1", *recording
-    )
-    outlast(folder, "frames", "bog_game.py", "--steps", "2", "--out", "pictures", quiet)
-    assert len(list((folder / "pictures").glob("*.png"))) == 3
-    assert "--scenario FILE.py:NAME" in outlast(folder, "replay", "a.rec", status=2)
+    small = ("--worlds", "2", quiet)
+    checkpoint = "runs/bog-fast-1/steps_0000000256.zip"
     made = ("--html", "page.html", "--data", "samples", "--out", "film.webm", "--events", "events.csv")
-    outlast(folder, "replay", "a.rec", "--scenario", name, *made, quiet)
+    commands: dict[tuple[str, ...], str] = {  # and what they print
+        ("schedule", name): "swamp.wade",
+        ("numbers", name): "share of a push that is lost",
+        ("rollout", name, "--set", "swamp_drag=0.1", "--record", "a.rec", *small): "bog-swamp_drag=0.1: random policy",
+        ("frames", "bog_game.py", "--steps", "2", "--out", "pictures", quiet): "",
+        ("replay", "a.rec", "--scenario", name, *made, quiet): "",
+        (
+            *("train", name, "--steps", "128", "--worlds", "4", "--rollout", "128", "--every", "1", "--film", quiet),
+            *("--seed", "0", "1"),
+        ): "",
+        (
+            *("evaluate", name, "random", checkpoint, "--episodes", "4", "--worlds", "2", "--out", "tables"),
+            *("--film", quiet),
+        ): "bog, seed 0",
+        ("rollout", name, "--policy", checkpoint, *small): "bog: ",
+        ("plot", "runs", "--by", "seed", "--curves", "length"): "",
+    }
+    for (words, expected), (status, said) in zip(commands.items(), in_turn(folder, list(commands)), strict=True):
+        assert (status, expected in said) == (0, True), (words, said)
+    assert "--scenario FILE.py:NAME" in outlast(folder, "replay", "a.rec", status=2)  # where the game is not known yet
+    assert len(list((folder / "pictures").glob("*.png"))) == 3
     assert all((folder / each).exists() for each in made[1::2])
-    words = ("--steps", "128", "--worlds", "4", "--rollout", "128", "--every", "1", "--film", quiet)
-    outlast(folder, "train", name, *words, "--seed", "0", "1")
-    run_folder = folder / "runs" / "bog-fast-1"
-    assert list(run_folder.glob("*.webm"))
-    checkpoint = max(run_folder.glob("*.zip"))
-    words = ("--episodes", "4", "--worlds", "2", "--out", "tables", "--film", quiet)
-    assert "bog, seed 0" in outlast(folder, "evaluate", name, "random", str(checkpoint), *words)
-    assert "bog: " in outlast(folder, "rollout", name, "--policy", str(checkpoint), "--worlds", "2", quiet)
-    outlast(folder, "plot", "runs", "--by", "seed", "--curves", "length")
+    assert list((folder / "runs" / "bog-fast-1").glob("*.webm"))
     assert (folder / "figures" / "ends.md").read_text().startswith("bog, preset fast, 2 runs.")
 
 
 def test_it_is_saved_and_named_beside_its_mechanics(folder: Path) -> None:
     words = ("--set", "swamp_drag=0.9", "--without", "heals", "--save-scenario", "mine.json")
-    outlast(folder, "schedule", "bog_game.py:arena", *words)
+    commands = (
+        ("schedule", "bog_game.py:arena", *words),
+        ("schedule", "mine.json", "--import", "swamp.py"),
+        ("schedule", "ffa_1", "--with", "swamp.py:Swamp(drag=0.3)"),
+    )
+    (saved, _), (read, without), (added, beside) = in_turn(folder, commands)
+    assert saved == read == added == 0
     assert json.loads((folder / "mine.json").read_text())["name"] == "bog-without_heals-swamp_drag=0.9"
+    assert "swamp.wade" in without
+    assert "heals.heal" not in without
+    assert "swamp.wade" in beside
     assert "swamp.Swamp is not one of outlast's own" in outlast(folder, "schedule", "mine.json", status=2)
-    assert "heals.heal" not in outlast(folder, "schedule", "mine.json", "--import", "swamp.py")
-    assert "swamp.wade" in outlast(folder, "schedule", "ffa_1", "--with", "swamp.py:Swamp(drag=0.3)")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,109 @@
+"""Plans: what all batches of worlds of one game share. Nothing in a plan changes, so it is kept and used again."""
+
+import difflib
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .access import SELECTIONS
+from .cache import CompiledUnits
+from .distributions import Distribution
+from .errors import ScheduleError
+from .jit import compiled
+from .kernel_check import check, check_interpretable
+from .layout import Layout
+from .module import Module
+from .per_agent import differing_numbers
+from .phase import Phase
+from .references import is_outside
+from .roles import Roles
+from .schedule import Schedule, order
+from .segments import Segment, segments
+from .system import System
+
+KEPT = 16  # plans, of the games that were made last
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a plan is made for: the arguments of Worlds, but for sizes."""
+
+    modules: tuple[Module, ...]
+    varied: tuple[tuple[str, Distribution], ...]
+    observed: tuple[str, ...]
+    roles: Roles | None
+    without: frozenset[Phase]
+    ordered: tuple[tuple[str, ...], ...]
+    split: bool
+    interpret: tuple[str, ...]
+    specialize: bool
+    functions: tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Of a batch of worlds, all but their memory.
+
+    Attributes:
+        layout: Of each world.
+        schedule: The systems, in order.
+        segments: The units of the tick.
+        units: Their machine code, and that of functions.
+    """
+
+    layout: Layout
+    schedule: Schedule
+    segments: Sequence[Segment]
+    units: CompiledUnits
+
+
+def plan(wanted: Wanted) -> Plan:
+    """A plan, maybe one that was made before. For what it raises, see Worlds.
+
+    Games with mechanics or systems of a user's have a new one each time, as these may refer to what has changed since.
+    """
+    systems = tuple(system for module in wanted.modules for system in module.systems())
+    if any(is_outside(type(module)) for module in wanted.modules) or any(system.outside for system in systems):
+        return _made(wanted)
+    try:
+        hash(wanted)
+    except TypeError:  # a number of a kind that is not hashable
+        return _made(wanted)
+    return _kept(wanted, repr(wanted), systems, compiled())
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_code: bool) -> Plan:
+    """The plan. text: it tells apart what is equal and yet differs, as 1 and 1.0, 0.0 and -0.0."""
+    return _made(wanted)
+
+
+def _made(wanted: Wanted) -> Plan:
+    layout = Layout(wanted.modules, dict(wanted.varied), wanted.observed, wanted.roles)
+    systems = [s for s in layout.systems if _applies(s, layout) and s.phase not in wanted.without]
+    schedule = order(systems, layout.components, wanted.ordered)
+    _check_labels(wanted.interpret, schedule)
+    for system in schedule.systems:
+        if system.outside:
+            check(system, differing_numbers(layout, system.module))
+        if system.label in wanted.interpret:
+            check_interpretable(system)
+    tick = segments(layout, schedule.systems, wanted.split, wanted.interpret, wanted.specialize)
+    units = [unit for segment in tick for unit in segment.units if unit.compiled]
+    return Plan(layout, schedule, tick, CompiledUnits(units, dict(wanted.functions)))
+
+
+def _applies(system: System, layout: Layout) -> bool:
+    """Whether it has what it needs, and no list of rows is empty; else it is inactive, that is, not scheduled."""
+    rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
+    return {*system.needs} <= {*layout.components} and all(map(len, rows))
+
+
+def _check_labels(interpret: Sequence[str], schedule: Schedule) -> None:
+    known = [system.label for system in schedule.systems]
+    for label in interpret:
+        if label not in known:
+            near = difflib.get_close_matches(label, known, 3)
+            hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+            raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}Known: {', '.join(known)}")

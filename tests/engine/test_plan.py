@@ -1,0 +1,84 @@
+"""What batches of worlds of one game share, and when they do not."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Phase
+from outlast.ecs import Module, NumberError
+from outlast.systems import Heals
+from tests.conftest import digest
+
+SIZE = 1
+
+
+@dataclass(frozen=True)
+class Sized(Module):
+    """A mechanic whose tables depend on a global."""
+
+    def dims(self) -> dict[str, int | str]:
+        return {"sized": SIZE}
+
+
+def test_batches_of_a_game_share_its_layout_and_machine_code() -> None:
+    one, other = (outlast.variant("teams_4").replace(ending_limit=77).worlds(count) for count in (1, 5))
+    assert one.layout is other.layout
+    assert one.schedule is other.schedule
+    assert one.source() == other.source()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"specialize": True}, {"split": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}],
+)
+def test_what_is_made_otherwise_has_a_plan_of_its_own(options: dict[str, Any]) -> None:
+    scenario = outlast.variant("ffa_1")
+    assert scenario.worlds(1).layout is scenario.worlds(1).layout
+    assert scenario.worlds(1, **options).layout is not scenario.worlds(1).layout
+
+
+def test_equal_numbers_that_differ_have_one_each() -> None:
+    """The sign of a zero decides where an atan2 points."""
+    zeros = [outlast.variant("ffa_1").replace(rewards_kill=zero) for zero in (0.0, -0.0)]
+    assert zeros[0] == zeros[1]
+    kept = [next(m for m in zero.worlds(1).layout.modules if m.name == "rewards").kill for zero in zeros]
+    assert np.signbit(kept).tolist() == [False, True]
+
+
+def test_a_mechanic_of_the_users_is_asked_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may compute its tables from what has changed since."""
+    scenario = outlast.variant("ffa_1").with_(Sized())
+    assert scenario.worlds(1).dims["sized"] == 1
+    monkeypatch.setitem(globals(), "SIZE", 3)
+    assert scenario.worlds(1).dims["sized"] == 3
+
+
+def test_systems_that_come_later_are_in_the_next_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = outlast.variant("ffa_1")
+    assert "heals.heal" in str(scenario.worlds(1).schedule)
+    monkeypatch.setattr(Heals, "registered", [system for system in Heals.registered if system.name != "heal"])
+    assert "heals.heal " not in str(scenario.worlds(1).schedule)
+
+
+def test_nothing_that_changes_is_shared() -> None:
+    """Worlds, numbers and spaces of one batch stay what they are when another one's change."""
+    one, other = (outlast.make_vec("ffa_3", 2, seed=5) for _ in range(2))
+    for env in (one, other):
+        env.reset()
+    before, bound = digest(one.worlds, slice(None)), one.observation_space["own"].high.copy()
+    other.worlds.set_numbers(melee_damage=50)
+    other.observation_space["own"].high[:] = 7
+    other.step(other.action_space.sample())
+    assert digest(one.worlds, slice(None)) == before
+    assert one.worlds.number("melee_damage") != 50
+    assert np.array_equal(one.observation_space["own"].high, bound)
+    assert np.array_equal(outlast.make_vec("ffa_3", 2).observation_space["own"].high, bound)
+
+
+def test_a_game_that_cannot_be_is_refused_again() -> None:
+    for _ in range(2):
+        with pytest.raises(NumberError):
+            outlast.variant("ffa_1").replace(n_agents=10**9).worlds(1)
