@@ -20,7 +20,7 @@ from .errors import DeclarationError, NumberError
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
-from .per_agent import AgentNumber, AgentNumbers, AgentRoles, forms, place_numbers
+from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers
 from .placing import Place, place_columns
 from .random import stream_number
 from .roles import NEVER, Roles
@@ -144,6 +144,11 @@ class Layout:
     def forms(self) -> "list[Layout]":
         """The layouts of worlds in which all agents have one role; without roles, this one. See per_agent.forms."""
         return forms(self) if self.per_agent else [self]
+
+    @functools.cached_property
+    def agent_patches(self) -> list[tuple[int, int, int]]:
+        """Where numbers of agents are prefab values: a word, where it goes in the state, and how many bytes it has."""
+        return all_patches(self)
 
     @property
     def keyed(self) -> bool:

@@ -6,7 +6,6 @@ no role changes is compiled to what it was. Prefab values that are the number it
 are written into the state.
 """
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -169,9 +168,8 @@ def agent_values(worlds: Any, number: AgentNumber) -> Array:
     return words.copy().view(number.dtype)
 
 
-@functools.lru_cache(maxsize=64)
-def _written(layout: Any) -> list[tuple[int, int, int]]:
-    """All of `_patches`."""
+def all_patches(layout: Any) -> list[tuple[int, int, int]]:
+    """All of `_patches`; `Layout.agent_patches` has them."""
     return [each for number in layout.per_agent.values() for each in _patches(layout, number)]
 
 
@@ -180,7 +178,7 @@ def initial_image(worlds: Any, w: int) -> Array:
     image: Array = worlds.layout.initial_image.copy()
     if worlds.layout.per_agent and worlds[Clock].episode[w, 0]:
         words = worlds[AgentNumbers].words[w].view(np.uint8)
-        for word, offset, width in _written(worlds.layout):
+        for word, offset, width in worlds.layout.agent_patches:
             image[offset : offset + width] = words[4 * word : 4 * word + width]
     return image
 
@@ -243,7 +241,7 @@ def plan(layout: Any) -> Plan:
         ends=ends,
         choices=np.array(choices or [0], np.int32),
         options=options,
-        patches=np.array(_written(layout), np.int32).reshape(-1, 3),
+        patches=np.array(layout.agent_patches, np.int32).reshape(-1, 3),
     )
 
 

@@ -1,5 +1,8 @@
 """What batches of worlds of one game share, and when they do not."""
 
+import contextlib
+import gc
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +12,7 @@ import pytest
 import outlast
 from outlast.components import Phase
 from outlast.ecs import Module, NumberError
+from outlast.ecs.plan import KEPT
 from outlast.systems import Heals
 from tests.conftest import digest
 
@@ -76,6 +80,18 @@ def test_nothing_that_changes_is_shared() -> None:
     assert one.worlds.number("melee_damage") != 50
     assert np.array_equal(one.observation_space["own"].high, bound)
     assert np.array_equal(outlast.make_vec("ffa_3", 2).observation_space["own"].high, bound)
+
+
+def test_games_of_before_are_let_go() -> None:
+    scenario = outlast.variant("teams_4").roles(strong=outlast.role(1, melee_damage=9), other=outlast.role())
+    layouts = []
+    for k in range(KEPT + 3):
+        with contextlib.closing(outlast.make_vec(scenario.replace(ending_limit=1000 + k), 1)) as env:
+            env.reset(seed=0)
+            layouts.append(weakref.ref(env.worlds.layout))
+    del env
+    gc.collect()
+    assert [k for k, layout in enumerate(layouts) if layout() is None] == [0, 1, 2]
 
 
 def test_a_game_that_cannot_be_is_refused_again() -> None:
