@@ -25,9 +25,9 @@ def played(env: Any, ticks: int) -> tuple[str, list[Any]]:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_changed_numbers_are_as_those_that_worlds_were_made_with(threads: int) -> None:
-    ticks, duel = scaled(200, 20), outlast.variant("ffa_2")
-    made = played(outlast.make_vec(duel.replace(**OTHERS), 20, seed=1, threads=threads), ticks)
-    env = outlast.make_vec(duel, 20, seed=1, threads=threads)
+    ticks, worlds, duel = scaled(200, 20), scaled(20, 3), outlast.variant("ffa_2")
+    made = played(outlast.make_vec(duel.replace(**OTHERS), worlds, seed=1, threads=threads), ticks)
+    env = outlast.make_vec(duel, worlds, seed=1, threads=threads)
     before = played(env, ticks)
     env.set_numbers(**OTHERS)
     found = played(env, ticks)
