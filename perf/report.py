@@ -5,14 +5,16 @@
 A document says where a table goes with a pair of comments, <!-- table NAME of MACHINE: column, ... --> and
 <!-- end -->; what is between them is replaced. NAME is a file of perf/results/MACHINE; the columns named are shown, all
 of them if none is. Tables that MACHINE has become its own, all others stay those of the machine that they name. Between
-<!-- machine of NAME --> and <!-- end --> goes the machine of that table of the document.
+<!-- machine of NAME --> and <!-- end --> goes the machine of that table of the document; between <!-- ratios --> and
+<!-- end --> how many times faster than the original each machine has found outlast.
 """
 
 import argparse
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from perf.table import FOLDER, about, has, read
+from perf.table import FOLDER, about, has, machines, read
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (*(ROOT / "docs" / f"{page}.md" for page in ("performance", "training")), ROOT / "README.md")
@@ -20,6 +22,7 @@ TABLE = re.compile(
     r"<!-- table (?P<name>[\w-]+) of (?P<machine>[\w-]+)(?P<columns>: [^>]*?)? -->\n.*?<!-- end -->", re.DOTALL
 )
 MACHINE = re.compile(r"(<!-- machine of (?P<name>[\w-]+) -->).*?(<!-- end -->)", re.DOTALL)
+RATIOS = re.compile(r"(<!-- ratios -->\n).*?(<!-- end -->)", re.DOTALL)
 FIGURE = ROOT / "docs" / "performance.png"
 
 
@@ -45,16 +48,30 @@ def filled(text: str, machine: str | None = None) -> str:
         shown[name] = own
         header, rows = read(name, own)
         columns = match["columns"].removeprefix(": ").split(", ") if match["columns"] else header
-        lines = [f"<!-- table {name} of {own}{match['columns'] or ''} -->"]
-        lines += ["| " + " | ".join(columns) + " |", "|---|" + "---:|" * (len(columns) - 1)]
-        lines += ["| " + " | ".join(row[column] for column in columns) + " |" for row in rows]
-        return "\n".join([*lines, "<!-- end -->"])
+        lines = markdown(columns, ([row[column] for column in columns] for row in rows))
+        return f"<!-- table {name} of {own}{match['columns'] or ''} -->\n{lines}<!-- end -->"
 
     def line(match: re.Match[str]) -> str:
         return match[1] + about(match["name"], shown[match["name"]]) + match[3]
 
-    text = TABLE.sub(table, text)
+    text = RATIOS.sub(lambda match: match[1] + ratios() + match[2], TABLE.sub(table, text))
     return MACHINE.sub(line, text)
+
+
+def ratios() -> str:
+    """How many times faster than the original, on each machine where both were timed in one run."""
+    found = []
+    for machine in machines("original"):
+        *rows, mean = (row["times faster"] for row in read("original", machine)[1])
+        least, most = min(map(float, rows)), max(map(float, rows))
+        found.append([about("original", machine).partition("; the original")[0], mean, f"{least:.0f} to {most:.0f}"])
+    return markdown(["machine", "geometric mean of the variants", "all rows"], found)
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table whose first column has words, and all others numbers."""
+    lines = [f"| {' | '.join(cells)} |" for cells in (columns, *rows)]
+    return "\n".join([lines[0], "|---|" + "---:|" * (len(columns) - 1), *lines[1:], ""])
 
 
 def draw(machine: str) -> None:

@@ -51,9 +51,14 @@ class Table:
         line.write_text(machine_line + "\n")
 
 
+def machines(name: str) -> list[str]:
+    """Of which that table is kept."""
+    return sorted(path.parent.name for path in FOLDER.glob(f"*/{name}.csv"))
+
+
 def has(name: str, machine: str) -> bool:
     """Whether that table of that machine is kept."""
-    return (FOLDER / machine / f"{name}.csv").exists()
+    return machine in machines(name)
 
 
 def read(name: str, machine: str) -> tuple[list[str], list[dict[str, str]]]:

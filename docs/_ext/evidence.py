@@ -26,7 +26,6 @@ TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
 ORIGINAL = "original"  # the folder of docs/results with the paper's runs repeated, and their preset
 TEXT = "text"  # that of the runs by what the paper's text says
-MEASURED = DOCS.parent / "perf" / "results"  # a folder for each machine
 COMPARED = [DOCS / "results" / folder / "ffa_4-original-0.csv" for folder in (ORIGINAL, "worlds-64")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
 
@@ -160,15 +159,3 @@ def mended() -> str:
 def compared_runs() -> str:
     """The table of `outlast plot` for the runs that are shown as an example of it."""
     return str(compare(COMPARED))
-
-
-def machines() -> str:
-    """How many times faster than the original, on each machine where both were timed in one run."""
-    rows = []
-    for table in sorted(MEASURED.glob("*/original.csv")):
-        with table.open(newline="") as file:
-            *each, mean = csv.DictReader(file)
-        gains = [float(row["times faster"]) for row in each]
-        about = table.with_suffix(".txt").read_text().partition("; the original")[0]
-        rows.append([about, mean["times faster"], f"{min(gains):.0f} to {max(gains):.0f}"])
-    return grid(["machine", "geometric mean of the variants", "all rows"], rows)

@@ -56,7 +56,6 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.ends,
         evidence.compared_runs,
         evidence.mended,
-        evidence.machines,
     )
 }
 

@@ -196,10 +196,10 @@ def leaving(crew: Crew, status: int) -> None:
 
 @pytest.mark.parametrize(
     ("work", "argument", "message"),
-    [(failing, "no room here", "^process 2 of 2: no room here$"), (leaving, 7, "^process 2 of 2 ended with status 7")],
+    [(failing, "no room here", "^process 2 of 3: no room here$"), (leaving, 7, "^process . of 3 ended with status 7")],
 )
 def test_what_goes_wrong_elsewhere_is_said(work: Any, argument: Any, message: str) -> None:
-    crew = recruit(2, work, argument)
+    crew = recruit(3, work, argument)
     with contextlib.closing(crew), pytest.raises(TrainingError, match=message):
         crew.gather_values(0)
 
