@@ -1,9 +1,9 @@
 """The whole check in one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs compiled, with the slow tests, and then as plain Python, without the folders that have no kernels of
-their own. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that take minutes, and then the
-suite, without those folders, compiled with bounds checks.
+The suite runs compiled, with the slow tests, and then as plain Python, of which the mechanics, the engine and a few
+files of the core are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that
+only the night has time for, and then all that has kernels twice: compiled with bounds checks, and as plain Python.
 """
 
 import importlib.util
@@ -25,6 +25,11 @@ WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one
 # They are ignored as folders, because markers would make those runs import every library first (a minute).
 WITHOUT_KERNELS = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
 KERNELS_ONLY = tuple(f"--ignore=tests/{folder}" for folder in WITHOUT_KERNELS)
+# Of the core, what compares plain Python with compiled kernels or with golden digests; the rest checks mostly what no
+# kernel does, a hundred times slower.
+CORE_BY_DAY = {f"tests/core/test_{name}.py" for name in ("determinism", "digests", "state", "vector")}
+CORE_BY_NIGHT = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("tests/core/test_*.py")} - CORE_BY_DAY
+PLAIN_BY_DAY = (*KERNELS_ONLY, *(f"--ignore={file}" for file in sorted(CORE_BY_NIGHT)))
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.
@@ -74,13 +79,16 @@ def checks() -> list[Stage]:
 def suites(quick: bool, nightly: bool) -> list[Stage]:
     """The test runs."""
     if nightly:
-        bounds = Stage("pytest bounds-checked", KERNELS_ONLY, "NUMBA_BOUNDSCHECK")
-        return [Stage("pytest nightly", ("-m", "nightly")), bounds]
+        return [
+            Stage("pytest nightly", ("-m", "nightly")),
+            Stage("pytest bounds-checked", KERNELS_ONLY, "NUMBA_BOUNDSCHECK"),
+            Stage("pytest not compiled", KERNELS_ONLY, "NUMBA_DISABLE_JIT"),
+        ]
     if quick:
         return [Stage("pytest compiled", ())]
     return [
         Stage("pytest compiled", ("-m", "not nightly")),
-        Stage("pytest not compiled", KERNELS_ONLY, "NUMBA_DISABLE_JIT"),
+        Stage("pytest not compiled", PLAIN_BY_DAY, "NUMBA_DISABLE_JIT"),
     ]
 
 
@@ -161,7 +169,7 @@ def main() -> int:
     own, for_pytest = split_arguments(sys.argv[1:])
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the checks, and the fast tests once, compiled")
-    parser.add_argument("--nightly", action="store_true", help="only what takes many minutes")
+    parser.add_argument("--nightly", action="store_true", help="only what is left out by day")
     options = parser.parse_args(own)
     if other := other_tree():
         parser.error(f"{other}; run: python -m pip install --editable '.[test]'")

@@ -40,15 +40,16 @@ def example() -> SimpleNamespace:
 @pytest.mark.parametrize("algorithm", few_by_day(["mappo", "ippo", "qmix", "vdn"], ("mappo",)))
 def test_algorithms_train(example: SimpleNamespace, algorithm: str, tmp_path: Path) -> None:
     """Networks change, returns are finite, and its file for marl-eval has every evaluation."""
-    run = example.experiment(task("teams_2"), algorithm, 2 * BATCH, tmp_path, **SMALL)
+    game = short("teams_2")
+    run = example.experiment(task(game), algorithm, 2 * BATCH, tmp_path, **SMALL)
     before = [value.clone() for value in run.policy.parameters()]
     run.run()
     assert not all(map(torch.equal, before, run.policy.parameters()))
     (file,) = tmp_path.rglob("*.json")
     found = json.loads(file.read_text())
     assert list(found) == ["outlast"]
-    assert list(found["outlast"]) == ["teams_2"]
-    assert list(found["outlast"]["teams_2"]) == [algorithm]
+    assert list(found["outlast"]) == [game.name]
+    assert list(found["outlast"][game.name]) == [algorithm]
     frames, values = example.returns(tmp_path)
     assert frames.tolist() == [BATCH, 2 * BATCH]
     assert [len(each) for each in values] == [2, 2]

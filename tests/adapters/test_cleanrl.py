@@ -88,6 +88,7 @@ def test_it_learns(ppo: SimpleNamespace) -> None:
     assert rows[-5:, 0].mean() > rows[0, 0] + 30
 
 
+@pytest.mark.nightly
 def test_the_command() -> None:
     options = ["--variant", "ffa_1", "--num-worlds", "2", "--num-steps", "4", "--total-timesteps", "16"]
     done = subprocess.run([sys.executable, str(EXAMPLE), *options], capture_output=True, text=True)

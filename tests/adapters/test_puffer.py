@@ -13,7 +13,7 @@ from gymnasium.spaces import unflatten
 import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
-from tests.conftest import COMPILED, scaled
+from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
 with warnings.catch_warnings():
@@ -120,7 +120,7 @@ def flat(batch: Any) -> np.ndarray[Any, Any]:
 
 
 @needs_puffer
-@pytest.mark.parametrize("backend", ["Serial", "Multiprocessing"])
+@pytest.mark.parametrize("backend", few_by_day(["Serial", "Multiprocessing"], ("Serial",)))
 def test_puffers_backends(backend: str) -> None:
     """Environments write into their parts of PufferLib's arrays: those of two environments with seeds one apart."""
     worlds = scaled(3)
@@ -217,6 +217,7 @@ def example(*options: str) -> list[float]:
     return [float(line.split("return ")[1].split(",")[0]) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.nightly
 @needs_puffer
 def test_the_example_updates() -> None:
     """An update is of 2 agents, 4 worlds and 4 steps."""

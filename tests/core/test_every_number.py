@@ -118,6 +118,7 @@ def played(env: SurvivalVectorEnv, actions: Any, w: int = 0) -> Iterator[list[An
             break
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="one of the numbers is the native backend, which plain Python lacks")
 @pytest.mark.parametrize("name", few_by_day(GAMES, ("walls",)))

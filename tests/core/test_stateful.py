@@ -232,7 +232,7 @@ def run(names: list[str], folder: Path, seeds: Iterable[int], steps: int) -> Non
 
 
 def test_calls_in_any_order(tmp_path: Path) -> None:
-    run(NAMES, tmp_path, range(scaled(20, least=3)), 30 if COMPILED else 8)
+    run(NAMES, tmp_path, range(scaled(10, least=3)), 30 if COMPILED else 8)
 
 
 @pytest.mark.nightly

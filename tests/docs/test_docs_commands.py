@@ -14,7 +14,7 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 SMALL = {  # the same commands with less work: of an option that is given twice, the last counts
     "frames": ["--steps", "3", "--quiet"],
     "replay": ["--quiet"],
-    "rollout": ["--worlds", "5", "--quiet"],
+    "rollout": ["--worlds", "5", "--steps", "60", "--quiet"],
 }
 SMALL_PICTURES = ["--size", "64"]
 ELSEWHERE = {
@@ -53,6 +53,8 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             out = Path(options[options.index("--out") + 1])
             out.parent.mkdir(parents=True, exist_ok=True)
             options += SMALL_PICTURES if out.suffix not in (".json", ".html") else []
+        if "--to" in options:
+            options += ["--to", "30"]
         assert main([name, *options, *SMALL.get(name, ())]) == 0
 
 

@@ -200,6 +200,7 @@ def test_every_folder_with_sources_is_a_declared_package() -> None:
     assert holding == set(SETUPTOOLS["packages"])
 
 
+@pytest.mark.nightly
 def test_importing_everything_leaves_no_second_copy() -> None:
     program = (
         "import importlib, json, sys\n"

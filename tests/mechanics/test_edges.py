@@ -59,7 +59,7 @@ def played(sketch: Sketch, name: str) -> tuple[Outcome, Outcome, bool]:
     return got, want, still and not want.world.fallen
 
 
-@pytest.mark.parametrize("name", few_by_day(GAMES, ("teams as run", "teams as written")))
+@pytest.mark.parametrize("name", few_by_day(GAMES, ("teams as written",)))
 def test_what_comes_out_of_degenerate_worlds_is_what_the_naive_forms_say(name: str) -> None:
     """All of these events must have happened, and often."""
     counts: Counter[str] = Counter()

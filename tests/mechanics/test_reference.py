@@ -92,6 +92,7 @@ def test_the_reference_feels_what_the_engine_does_otherwise() -> None:
             assert compare(Episode(start, episode.actions, episode.ticks)).drift < TOLERANCE
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="a whole episode")
 def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     """Its smallest size; with an hour to spare, ask for more."""

@@ -69,7 +69,7 @@ def errors_apart(row: dict[str, str], sample: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="half a million world-steps a variant")
-@pytest.mark.parametrize("variant", few_by_day(VARIANTS, ("1v1_heals_low", "2v2_all_high")))
+@pytest.mark.parametrize("variant", few_by_day(VARIANTS, ("1v1_heals_low",)))
 def test_random_play_gives_the_statistics_of_the_original(variant: str) -> None:
     samples, rows = play(variant), [row for row in TABLE if row["variant"] == variant]
     assert {row["quantity"] for row in rows} == samples.keys()

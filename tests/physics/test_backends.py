@@ -70,6 +70,7 @@ def test_nothing_is_wrong_with_this_one() -> None:
     assert asked("BODY_SIZE", layout.BODY_SIZE) == ""
 
 
+@pytest.mark.nightly
 def test_every_offset_that_is_a_word_off_is_found() -> None:
     at_start((-8, 8))
 

@@ -68,7 +68,7 @@ def solved(
     Settings(substeps=4, velocity_iterations=3, position_iterations=2, friction=f4(0.9), restitution=f4(0.6)),
     Settings(dt=f4(1 / 30), linear_damping=f4(0), angular_damping=f4(40), continuous=0),
 ])  # fmt: skip
-def test_backendss_agree(settings: Settings) -> None:
+def test_backends_agree(settings: Settings) -> None:
     workspace, results = box2d_native.make_workspace(), set()
     for batch in random_batches(1500, seed=settings.substeps):
         native, portable = (
@@ -325,6 +325,7 @@ def main(file):
 """
 
 
+@pytest.mark.nightly
 @needs_native
 def test_a_cached_kernel_runs_in_another_process(tmp_path: Path) -> None:
     (tmp_path / "outer.py").write_text(OUTER)

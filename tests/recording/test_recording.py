@@ -85,6 +85,7 @@ def test_a_byte_an_agent_step(tmp_path: Path) -> None:
     assert (tmp_path / "a.rec").stat().st_size < 1.15 * 1000 * 64 * 4
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="takes minutes")
 def test_long_recordings_have_many_chunks(tmp_path: Path) -> None:
     """With the smallest tick records there are: each chunk is as large as a reader takes."""

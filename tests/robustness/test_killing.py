@@ -80,6 +80,7 @@ class Careless(Writer):
         self.check(folder, reference)
 
 
+@pytest.mark.nightly
 def test_what_is_written_carelessly_is_found_out(tmp_path: Path) -> None:
     tally = kill_repeatedly(Careless(), 6, tmp_path)
     assert tally.kills == 6
@@ -127,7 +128,7 @@ def test_a_full_disk_is_reported_in_one_line_and_leaves_nothing_corrupt(tmp_path
     [
         pytest.param("train", Moment(imported="torch", sent=signal.SIGINT), marks=pytest.mark.nightly),
         pytest.param("train", Moment(operation=1, sent=signal.SIGINT), marks=pytest.mark.nightly),
-        ("train", Moment(seconds=0.4, sent=signal.SIGINT)),
+        pytest.param("train", Moment(seconds=0.4, sent=signal.SIGINT), marks=pytest.mark.nightly),
         ("plot", Moment(imported="matplotlib", sent=signal.SIGINT)),
         pytest.param("plot", Moment(operation=9, sent=signal.SIGINT), marks=pytest.mark.nightly),
         pytest.param("evaluate", Moment(imported="torch", sent=signal.SIGINT), marks=pytest.mark.nightly),

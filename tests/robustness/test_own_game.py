@@ -142,6 +142,7 @@ def in_turn(folder: Path, commands: Sequence[Sequence[str]]) -> list[tuple[int, 
     return [(status, said) for status, said in json.loads(run(folder, "commands.py", json.dumps(commands)))]
 
 
+@pytest.mark.nightly
 def test_every_command_takes_it(folder: Path) -> None:
     """In the order in which somebody would: look, play, record, replay, train, compare."""
     pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
@@ -213,6 +214,7 @@ def test_benchmarks_take_it(folder: Path) -> None:
     assert "swamp.wade" in out
 
 
+@pytest.mark.nightly
 def test_python_takes_it(folder: Path) -> None:
     pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
     (folder / "faces.py").write_text(FACES.format(name="bog_game.py:arena"))

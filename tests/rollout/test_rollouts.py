@@ -195,6 +195,7 @@ def test_ctrl_c_leaves_whole_files(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     env.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not COMPILED, reason="thousands of episodes")
 def test_whole_episodes_of_the_scripted_duel_are_as_long_as_in_the_long_run() -> None:
     """455 ± 2 steps, the mean over 20,000 steps of 256 worlds; with 2000 steps it is 421."""

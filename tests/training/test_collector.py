@@ -77,7 +77,12 @@ def advantages(rows: list[Row], divisor: float) -> list[Any]:
 
 @pytest.mark.parametrize(
     ("preset", "dead", "scaled"),
-    [("original", "keep", False), ("original", "drop", False), ("fast", "keep", True), ("scaled", "drop", True)],
+    [
+        ("original", "keep", False),
+        pytest.param("original", "drop", False, marks=pytest.mark.nightly),
+        pytest.param("fast", "keep", True, marks=pytest.mark.nightly),
+        ("scaled", "drop", True),
+    ],
 )
 def test_advantages_are_those_of_a_plain_loop(preset: str, dead: str, scaled: bool) -> None:
     trainer = make(preset, dead=dead, scale_rewards=scaled)

@@ -173,6 +173,7 @@ def test_a_process_that_is_killed_ends_the_run_which_can_be_resumed(
     same(trained(tmp_path, 3, resume=True), alone[1])
 
 
+@pytest.mark.nightly
 def test_a_full_disk_ends_all(tmp_path: Path) -> None:
     run = TrainingRun(config(3, processes=2), tmp_path)
 
@@ -194,6 +195,7 @@ def leaving(crew: Crew, status: int) -> None:
     os._exit(status)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("work", "argument", "message"),
     [(failing, "no room here", "^process 2 of 3: no room here$"), (leaving, 7, "^process . of 3 ended with status 7")],
@@ -271,6 +273,7 @@ def lives(pid: int) -> bool:
     return False
 
 
+@pytest.mark.nightly
 @linux
 def test_ctrl_c_saves_and_ends_all(tmp_path: Path) -> None:
     with command(tmp_path / "run") as process:

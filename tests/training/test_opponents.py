@@ -12,6 +12,7 @@ import outlast
 from outlast import make_vec
 from outlast.components import Side
 from outlast.ecs import Clock, Entity
+from tests.conftest import few_by_day
 from tests.helpers.execution_modes import short
 
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
@@ -271,7 +272,7 @@ def test_settings_without_effect_are_refused(given: dict[str, Any], message: str
 # ---- going on
 
 
-@pytest.mark.parametrize("policies", ["shared", "side"])
+@pytest.mark.parametrize("policies", few_by_day(["shared", "side"], ("shared",)))
 def test_a_run_goes_on_as_if_it_had_never_stopped(policies: str) -> None:
     whole, parts = (make(policies=policies, prioritised=True) for _ in range(2))
     for trainer in (whole, parts):

@@ -225,6 +225,7 @@ def test_a_resumed_run_is_the_same_run(tmp_path: Path) -> None:
         TrainingRun(config(steps=4 * each, **given, memory=0), tmp_path / "parts", resume=True)
 
 
+@pytest.mark.nightly
 def test_a_start_by_imitation_and_one_with_saved_weights(tmp_path: Path) -> None:
     """Whoever of teacher and learner has a memory."""
     path, each = str(saved(tmp_path / "a.zip")), 4 * 32 * 2

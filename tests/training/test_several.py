@@ -136,6 +136,7 @@ def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
     assert [log.stat().st_size for log in logs] == sizes  # nobody goes on
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 def test_stopped_all_of_them_save(tmp_path: Path) -> None:
     with two_runs(tmp_path) as (process, logs):
