@@ -1,5 +1,7 @@
 """The compile cache: the machine code of units, in memory, on disk, or compiled now, on all cores where that is safe.
 
+Processes that begin at the same time, such as those of a vector environment, compile some units each.
+
 A unit's key (ecs.cache_key) says what its machine code depends on. Units that another scenario, process or version of
 this game has compiled are loaded; an edit compiles the units of the systems that it touches.
 """
@@ -39,7 +41,7 @@ class CompiledUnits:
         functions: Kernels of int64 arguments by label; beside them there is RUNNER, which runs the units.
 
     Attributes:
-        compiled: Labels of the units that `load` compiled, and did not find.
+        compiled: Labels of the units that `load` did not find: they were compiled here, or by others meanwhile.
 
     Raises:
         DeclarationError: A system refers to something that its machine code would keep as it is now.
@@ -104,17 +106,19 @@ class CompiledUnits:
         """Compile these units and keep them on disk."""
         done: dict[str, Code] = {}
 
-        def work(label: str) -> None:
-            done[label] = self._compile_one(label)
-            cache_files.write(cache_files.path_of(label, self._keys[label]), done[label])
+        def work(label: str, wait: bool = False) -> None:
+            path = cache_files.path_of(label, self._keys[label])
+            with cache_files.claimed(path, wait) as mine:
+                if code := self._read(label):
+                    done[label] = code
+                elif mine:
+                    done[label] = self._compile_one(label)
+                    cache_files.write(path, done[label])
 
         _spread(labels, work)
         for label in labels:
-            if label not in done:  # another process compiled it, unless that failed
-                if code := self._read(label):
-                    done[label] = code
-                else:
-                    work(label)
+            if label not in done:  # a fork or another process compiles it, unless that fails
+                work(label, wait=True)
         return done
 
     def _compile_one(self, label: str) -> Code:

@@ -11,21 +11,27 @@ import json
 import os
 import shutil
 import stat
+import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import platformdirs
 
 from .machine_code import Code
 
+if sys.platform != "win32":
+    import fcntl
+
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # other errors of the disk are raised
 DAY = 86_400  # seconds
 UNUSED = 30 * DAY  # what nobody loaded for so long is deleted
 LARGEST = 256 * 2**20  # bytes of all files together; of more, the longest unused are deleted
-SUFFIX = ".unit"
+SUFFIX, CLAIM = ".unit", ".claim"
+PATIENCE = 60.0  # seconds to wait for another process: most units take less than one, the largest a few
 DESCRIPTION = ("symbol", "constants", "externals")  # of a Code
 
 
@@ -69,6 +75,55 @@ def write(path: Path, code: Code) -> bool:
     return True
 
 
+@contextmanager
+def claimed(path: Path, wait: bool) -> Iterator[bool]:
+    """Claim a unit, so that processes that begin together compile different ones, and none twice.
+
+    A claim ends with its process, in whatever way that ends. Where files cannot be locked, everybody can claim all.
+
+    Args:
+        path: The unit's file.
+        wait: Whether to wait for a process that has claimed it, for up to PATIENCE: it may be suspended.
+
+    Yields:
+        Whether to compile it here, if it is not there by now.
+    """
+    claim, mine, end = path.with_suffix(CLAIM), False, time.monotonic() + PATIENCE * wait
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(claim, os.O_CREAT | os.O_RDWR, 0o600)
+    except OSError:  # what is compiled cannot be kept either: that is reported by `write`
+        yield True
+        return
+    try:
+        while not (mine := _lock(handle)) and time.monotonic() < end:
+            time.sleep(0.01)
+        yield mine or wait
+    finally:
+        if mine:
+            claim.unlink(missing_ok=True)
+            _unlock(handle)  # closing alone would not do: a fork of another thread has it open, too
+        os.close(handle)
+
+
+def _lock(handle: int) -> bool:
+    """Lock a file, or where that is impossible do nothing; False if another process has locked it."""
+    if sys.platform != "win32":
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+    return True
+
+
+def _unlock(handle: int) -> None:
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_UN)
+
+
 def prune() -> None:
     """Delete what was not used for long, then the longest unused, until the rest is small enough."""
     now, size = time.time(), 0
@@ -81,10 +136,10 @@ def prune() -> None:
 
 
 def _found(folder: Path) -> Iterator[tuple[float, int, Path]]:
-    """Time of the last use, size and path of each unit, and of each folder that outlast 0.1 kept a tick in."""
+    """Time of the last use, size and path of each file, and of each folder that outlast 0.1 kept a tick in."""
     for path in folder.iterdir():
         found = path.lstat()
-        if path.suffix == SUFFIX and stat.S_ISREG(found.st_mode):
+        if path.suffix in (SUFFIX, CLAIM) and stat.S_ISREG(found.st_mode):
             yield found.st_mtime, found.st_size, path
         elif stat.S_ISDIR(found.st_mode) and any(path.glob("tick_*.py")):
             yield found.st_mtime, 0, path

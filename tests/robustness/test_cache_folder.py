@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from outlast.ecs.cache_files import cache_folder
+from outlast.ecs import cache_files
+from outlast.ecs.cache_files import SUFFIX, cache_folder, claimed
 from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
@@ -18,20 +19,44 @@ DIGEST = 2  # the index of the digest in the output of a process
 Warm = tuple[dict[Path, tuple[bytes, int]], str]
 
 
-@pytest.mark.nightly
-def test_processes_fill_a_cold_cache_at_once(tmp_path: Path) -> None:
-    """Three that start together agree, and leave code that a fourth one loads."""
-    outputs: list[list[str]] = []
-    threads = [threading.Thread(target=lambda: outputs.append(in_process(tmp_path))) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    later = in_process(tmp_path)
-    assert len(outputs) == 3
+COUNTED = """
+from outlast.ecs.cache import CompiledUnits
+
+compile_one = CompiledUnits._compile_one
+
+def counted(self, label):
+    with open({log!r}, "a") as file:
+        file.write(label + chr(10))
+    return compile_one(self, label)
+
+CompiledUnits._compile_one = counted
+"""
+
+
+def test_processes_that_begin_together_compile_each_unit_once(tmp_path: Path) -> None:
+    """Three agree, and leave code that a fourth one loads."""
+    cache, log = tmp_path / "cache", tmp_path / "log"
+    with ThreadPoolExecutor(3) as pool:
+        outputs = [
+            done.stdout.split() for done in pool.map(lambda _: failing(cache, COUNTED.format(log=str(log))), range(3))
+        ]
+    later = in_process(cache)
+    assert later[:2] == ["0", "True"]
     assert {one[DIGEST] for one in outputs} == {later[DIGEST]}
-    assert in_process(tmp_path)[:2] == ["0", "True"]  # at the latest now: the fourth may have compiled again
-    assert not [path for path in tmp_path.rglob("*") if path.suffix == ".tmp" or ".tmp." in path.name]
+    labels, files = log.read_text().split(), list(cache.iterdir())
+    assert len(set(labels)) == len(labels) == len(files)
+    assert {path.suffix for path in files} == {SUFFIX}
+
+
+def test_who_waits_too_long_compiles_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for a process that was suspended, which keeps its claim."""
+    monkeypatch.setattr(cache_files, "PATIENCE", 0.05)
+    path = tmp_path / f"a{SUFFIX}"
+    with claimed(path, False) as mine, claimed(path, False) as other, claimed(path, True) as patient:
+        assert (mine, other, patient) == (True, sys.platform == "win32", True)
+    with claimed(path, False) as mine:
+        assert mine
+    assert list(tmp_path.iterdir()) == []
 
 
 def halved(content: bytes) -> bytes:

@@ -121,6 +121,7 @@ def test_a_game_alone_is_over_and_not_won() -> None:
 # ---- in a browser
 
 
+@pytest.mark.nightly
 def test_the_start_card_names_role_and_opponents(browser: Any, compiled: None) -> None:
     """Only those that are there."""
     game = Game(HUNT, agent=1, seed=3)

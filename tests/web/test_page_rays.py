@@ -48,6 +48,7 @@ def test_without_lidar_there_are_none(name: str) -> None:
     assert [agent["rays"] for agent in snapshot(env.worlds, 0)["agents"]] == [[]] * env.num_agents
 
 
+@pytest.mark.nightly
 def test_the_page_draws_rays_when_asked_to(look: Any, compiled: None, tmp_path: Path) -> None:
     env = outlast.make_vec(SCENARIO, 1, seed=1)
     write_page(tmp_path / "page.html", env.worlds, ticks(env, 5), [0], title="")

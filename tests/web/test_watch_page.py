@@ -219,6 +219,7 @@ def test_it_waits_and_then_plays(opened: Any, run: Run) -> None:
     assert page.inner_text("h1") == f"ffa_2: {TITLE}"
 
 
+@pytest.mark.nightly
 def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
     run.make(1, 1024)
     page = opened()
@@ -236,6 +237,7 @@ def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
     assert page.inner_text(".charts dd") == "900"
 
 
+@pytest.mark.nightly
 def test_at_the_end_of_an_episode_the_newest_one_is_played(opened: Any, run: Run) -> None:
     run.make(1, 1024, length=40)
     page = opened()
@@ -260,6 +262,7 @@ def test_without_another_episode_it_is_played_again(opened: Any, run: Run) -> No
     assert shown(page).startswith("1,024 agent-steps")
 
 
+@pytest.mark.nightly
 def test_who_has_stopped_it_is_asked(opened: Any, run: Run) -> None:
     run.make(1, 1024, length=40)
     page = opened()
@@ -275,6 +278,7 @@ def test_who_has_stopped_it_is_asked(opened: Any, run: Run) -> None:
     assert page.is_hidden(".run > button")
 
 
+@pytest.mark.nightly
 def test_several_browsers_watch_one_run(opened: Any, run: Run) -> None:
     run.make(1, 1024, length=400)
     pages = [opened(), opened(viewport={"width": 390, "height": 844}, is_mobile=True)]
@@ -283,6 +287,7 @@ def test_several_browsers_watch_one_run(opened: Any, run: Run) -> None:
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.nightly
 def test_a_server_that_has_ended_is_reported_and_the_episode_goes_on(browser: Any, compiled: None, run: Run) -> None:
     run.make(1, 1024, length=20)
     with browser.new_context() as context:
