@@ -86,6 +86,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     return call
 
 
+@pytest.mark.nightly
 def test_both_are_timed_in_one_run(run, checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("perf.table.FOLDER", tmp_path)
     out = printed(run("--original", f"{sys.executable}:{checkout}", "--save", "here"))

@@ -64,6 +64,7 @@ def number(text: str) -> float:
     return float(text.replace("−", "-"))
 
 
+@pytest.mark.nightly
 def test_actions_rewards_and_thoughts_are_those_of_the_simulation(look: Any, page: tuple[Path, Thoughts]) -> None:
     path, truth = page
     screen = look(path, f"#world={WORLD}&episode=1&tick=0&agent=1")
