@@ -7,25 +7,23 @@ again. This protects from accidents, not from attacks: who may write to the fold
 import contextlib
 import errno
 import hashlib
+import importlib
 import json
 import os
 import shutil
 import stat
-import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
 from .machine_code import Code
 
-if sys.platform != "win32":
-    import fcntl
-
+fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None  # Windows has none
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # other errors of the disk are raised
 DAY = 86_400  # seconds
 UNUSED = 30 * DAY  # what nobody loaded for so long is deleted
@@ -75,7 +73,7 @@ def write(path: Path, code: Code) -> bool:
     return True
 
 
-@contextmanager
+@contextlib.contextmanager
 def claimed(path: Path, wait: bool) -> Iterator[bool]:
     """Claim a unit, so that processes that begin together compile different ones, and none twice.
 
@@ -88,6 +86,9 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
     Yields:
         Whether to compile it here, if it is not there by now.
     """
+    if fcntl is None:
+        yield True
+        return
     claim, mine, end = path.with_suffix(CLAIM), False, time.monotonic() + PATIENCE * wait
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,27 +102,22 @@ def claimed(path: Path, wait: bool) -> Iterator[bool]:
         yield mine or wait
     finally:
         if mine:
-            claim.unlink(missing_ok=True)
-            _unlock(handle)  # closing alone would not do: a fork of another thread has it open, too
+            with contextlib.suppress(OSError):
+                claim.unlink()
+            with contextlib.suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_UN)  # closing would not do: a fork of another thread has it open, too
         os.close(handle)
 
 
 def _lock(handle: int) -> bool:
     """Lock a file, or where that is impossible do nothing; False if another process has locked it."""
-    if sys.platform != "win32":
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        except OSError:
-            pass
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
     return True
-
-
-def _unlock(handle: int) -> None:
-    if sys.platform != "win32":
-        with contextlib.suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_UN)
 
 
 def prune() -> None:

@@ -14,7 +14,7 @@ from outlast.ecs import Module, NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import DropLast, Maze, Pillars, Preparation, Respawn, Rooms
-from tests.conftest import COMPILED, few_by_day, scaled
+from tests.conftest import COMPILED, scaled
 
 TICKS = scaled(200, least=4)
 SMALL = {
@@ -119,9 +119,8 @@ def played(env: SurvivalVectorEnv, actions: Any, w: int = 0) -> Iterator[list[An
 
 
 @pytest.mark.nightly
-@pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="one of the numbers is the native backend, which plain Python lacks")
-@pytest.mark.parametrize("name", few_by_day(GAMES, ("walls",)))
+@pytest.mark.parametrize("name", GAMES)
 def test_a_world_is_the_game_with_its_number(name: str) -> None:
     """World k of one batch has another value of the k-th number, and the last one has none: one tick for all."""
     scenario, rng = GAMES[name], np.random.default_rng(0)
