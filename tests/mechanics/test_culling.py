@@ -20,7 +20,7 @@ BLOCKS = 3
 ROWS = BLOCKS * SIMD_WIDTH - 5  # the last block is not full
 F4 = np.float32
 SLACK = 2e-4  # metres: what float32 may lose in a sum of a few numbers of a room's size
-SOME = settings(max_examples=75 if COMPILED else 15, deadline=None, derandomize=True)
+SOME = settings(max_examples=150 if COMPILED else 15, deadline=None, derandomize=True)
 
 
 class Body(NamedTuple):

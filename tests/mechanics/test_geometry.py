@@ -25,7 +25,7 @@ TOLERANCE = 1e-5
 SAME_BITS = platform.machine() in ("x86_64", "AMD64")
 F4 = np.float32
 Near = tuple[float, float, float]  # share of the way along a ray, then an offset
-QUICK = settings(max_examples=50 if numba.config.DISABLE_JIT else 200, deadline=None, derandomize=True)
+QUICK = settings(max_examples=100 if numba.config.DISABLE_JIT else 400, deadline=None, derandomize=True)
 
 
 @pytest.fixture(autouse=True, scope="module")

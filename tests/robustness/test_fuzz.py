@@ -12,8 +12,8 @@ from tests.fuzz import __main__ as fuzz
 from tests.fuzz import scenarios
 from tests.fuzz.traps import BEHAVIOURS, Traps
 
-FILES = {"states": 75, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 60, "plans": 200}
-FILES |= {"levels": 150, "games": 30, "roles": 50, "level-states": 50}
+FILES = {"states": 150, "recordings": 40, "checkpoints": 30, "policies": 60, "results": 120, "plans": 400}
+FILES |= {"levels": 300, "games": 60, "roles": 100, "level-states": 100}
 NEEDED = ("torch", "tensorboard", "matplotlib")
 TORCH = all(importlib.util.find_spec(name) for name in NEEDED)
 needs = pytest.mark.skipif(not TORCH, reason=f"needs {', '.join(NEEDED)}")
