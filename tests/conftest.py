@@ -58,15 +58,15 @@ def draw_actions(env: SurvivalVectorEnv, rng: np.random.Generator) -> np.ndarray
     return rng.integers(0, sizes, (env.num_worlds, *sizes.shape))
 
 
-def interrupted_after(calls: int) -> Callable[[SurvivalVectorEnv, int], Policy]:
-    """A policy for POLICIES that does nothing, and raises KeyboardInterrupt after so many calls."""
+def interrupted_after(calls: int, number: int = signal.SIGINT) -> Callable[[SurvivalVectorEnv, int], Policy]:
+    """A policy for POLICIES that does nothing, and after so many calls gets this process a signal."""
 
     def make(env: SurvivalVectorEnv, seed: int) -> Policy:
         remaining, idle = iter(range(calls)), noop_policy(env, seed)
 
         def act(observations: Any) -> Any:
             if next(remaining, None) is None:
-                raise KeyboardInterrupt
+                signal.raise_signal(number)
             return idle(observations)
 
         return act

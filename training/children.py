@@ -10,12 +10,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from outlast.envs.cli.options import SIGNALLED, STOPPED
+
 from . import log_file
 from .live_view import LiveView
 
 POLL = 0.5  # seconds
-SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
-STOPPED = SIGNALLED + signal.SIGINT  # the exit status after Ctrl-C
 RESUME = "stopped: go on with --resume"
 logger = logging.getLogger("outlast")
 

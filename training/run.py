@@ -11,6 +11,7 @@ import torch
 from outlast.envs.errors import install
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
+from outlast.envs.storage.interrupts import interrupts_held
 
 from . import checkpoint, run_header
 from .config import TrainingConfig
@@ -148,8 +149,8 @@ class TrainingRun:
                         film_checkpoint(newest, self.folder, self.config.scenario)
                 progress(self)
         finally:
-            self.crew.close()
-            with self._disk_errors():
+            with interrupts_held(), self._disk_errors():  # a cluster may signal this process and the one above it
+                self.crew.close()
                 try:
                     if kept is not None:
                         self._save(kept)

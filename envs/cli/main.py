@@ -20,9 +20,10 @@ from ..errors import (
     StateError,
     UsageError,
 )
+from ..storage.interrupts import sigterm_as_ctrl_c
 from . import completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
-from .options import messages_shown, printable
+from .options import STOPPED, TERMINATED, messages_shown, printable
 from .overview import overview
 
 COMMANDS = (listing, numbers, layout, schedule, rollout, frames, play, replay, completion)
@@ -35,7 +36,16 @@ PLUGINS = "outlast.commands"  # entry points of this group are modules like thos
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status. Errors of use are one line on stderr and status 2; Ctrl-C is 130."""
+    """Run a command; returns the exit status.
+
+    Errors of use are one line on stderr and status 2. Ctrl-C is 130, SIGTERM 143.
+    """
+    with sigterm_as_ctrl_c() as terminated:
+        status = _run(arguments)
+    return TERMINATED if status == STOPPED and terminated else status
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == ["help"]:
         words = [*words[1:], "--help"]
@@ -54,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
         print("stopped", file=sys.stderr)
-        return 130
+        return STOPPED
 
 
 def _refused(text: str) -> int:

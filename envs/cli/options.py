@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import logging
 import os
+import signal
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -28,6 +29,8 @@ from .grammar import Parser
 MAX_SEED = 2**64 - 1
 VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:NAME, package.module:NAME"
 MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
+SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
+STOPPED, TERMINATED = SIGNALLED + signal.SIGINT, SIGNALLED + signal.SIGTERM
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 

@@ -25,6 +25,7 @@ from .options import (
     MACHINE,
     OUTPUT,
     PLAY,
+    STOPPED,
     add_common,
     add_number,
     add_others,
@@ -144,7 +145,7 @@ def _run_with_bar(options: argparse.Namespace, asked: Scenario, agents: int, wor
     try:
         latest = work(progress)
     except KeyboardInterrupt as stop:
-        latest, status = stop.args[0] if stop.args else Summary(), 130
+        latest, status = stop.args[0] if stop.args else Summary(), STOPPED
     except (OutlastError, OSError) as error:  # as where the disk is full
         failure = error
     finally:

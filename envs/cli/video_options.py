@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from ..films import Looks, Progress
 from .grammar import Parser
-from .options import add_number, path, printable
+from .options import STOPPED, add_number, path, printable
 
 LOGGER = logging.getLogger(__name__)
 DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
@@ -68,7 +68,7 @@ def report(options: argparse.Namespace, total: int, made: Callable[[Progress], o
         made(progress)
     except KeyboardInterrupt:
         LOGGER.warning("stopped; %s was not written", options.out)
-        return 130
+        return STOPPED
     finally:
         for bar in bars:
             bar.close()

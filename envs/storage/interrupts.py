@@ -1,6 +1,7 @@
-"""Ctrl-C that waits."""
+"""Ctrl-C that waits, and SIGTERM that is Ctrl-C."""
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -21,3 +22,35 @@ def interrupts_held() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         if came:
             signal.raise_signal(signal.SIGINT)
+
+
+@contextlib.contextmanager
+def sigterm_as_ctrl_c() -> Iterator[list[int]]:
+    """Meanwhile SIGTERM, which schedulers of clusters send before they kill, does what Ctrl-C does.
+
+    Only where it would end the process at once: in the main thread, and where the caller has no handler of its own.
+
+    Yields:
+        The signals that came so far.
+    """
+    came: list[int] = []
+    free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if threading.current_thread() is not threading.main_thread() or not free:
+        yield came
+        return
+    owner = os.getpid()
+
+    def pass_on(number: int, frame: object) -> None:
+        if os.getpid() != owner:  # a fork, which nobody asked to save anything
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+        came.append(number)
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell's background command
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.raise_signal(signal.SIGINT)
+
+    signal.signal(signal.SIGTERM, pass_on)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,7 +1,6 @@
 """Files of events: what env.events() said, in a table; whole or not there."""
 
 import csv
-import signal
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from outlast.envs.inspect.event_table import COLUMNS, event_table
 from outlast.envs.inspect.events import events
 from outlast.envs.rollout import random_policy, table_file
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.storage.interrupts import interrupts_held
 from tests.conftest import interrupted_after, run
 
 ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--set=safe_zone_damage=20", "--set=pickup_reach=4.0", "--quiet")
@@ -97,21 +95,6 @@ def test_ctrl_c_leaves_what_there_is(capsys: Any, tmp_path: Path, monkeypatch: A
     assert rows == read(whole)[: len(rows)]
     assert len(rows) < len(read(whole))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["part.csv", "whole.csv"]
-
-
-def test_ctrl_c_waits_for_a_table_that_is_being_written() -> None:
-    done = []
-
-    def work() -> None:
-        with interrupts_held():
-            signal.raise_signal(signal.SIGINT)
-            done.append(1)
-
-    with pytest.raises(KeyboardInterrupt):
-        work()
-    assert done == [1]
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
 
 
 def test_a_replay_writes_the_same_file(capsys: Any, tmp_path: Path) -> None:

@@ -275,12 +275,13 @@ def lives(pid: int) -> bool:
 
 @pytest.mark.nightly
 @linux
-def test_ctrl_c_saves_and_ends_all(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_to_all_saves_and_ends_all(tmp_path: Path, number: int, status: int) -> None:
     with command(tmp_path / "run") as process:
         others = children(process.pid)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        os.killpg(process.pid, number)  # as a terminal does, and a cluster
         output, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert "outlast: stopped: go on with --resume" in output
     assert "Traceback" not in output
     assert "agent-steps of them in" in output

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import lzma
+import signal
 import subprocess
 import sys
 import zipfile
@@ -116,6 +117,23 @@ def interrupted(run: TrainingRun) -> None:
         raise KeyboardInterrupt
 
     run.trainer.learners[0].optimizer.register_step_post_hook(stop)
+
+
+def test_a_second_ctrl_c_waits_for_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, write = TrainingRun(config(6 * EACH), tmp_path), checkpoint.write_checkpoint
+
+    def again(*arguments: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        write(*arguments)
+
+    def stop(run: TrainingRun) -> None:
+        if run.done == 3 * EACH:
+            monkeypatch.setattr(checkpoint, "write_checkpoint", again)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run.train(stop)
+    assert names(tmp_path)[-1] == checkpoint.NAME.format(3 * EACH)
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])

@@ -1,6 +1,7 @@
 """outlast train with several variants or seeds: a process each, side by side."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from outlast.training import checkpoint  # noqa: E402
 from outlast.training.children import ChildRun, side_by_side  # noqa: E402
 from outlast.training.cli import train  # noqa: E402
 from outlast.training.live_view import LiveView  # noqa: E402
+from tests.training.test_crew import children  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
 TINY = ("--preset", "original", "--ppo", "n_epochs=1", "--rollout", "512", "--worlds", "8", "--quiet")
@@ -138,11 +140,14 @@ def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-def test_stopped_all_of_them_save(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
+    """Clusters send SIGTERM to every process, and the command stops its runs: they are interrupted twice."""
     with two_runs(tmp_path) as (process, logs):
-        process.send_signal(signal.SIGINT)
+        for pid in [*children(process.pid), process.pid] if number == signal.SIGTERM else [process.pid]:
+            os.kill(pid, number)
         out, err = process.communicate(timeout=100)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert err.strip() == "outlast: stopped: go on with --resume"
     assert out.count("agent-steps of them in") == 2
     assert all(names(log.parent) for log in logs)

@@ -12,7 +12,7 @@ from typing import Any
 from tqdm import tqdm
 
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import count, positive, seed
+from outlast.envs.cli.options import STOPPED, count, positive, seed
 from outlast.envs.errors import install
 
 from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
@@ -182,7 +182,7 @@ def _run_one(entry: Any, options: argparse.Namespace) -> int:
         found = EntryRun(entry, progress).run()
     except KeyboardInterrupt:
         print(AGAIN, file=sys.stderr)
-        return 130
+        return STOPPED
     finally:
         view.close()
     print(f"{len(found.matches)} matches in {found.folder}")

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import add_scenario, positive, scenario, seed
+from outlast.envs.cli.options import STOPPED, add_scenario, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.policies import POLICIES
 
@@ -74,7 +74,7 @@ def _evaluate(evaluation: Any, folder: Path | None, options: argparse.Namespace)
         try:
             play(evaluation, folder, hidden, quiet=options.quiet)
         except KeyboardInterrupt:
-            status = 130
+            status = STOPPED
             complete, total = len(evaluation.pairings), len(evaluation.pairs)
             logger.warning("stopped; complete are %d of %d pairings", complete, total)
         finally:
@@ -93,7 +93,7 @@ def _make_films(evaluation: Any, hidden: Path, folder: Path) -> int:
             print(made, flush=True)
     except KeyboardInterrupt:
         logger.warning("stopped; the tables are written, not all films are")
-        return 130
+        return STOPPED
     return 0
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from tqdm import tqdm
 
-from outlast.envs.cli.options import nonnegative, positive
+from outlast.envs.cli.options import STOPPED, nonnegative, positive
 from outlast.envs.errors import install
 
-from ..children import STOPPED, ChildRun, side_by_side
+from ..children import ChildRun, side_by_side
 from ..errors import TrainingError
 from ..live_view import LiveView
 from ..reproduction.experiments import PARTS, Experiment, expected_seconds, experiments

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import add_scenario, nonnegative, positive, scenario, seed
+from outlast.envs.cli.options import STOPPED, add_scenario, nonnegative, positive, scenario, seed
 from outlast.envs.errors import install
 from outlast.envs.rollout.mixture import parse_mixture
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..annealing import parse_anneal
-from ..children import RESUME, STOPPED, ChildRun, side_by_side
+from ..children import RESUME, ChildRun, side_by_side
 from ..config import CRITICS, FAST, OPPONENTS, POLICIES, SELF, SNAPSHOTS, TEACHERS, TrainingConfig, parse_warm_start
 from ..errors import TrainingError
 from ..hyperparameters import parse_hyperparameters
