@@ -10,21 +10,23 @@ MOST = 1_000_000  # hit points: the largest value of a number of a mechanic
 LARGEST = 2**31 - 1  # hit points that a column holds
 
 
+class Guard(Component):
+    """Immunity: which sides can damage this entity."""
+
+    immune_to: Array = column("i4", fill=-1)  # the side whose attacks do nothing, -1: none
+    vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks do anything, -1: all do
+
+
 class Health(Component):
     """Hit points; at zero or below the entity dies at the next check. A maximum is up to Mortality."""
+
+    requires = (Guard,)
 
     points: Array = column("i4", fill=100)
     has_health: Array = column("u1", fill=1)  # 1 in every row that has this component
     damage_type: Array = column("i4", fill=-1)  # of the last loss (see `hurt`)
     source: Array = column("i4", fill=-1)  # the side that caused it, -1: none
     fatal_tick: Array = column("i8", fill=-1)  # the tick that brought the points to 0 or below
-
-
-class Guard(Component):
-    """Immunity: which sides can damage this entity."""
-
-    immune_to: Array = column("i4", fill=-1)  # the side whose attacks do nothing, -1: none
-    vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks do anything, -1: all do
 
 
 class Died(Component):

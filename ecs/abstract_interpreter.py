@@ -36,6 +36,7 @@ from .abstract_values import (
 from .cache_key import FOREIGN
 from .component import Component
 from .errors import DeclarationError, EngineError, ScheduleError
+from .jit import Intrinsic
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
@@ -167,14 +168,24 @@ class Activation:
         return frozenset().union(*map(function, values))
 
     def _number(self, variables: list[Any], function: Any) -> Values:
+        self._refuse_per_agent(variables)
+        floating = function is operator.truediv or any(map(self._is_floating, variables))
+        comparison = function in (operator.lt, operator.le, operator.eq, operator.ne, operator.ge, operator.gt)
+        return frozenset([FLOATING]) if floating and not comparison else ANYTHING
+
+    def _refuse_per_agent(self, variables: Iterable[Any]) -> None:
         for value in [value for variable in variables for value in self._of(variable) if isinstance(value, PerAgent)]:
             self._refuse(
                 f"computes with {value.name}, in which roles differ: write of({value.name}, e), where e is the row "
                 "of the agent"
             )
-        floating = function is operator.truediv or any(self._of(v) == {FLOATING} for v in variables)
-        comparison = function in (operator.lt, operator.le, operator.eq, operator.ne, operator.ge, operator.gt)
-        return frozenset([FLOATING]) if floating and not comparison else ANYTHING
+
+    def _is_floating(self, variable: Any) -> bool:
+        """Whether all that it may be are floats, of columns or not."""
+        values = self._of(variable)
+        return bool(values) and all(
+            value == FLOATING or (isinstance(value, Column) and _kind(value) == "f") for value in values
+        )
 
     def _attribute(self, value: Any, name: str) -> Values:
         value = value.column if isinstance(value, Sum) else value
@@ -232,9 +243,14 @@ class Activation:
             return ANYTHING
         if isinstance(target, Column) and target.method:
             self._refuse_write(target)
+        if isinstance(called, Intrinsic) and any(isinstance(v, PerAgent) for a in expression.args for v in self._of(a)):
+            self._refuse_added(expression.list_vars())  # of(number, row), whose plain form computes with the number
+            return ANYTHING
         called = getattr(called, "python", getattr(called, "py_func", called))
         if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
             self._refuse_added(expression.list_vars())
+            if called in (abs, max, min, round, sum, int, *FLOATS):
+                self._refuse_per_agent(expression.args)
             return frozenset([FLOATING]) if any(called is kind for kind in FLOATS) else ANYTHING
         positional = [self._of(argument) for argument in expression.args]
         named = {name: self._of(argument) for name, argument in expression.kws}
@@ -262,11 +278,16 @@ class Activation:
             example = next(iter(target.component.columns))
             self._refuse(f"{component_name(target)} is a table: write one of its columns, as in .{example}[...]")
         self._refuse_write(target)
+        self._refuse_per_agent([statement.value])
         if isinstance(target, Column):
             self._check_field(target, self._only(statement.index))
             kind = target.component.columns[target.name].dtype
-            if kind.kind in "iu" and self._of(statement.value) == {FLOATING}:
+            if kind.kind in "iu" and self._is_floating(statement.value):
                 self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
+            literal = self._only(statement.value)
+            number = literal.value if isinstance(literal, Constant) and isinstance(literal.value, int) else 0
+            if kind.kind in "iu" and not np.iinfo(kind).min <= number <= np.iinfo(kind).max:
+                self._refuse(f"writes {number} to {target}, {kind}, which cannot hold it")
 
     def _check_field(self, target: Column, index: Any) -> None:
         """Refuse a literal column: a system with Offsets touches their fields only, which decides on its order."""
@@ -294,7 +315,7 @@ class Activation:
             if expression.fn not in (operator.iadd, operator.isub):
                 self._refuse_access(target, f"does more to {target} than add")
             kind = target.component.columns[target.name].dtype
-            if kind.kind not in "iu" or self._of(expression.rhs) == {FLOATING}:
+            if kind.kind not in "iu" or self._is_floating(expression.rhs):
                 what = f"{target} is {kind}" if kind.kind not in "iu" else f"a float is added to {target}, {kind}"
                 self._refuse_access(target, f"adds, but {what}, and only sums of integers do not depend on the order")
             return frozenset([Sum(target)])
@@ -341,6 +362,11 @@ def _can_follow(called: Any) -> bool:
         return False
     kinds = {parameter.kind for parameter in inspect.signature(called).parameters.values()}
     return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+
+
+def _kind(column: Column) -> str:
+    """Of its elements, as numpy has it: "f", "i", "u" or "b"."""
+    return column.component.columns[column.name].dtype.kind
 
 
 def component_name(value: Any) -> str:

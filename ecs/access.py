@@ -27,7 +27,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Generic, TypeVar, TypeVarTuple, get_args, get_origin, get_type_hints
 
-from .component import Component
+from .component import Component, Singleton
 from .errors import DeclarationError
 from .event import Event
 
@@ -106,6 +106,15 @@ def _parameter(function: Callable[..., Any], name: str, hint: Any) -> Parameter:
             )
         return Parameter(name, kind, (inner,) if kind in ("read", "write", "add") else ())
     if get_origin(hint) in SELECTIONS:
+        for part in get_args(hint):
+            if not (isinstance(part, type) and issubclass(part, Component)) or issubclass(part, Singleton):
+                selection = f"{get_origin(hint).__name__}[{getattr(part, '__name__', part)}]"
+                singleton = isinstance(part, type) and issubclass(part, Singleton)
+                why = "which is per world and has no rows" if singleton else "which is no component"
+                raise DeclarationError(
+                    f"{function.__module__}.{function.__qualname__}: parameter '{name}' is {selection}, {why}; "
+                    "the components of entities are needed, as in Rows[Body]"
+                )
         return Parameter(name, SELECTIONS[get_origin(hint)], get_args(hint))
     if hint in (int, float, bool):
         return Parameter(name, "number", type=hint)

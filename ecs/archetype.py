@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any
 
 from .component import Component, Singleton
@@ -34,6 +35,11 @@ class Archetype:
     order: int | None = None
 
     def __post_init__(self) -> None:
+        count: Any = self.count
+        if not isinstance(count, Integral) or count < 0:
+            raise NumberError(
+                f"Archetype({self.name!r}, ...) with the count {count!r:.60}: a whole number, 0 or more, is needed"
+            )
         if self.count > MOST:
             raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
         parts: Any = self.parts
@@ -49,12 +55,15 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
     merged: dict[str, Archetype] = {}
     for part in parts:
         before = merged.get(part.name, Archetype(part.name, ()))
-        have = {type(component) for component in before.parts}
+        have, own = {type(component) for component in before.parts}, set[type[Component]]()
         for component in part.parts:
             if isinstance(component, Singleton):
                 raise DeclarationError(f"{type(component).__name__} is per world and cannot be part of '{part.name}'")
             if type(component) in have:
                 raise DeclarationError(f"two modules give '{part.name}' the component {type(component).__name__}")
+            if type(component) in own:
+                raise DeclarationError(f"Archetype({part.name!r}, ...) has {type(component).__name__} twice")
+            own.add(type(component))
         orders = {before.order, part.order} - {None}
         if len(orders) > 1:
             raise DeclarationError(
@@ -67,8 +76,21 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             before.alive and part.alive,
             next(iter(orders), None),
         )
+    for name, kind in merged.items():
+        merged[name] = replace(kind, parts=_with_required(kind.parts))
     places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
     return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
+
+
+def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
+    """The components of a kind, and those that they require, with their usual values."""
+    found, have = list(parts), {type(part) for part in parts}
+    for part in found:  # which grows
+        for required in part.requires:
+            if required not in have:
+                have.add(required)
+                found.append(required())
+    return tuple(found)
 
 
 def listed(module: Any, method: str, kind: type[Any]) -> list[Any]:

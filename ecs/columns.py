@@ -21,6 +21,8 @@ from numba.np import arrayobj
 class Column(types.Array):  # type: ignore[misc]
     """An array in order of rows ("C") whose indices are not negative."""
 
+    unchecked = True  # for intrinsics, whose code may not refer to classes
+
     def __init__(self, dtype: Any, ndim: int, layout: str = "C", readonly: bool = False, **more: Any) -> None:
         super().__init__(dtype, ndim, layout, readonly=readonly, **more)
         self.name: str = f"Column{self.name}"

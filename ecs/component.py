@@ -28,6 +28,8 @@ import numpy as np
 from .errors import DeclarationError
 from .fields import Field
 
+EPISODE = ("world", "episode")  # which episode a statistic is of, in tables
+
 Array: TypeAlias = Any
 """A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
 
@@ -83,6 +85,27 @@ def column(
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit)
 
 
+def as_stored(label: str, column: Column, value: Any) -> Any:
+    """A prefab value as an array of the column's type. DeclarationError if the column cannot hold it."""
+    given = np.asarray(value)
+    if column.dtype.kind == "f" and given.dtype.kind in "biuf":
+        return given.astype(column.dtype)
+    with np.errstate(invalid="ignore"):
+        stored = given.astype(column.dtype) if given.dtype.kind in "biuf" else None
+    if stored is None or not np.array_equal(stored, given):
+        raise DeclarationError(f"{label} is {column.dtype}, which cannot hold {value!r:.60}")
+    return stored
+
+
+def _check_column(label: str, column: Column) -> None:
+    """DeclarationError for a type that kernels do not have, or a fill that is not of it."""
+    if column.dtype.kind not in "biuf" or not column.dtype.isnative or column.dtype.itemsize > 8:
+        raise DeclarationError(
+            f'{label} has the type {column.dtype.str}: columns hold integers, floats or truths, such as "i4", "f4", "?"'
+        )
+    as_stored(label, column, column.fill)
+
+
 def snake_case(name: str) -> str:
     """SafeZone as safe_zone, HTTPServer as http_server."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
@@ -100,6 +123,7 @@ class Component:
     """State of an entity: one row in every world for each row of the archetypes that have it."""
 
     columns: ClassVar[dict[str, Column]] = {}
+    requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this has those, too
     Table: ClassVar[Any] = None
     order: ClassVar[int] = 0
     packed: ClassVar[bool] = True  # in the state of its world; other components have buffers of their own
@@ -108,8 +132,18 @@ class Component:
         columns = {name: value for name, value in vars(cls).items() if isinstance(value, Column)}
         if packed is not None:
             cls.packed = packed
+        if cls.columns:
+            base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
+            raise DeclarationError(
+                f"{cls.__name__} extends {base}, which has columns: a component has its own columns only; "
+                f"let entities have both"
+            )
         if not columns:
             return  # a base such as Singleton
+        for name, value in columns.items():
+            if name.startswith("_") or hasattr(cls.__mro__[1], name):
+                raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
+            _check_column(f"{cls.__name__}.{name}", value)
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):
             raise DeclarationError(
                 f"{cls.__name__}.{filled[0]}: columns with buffers of their own begin as 0; "
@@ -148,6 +182,12 @@ class Singleton(Component):
         """Shape of a column in one world: its own dimensions, at least one."""
         return cls.columns[name].shape(dims) or (1,)
 
+    @classmethod
+    def keys(cls) -> set[str]:
+        """The keys of this component's columns, and of all that are imported and derived from it."""
+        own = {column.key or name for name, column in cls.columns.items()}
+        return own.union(*(subclass.keys() for subclass in cls.__subclasses__()))
+
 
 class Action(Singleton, packed=False):
     """What the learner sets. Integer columns; `low` and `high` are the range of each."""
@@ -159,6 +199,12 @@ class Action(Singleton, packed=False):
                 raise DeclarationError(
                     f"{cls.__name__}.{name} is {value.dtype} from {value.low} to {value.high}: an action is a signed "
                     "integer with a finite low below a finite high"
+                )
+            kind = np.iinfo(value.dtype)
+            if value.low < kind.min or value.high > kind.max:
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} goes from {value.low} to {value.high}, and {value.dtype} from {kind.min} "
+                    f"to {kind.max}: take a larger type for all columns of actions"
                 )
 
 
@@ -177,12 +223,6 @@ class Observation(Singleton, packed=False):
                 key = value.fields if isinstance(value.fields, str) else value.key or name
                 cls.columns[name] = replace(value, dims=(*value.dims, f"{key} fields"))
 
-    @classmethod
-    def keys(cls) -> set[str]:
-        """The keys of this observation and of all that are imported and derived from it."""
-        own = {column.key or name for name, column in cls.columns.items()}
-        return own.union(*(subclass.keys() for subclass in cls.__subclasses__()))
-
 
 class Signal(Singleton, packed=False):
     """What the learner gets beside the observation: reward, terminated, truncated."""
@@ -190,6 +230,11 @@ class Signal(Singleton, packed=False):
 
 class Statistic(Singleton):
     """What is counted over one episode; zero at reset, reported when the episode ends."""
+
+    def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
+        super().__init_subclass__(order, packed)
+        if taken := [name for name, value in cls.columns.items() if (value.key or name) in EPISODE]:
+            raise DeclarationError(f"{cls.__name__}.{taken[0]}: tables of episodes have a column of that name already")
 
 
 class Entity(Component):

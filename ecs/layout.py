@@ -13,10 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from .archetype import MOST, Archetype, listed, merge
-from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
+from .archetype import Archetype, listed, merge
+from .component import (
+    Action,
+    Clock,
+    Column,
+    Component,
+    Entity,
+    Observation,
+    Signal,
+    Singleton,
+    Statistic,
+    as_stored,
+)
+from .dimensions import dimension_sizes
 from .distributions import Distribution
-from .errors import DeclarationError, NumberError
+from .errors import DeclarationError
 from .event import Event, memory_type
 from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
@@ -76,16 +88,11 @@ class Layout:
         self.dims = {"rows": start, "blocks": -(-start // SIMD_WIDTH)}
         self.damage_types = sorted({module.damage_type for module in self.modules if module.damage_type})
         self.dims["damage_types"] = len(self.damage_types)
-        named = [item for module in self.modules for item in module.dims().items()]
-        for dim, size in sorted(named, key=lambda item: isinstance(item[1], str)):
-            names = size.split("+") if isinstance(size, str) else []
-            more = sum(self.dims.get(name.strip(), 0) for name in names) if names else size
-            if more > MOST:
-                raise NumberError(f"the dimension '{dim}' would be {more}: at most {MOST} is possible")
-            self.dims[dim] = self.dims.get(dim, 0) + more
+        self.dims |= dimension_sizes(self.modules, self.dims)
         self.roles = roles
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
-        self.singletons = {type(s): s for module in self.modules for s in listed(module, "singletons", Singleton)}
+        self.singletons = self._singletons()
+        _check_keys(Observation, self.singletons)
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         if observed:
             self._observe(observed)
@@ -101,7 +108,7 @@ class Layout:
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
-        for base in (Action, Observation, Signal, Statistic):
+        for base in (Action, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
 
@@ -237,6 +244,21 @@ class Layout:
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
 
+    def _singletons(self) -> dict[type[Component], Singleton]:
+        """The singletons, by type. DeclarationError if two modules give one different values."""
+        found: dict[type[Component], tuple[str, Singleton]] = {}
+        for module in self.modules:
+            for own in listed(module, "singletons", Singleton):
+                name, other = found.setdefault(type(own), (module.name, own))
+                for column, declared in own.columns.items():
+                    one, two = (each.fills.get(column, declared.fill) for each in (other, own))
+                    if not np.array_equal(one, two):
+                        raise DeclarationError(
+                            f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {module.name} "
+                            f"{two!r:.60}: let one of them bring it, or both the same"
+                        )
+        return {kind: singleton for kind, (_, singleton) in found.items()}
+
     def _observe(self, names: Sequence[str]) -> None:
         """Show varied numbers to agents."""
         self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
@@ -341,7 +363,7 @@ class Layout:
         block = np.zeros((1, self.world_bytes), np.uint8)
         for singleton, values in self.singletons.items():
             if singleton.packed:
-                _fill(self.columns(block, singleton), slice(None), values)
+                _fill(self.columns(block, singleton), slice(None), values, singleton.__name__)
         for name, archetype in self.archetypes.items():
             span = slice(self.spans[name].start, self.spans[name].stop)
             entity = self.columns(block, Entity)
@@ -349,7 +371,7 @@ class Layout:
             kind = stream_number(name) >> 33 << 32  # positive, with room for 2**32 entities of a kind
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
-                _fill(self.columns(block, type(part)), (0, span), part)
+                _fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}")
         return np.ascontiguousarray(block[0])
 
 
@@ -371,6 +393,14 @@ def _check_keys(base: type[Component], components: Iterable[type[Component]]) ->
             owners[key] = owner
 
 
-def _fill(table: Any, where: Any, part: Component) -> None:
+def _fill(table: Any, where: Any, part: Component, label: str) -> None:
+    """Write prefab values. DeclarationError for one that is not of its column's type or shape."""
     for name, column in part.columns.items():
-        getattr(table, name)[where] = part.fills.get(name, column.fill)
+        there = getattr(table, name)[where]
+        value = as_stored(f"{label}.{name}", column, part.fills.get(name, column.fill))
+        try:
+            there[...] = value
+        except ValueError:
+            raise DeclarationError(
+                f"{label}.{name}: a value of the shape {value.shape} is no prefab of {there.shape}"
+            ) from None

@@ -21,6 +21,7 @@ import functools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
@@ -36,6 +37,7 @@ from .references import check_random
 from .system import Neighbour, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+NEAR = 0.85  # how like a method's name is to one of Module's, of 1, where it is taken for a slip
 Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high), or of a key with fields by their names
 
 
@@ -73,6 +75,7 @@ class Module:
                 cls.__annotations__ = {item.name: item.type} | vars(cls).get("__annotations__", {})
                 setattr(cls, item.name, field(default=given, metadata=item.metadata))
         cls._check_constants([item.name for item in inherited])
+        cls._check_hooks()
         if "name" not in vars(cls) or isinstance(vars(cls)["name"], dataclasses.Field):
             cls.name = snake_case(cls.__name__)
         for attribute in ("name", "stream"):
@@ -94,6 +97,19 @@ class Module:
                 raise DeclarationError(
                     f"{cls.__name__}.{name} = {value!r:.60} is no other default of an inherited number; {hint} new "
                     f"number is declared as {name}: {kind} = number(...), a constant as {name}: ClassVar[{kind}] = ..."
+                )
+
+    @classmethod
+    def _check_hooks(cls) -> None:
+        """DeclarationError for a method whose name is almost that of one of Module's, which nothing would call."""
+        bases = {name for base in cls.__mro__[1:] for name in vars(base)}
+        hooks = [name for name, value in vars(Module).items() if callable(value) and not name.startswith("_")]
+        for name, value in vars(cls).items():
+            own = callable(value) and not isinstance(value, type) and not name.startswith("_") and name not in bases
+            if own and (near := difflib.get_close_matches(name, hooks, 1, NEAR)):
+                raise DeclarationError(
+                    f"{cls.__name__}.{name}() is called by nothing; did you mean {near[0]}? If it is a method of "
+                    f"your own, give it a name less like it, or _{name}"
                 )
 
     def __post_init__(self) -> None:
@@ -199,6 +215,8 @@ class Module:
                 stream=f"{cls._stream()}.{function.__name__}",
                 slot=cls,
             )
+            for other in cls.registered:
+                _check_twice(label, function, other.function)
             cls.registered[:] = [other for other in cls.registered if not _redefines(function, other.function)]
             cls.registered.append(system)
             return inner
@@ -325,12 +343,16 @@ class Module:
 
     def value(self, name: str) -> Any:
         """The number `name` as kernels get it: of a choice, its index. DeclarationError if there is none."""
-        for item in dataclasses.fields(self):
-            if item.name == name:
-                choices = item.metadata.get("choices")
-                value = getattr(self, name)
-                return choices.index(value) if choices else value
-        raise DeclarationError(f"{self.name} has no number '{name}', which one of its systems asks for")
+        known = {item.name: item.metadata.get("choices") for item in dataclasses.fields(self)}
+        if name in known:
+            value, choices = getattr(self, name), known[name]
+            return choices.index(value) if choices else value
+        near = difflib.get_close_matches(name, known, 1)
+        asking = [system.label for system in self.systems() if any(name == p.name for p in system.parameters)]
+        raise DeclarationError(
+            f"{self.name} has no number '{name}', which {' and '.join(asking) or 'one of its systems'} asks for; "
+            + (f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}")
+        )
 
 
 def _components(label: str, given: Any) -> tuple[type[Component], ...]:
@@ -349,6 +371,16 @@ def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
     """Whether both are one definition, run twice. Functions within functions may differ in what encloses them."""
     same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
     return same and "<locals>" not in new.__qualname__
+
+
+def _check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any]) -> None:
+    """DeclarationError if one file has two functions of one name, of which the first would be no system any more."""
+    one, two = old.__code__, new.__code__
+    if _redefines(new, old) and one.co_filename == two.co_filename and one.co_firstlineno < two.co_firstlineno:
+        raise DeclarationError(
+            f"{label} is there twice, in lines {one.co_firstlineno} and {two.co_firstlineno} of "
+            f"{PurePath(one.co_filename).name}: call one of the functions otherwise"
+        )
 
 
 def _neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:

@@ -30,6 +30,7 @@ AGENT = "agent"  # the archetype that has roles
 ROLES, ROWS, WORDS = "roles", "role rows", "role words"  # dimensions
 STREAM = stream_number("roles")
 FLAG = ir.IntType(1)
+OUTSIDE = "the row is out of bounds"
 
 
 class AgentRoles(Singleton):
@@ -347,6 +348,8 @@ def _is_array(number: Any) -> bool:
 def _element(number: Any, e: int) -> Any:
     if not _is_array(number):
         return number
+    if not 0 <= e < len(number):
+        raise IndexError(f"of(number, {e}): {OUTSIDE}")
     return number[e] if number.dtype.kind == "f" else np.int64(number[e])
 
 
@@ -362,6 +365,10 @@ def of(typing: Any, number: Any, e: Any) -> Any:
 
     def element(context: Any, builder: Any, kinds: Any, arguments: Any) -> Any:
         array = cgutils.create_struct_proxy(kinds.args[0])(context, builder, arguments[0])
+        if not hasattr(number, "unchecked"):  # in a system from outside of outlast
+            (size,) = cgutils.unpack_tuple(builder, array.shape)
+            with builder.if_then(builder.icmp_unsigned(">=", arguments[1], size), likely=False):
+                context.call_conv.return_user_exc(builder, IndexError, (f"of(number, row): {OUTSIDE}",))
         value = builder.load(builder.gep(array.data, [arguments[1]]))
         return value if kinds.return_type == types.float32 else builder.sext(value, ir.IntType(64))
 

@@ -54,7 +54,8 @@ def order(
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
             `after`, `before` or a chain names what is unknown or in another phase, or runs in a circle; or two systems
-            of a phase touch a component in conflicting ways without saying who goes first.
+            of a phase touch a component in conflicting ways without saying who goes first; or one reads an event that
+            is emitted only later in the tick.
     """
     systems = sorted(systems, key=lambda system: system.label)
     for one, two in pairwise(systems):
@@ -75,6 +76,7 @@ def order(
     ordered: list[System] = []
     for phase in sorted(phases, key=lambda phase: phase.position):
         ordered += _order_phase(phases[phase], known, pairs)
+    _check_events(ordered, known)
     return Schedule(tuple(ordered))
 
 
@@ -91,6 +93,26 @@ def _check_present(systems: Sequence[System], present: set[type[Component]]) -> 
                         f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of "
                         f"this scenario brings it; {_bringing(component)}, or leave {system.module} out"
                     )
+
+
+def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
+    """ScheduleError if a system reads an event before any of the tick can be there: its list would be empty always.
+
+    known: those of mechanics that are left out, too, as one of them may emit the event in time.
+    """
+    events = {c for s in systems for p in s.parameters for c in p.components if issubclass(c, Event)}
+    for event in sorted(events, key=lambda event: event.name):
+        emitting = [system for system in systems if system.touches(event, "write")]
+        for system in systems[: systems.index(emitting[0])] if emitting else ():
+            first, when = emitting[0], system.phase
+            others = (s.phase for s in known if s.label != first.label and s.touches(event, "write"))
+            in_time = any(type(phase) is type(when) and phase.position <= when.position for phase in others)
+            if system.touches(event, "read") and not in_time:
+                raise ScheduleError(
+                    f"{system.label} in phase {system.phase.name} reads {event.__name__}, but the first system that "
+                    f"emits it is {first.label} in phase {first.phase.name}: the list begins empty in each tick; "
+                    "move the reader behind it, or keep what it needs in a component"
+                )
 
 
 def _bringing(component: type[Component]) -> str:

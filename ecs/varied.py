@@ -287,6 +287,12 @@ def _own_patches(layout: Any, number: VariedNumber) -> list[tuple[int, int, int]
         width = values.dtype.itemsize
         if number.kind is tuple or width not in (1, 4) or not _is_number(values[1:], number, probes):
             column = f"{where.component.__name__}.{where.name}"
+            if number.kind is not tuple and values[1:].tolist() == list(probes):  # of another type only
+                own = "f4" if number.kind is float else "i4"
+                raise NumberError(
+                    f"{number.name} cannot vary: {column}, with which episodes begin, is {values.dtype}, and the "
+                    f"number {number.kind.__name__}: the column needs the type {own!r}"
+                )
             raise NumberError(f"{number.name} cannot vary: {column}, with which episodes begin, is computed from it")
         found.append((number.start, where.offset + i * width, width))
     if not (found or number.archetypes or number.dims or is_read(layout, k, number.number)):

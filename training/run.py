@@ -1,6 +1,7 @@
 """A training run: collect, update, log, save, and go on from where it was stopped."""
 
 import contextlib
+import errno
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -242,7 +243,11 @@ class TrainingRun:
             yield
         except OSError as error:
             wrong = f"{error.filename or self.folder}: {error.strerror or error}"
-            raise TrainingError(f"{wrong}; make room there, and go on with --resume") from error
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            cure = (
+                "make room there, and go on with --resume" if full else "choose a folder that can be written to, --out"
+            )
+            raise TrainingError(f"{wrong}; {cure}") from error
 
     def _check_plan(self, header: run_header.Header) -> None:
         """Refuse to go on with other numbers: it would not be the same run. What is not in a plan was as usual."""

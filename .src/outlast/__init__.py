@@ -9,6 +9,7 @@ What is in `__all__` is public, and docs/api.md describes it; everything else ma
 
 import warnings
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from . import components, ecs, errors, systems
@@ -139,11 +140,20 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
 }
 
 
+_NEEDS = {  # libraries, and the names that raise ModuleNotFoundError without them
+    "pettingzoo": ("aec_env", "parallel_env"),
+    "pufferlib": ("make_puffer",),
+    "ray": ("SurvivalMultiAgentEnv",),
+    "stable_baselines3": ("make_sb3",),
+    "torch": ("evaluate", "load_policy", "train"),
+    "torchrl": ("make_torchrl",),
+}
+
 if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that exists
 
     def __getattr__(name: str) -> object:
         if name == "levels":
-            return import_module(".envs.levels", __name__)
+            return import_module(".levels", __name__)
         if name in _LAZY:
             try:
                 return getattr(import_module(f".{_LAZY[name]}", __name__), name)
@@ -161,7 +171,9 @@ if not TYPE_CHECKING:  # or checkers would take every misspelt name for one that
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__"])
+    """What is there: names whose libraries are not installed would raise as tools list the members."""
+    missing = {name for library, names in _NEEDS.items() if find_spec(library) is None for name in names}
+    return sorted({*__all__, "__version__"} - missing)
 
 
 _register()

@@ -18,6 +18,8 @@ from ..errors import UsageError
 from ..rendering import opencv as cv2
 from ..rendering.canvas import LARGEST, SMALLEST
 from ..rendering.rgb import draw
+from ..rendering.video.footage import WIDEST
+from ..rollout.table_file import checked_target
 from ..scenarios.floor_parts import in_words
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
@@ -62,8 +64,17 @@ def run(options: argparse.Namespace) -> int:
     size = SIZE if options.size is None else options.size
     if not SMALLEST <= size <= LARGEST:
         raise UsageError(f"--size {size}: pixels from {SMALLEST} to {LARGEST} are needed")
-    if path.suffix == ".json" and options.worlds > 1:
-        raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
+    if path.suffix == ".json":
+        if options.worlds > 1:
+            raise UsageError(
+                f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png"
+            )
+        checked_target(options.out, "floor plans", (".json",))
+    if path.suffix == ".png" and (side := columns_of(options.worlds) * (size + GAP)) > WIDEST:
+        raise UsageError(
+            f"--worlds {options.worlds} of --size {size} are {side} pixels wide; at most {WIDEST} are possible: take "
+            "fewer or smaller ones"
+        )
     from ..web.replay.write import write_page
 
     with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
@@ -72,6 +83,8 @@ def run(options: argparse.Namespace) -> int:
             _warn_of_parts(options.layout, env.worlds)
         try:
             if path.suffix == ".json":
+                if options.layout not in GENERATORS and FloorPlan.load(options.layout).starts:
+                    LOGGER.warning("%s has start areas, which are not written: walls are", options.layout)
                 FloorPlan.of_world(env.worlds).save(path)
             elif path.suffix == ".html":
                 write_page(path, env.worlds, [0], range(env.num_worlds), title=f"{options.layout}: {env.scenario.name}")
@@ -94,9 +107,14 @@ def _warn_of_parts(name: str, worlds: Worlds) -> None:
                 LOGGER.warning("%s: %s", name, words)
 
 
+def columns_of(worlds: int) -> int:
+    """Pictures side by side, of so many worlds."""
+    return math.ceil(math.sqrt(worlds))
+
+
 def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:
     """Write pictures side by side, in about as many rows as columns."""
-    columns, size = math.ceil(math.sqrt(len(images))), len(images[0])
+    columns, size = columns_of(len(images)), len(images[0])
     rows = math.ceil(len(images) / columns)
     sheet = np.full((rows * (size + GAP) - GAP, columns * (size + GAP) - GAP, 3), 255, np.uint8)
     for k, image in enumerate(images):

@@ -23,7 +23,7 @@ from ..errors import (
 from ..storage.interrupts import sigterm_as_ctrl_c
 from . import completion, frames, layout, listing, numbers, play, replay, rollout, schedule
 from .grammar import Parser
-from .options import STOPPED, TERMINATED, messages_shown, printable
+from .options import STOPPED, TERMINATED, check_files, messages_shown, printable
 from .overview import overview
 
 COMMANDS = (listing, numbers, layout, schedule, rollout, frames, play, replay, completion)
@@ -52,6 +52,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     options = parser().parse_args(words if words and words != ["--"] else ["--help"])
     try:
         with messages_shown():
+            check_files(options)
             return int(options.run(options))
     except MISTAKES as error:
         return _refused(str(error))

@@ -31,7 +31,23 @@ VARIANT = "name of a game, see `outlast variants`; or one of your own: FILE.py:N
 MAX_COUNT = 10**12  # of worlds, steps, frames: more would take years, or memory that no machine has
 SIGNALLED = 128  # beside the number of the signal that ended a process: its exit status
 STOPPED, TERMINATED = SIGNALLED + signal.SIGINT, SIGNALLED + signal.SIGTERM
+READ = ("file", "beside", "layout")  # options that may name files, and what they are called in errors
+WRITTEN = ("out", "html", "data", "events", "csv", "json", "record", "save_scenario")
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
+
+
+def check_files(options: argparse.Namespace) -> None:
+    """UsageError if two options name one file, of which at least one is to be written."""
+    found: dict[str, str] = {}
+    for kind in (READ, WRITTEN):
+        for name in kind:
+            given = getattr(options, name, None)
+            if not isinstance(given, (str, Path)) or str(given) == "-":
+                continue
+            flag = f"--{name.replace('_', '-')}" if kind is WRITTEN or name == "beside" else name.upper()
+            other = found.setdefault(os.path.realpath(given), flag)
+            if other != flag and kind is WRITTEN:
+                raise UsageError(f"{other} and {flag} are both {printable(str(given))}: give another name for one")
 
 
 def add_scenario(command: Parser, several: bool = False) -> None:

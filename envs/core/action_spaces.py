@@ -1,13 +1,15 @@
 """What agents choose from: an integer for each action, or one for all of them together; and what would do nothing."""
 
+import difflib
 import math
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from outlast.ecs import Action, Worlds
+from outlast.ecs import Action, DeclarationError, Module, Worlds
 
 from ..errors import ActionError
 from .spaces import published
@@ -128,8 +130,9 @@ class ActionSpace:
         Returns:
             (worlds, agents, mask_size).
         """
-        said = {module.name: module.idle_actions(self._worlds) for module in self._worlds.modules}
-        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)  # a bit for each action, 1: idle
+        shape = (self._worlds.count, self._worlds.dims["agents"])
+        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
+        code = np.zeros(shape, np.intp)  # a bit for each action, 1: idle
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             idle: Any = True
             for name in readers:
@@ -147,6 +150,25 @@ class ActionSpace:
             return np.concatenate(allowed, 1)
         joint: Array = np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
         return joint
+
+
+def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:
+    """What a module's idle_actions() returns. DeclarationError if that is not what is said there."""
+    given, shape = module.idle_actions(worlds), (worlds.count, worlds.dims["agents"])
+    if not isinstance(given, Mapping):
+        raise DeclarationError(f"{module.name}.idle_actions() returned {type(given).__name__}: a dict is needed")
+    found = {key: np.asarray(idle) for key, idle in given.items()}
+    for key, idle in found.items():
+        if key not in {*known, *Action.keys()}:
+            near = difflib.get_close_matches(key, known, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(sorted(known))}"
+            raise DeclarationError(f"{module.name}.idle_actions() names the action {key!r}, which is none; {hint}")
+        if idle.shape != shape:
+            raise DeclarationError(
+                f"{module.name}.idle_actions() has {key!r} of the shape {idle.shape}: (worlds, agents), which is "
+                f"{shape} here, is needed"
+            )
+    return found
 
 
 def _readers(worlds: Worlds, action: type[Any]) -> set[str]:

@@ -86,6 +86,7 @@ class EpisodeTracker:
             "stopped": self.stopped,
             "terminated": end.terminated,
             "truncated": end.truncated,
+            "rewards": worlds[Reward].reward,
             **({"fault": worlds[Fault].physics} if Fault in worlds else {}),
             **({"unplaced": worlds[Unplaced].bodies} if Unplaced in worlds else {}),
         }

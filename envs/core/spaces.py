@@ -110,7 +110,7 @@ def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shap
 def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
     try:
         low, high = (np.broadcast_to(np.asarray(end, np.float64), shape) for end in ends)
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         cure = "give numbers, or arrays that broadcast to it"
         raise DeclarationError(f"{what} do not fit its shape {shape} ({error}); {cure}") from None
     if not (low <= high).all():

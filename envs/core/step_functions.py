@@ -5,7 +5,7 @@ The functions take the address of a block of int64 words, see WORDS. They return
 
 from typing import Any
 
-from outlast.ecs import SKIP, STEP, kernel
+from outlast.ecs import RESET, SKIP, STEP, kernel
 from outlast.ecs.jit import loader, storer
 from outlast.ecs.run_units import run_units
 
@@ -15,12 +15,13 @@ WORDS = (
     *("actions", "sizes", "zeros"),  # int64 (worlds, agents, columns), and (columns,): the sizes, and which is the 0
     *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, agents), and bytes of each
     *("mode", "running", "ended", "stopped", "terminated", "truncated"),  # a byte a world
+    "rewards",  # float32 (worlds, agents)
     *("fault", "fault_stride", "unplaced", "unplaced_stride"),  # of the first world, and bytes to the next; 0: none
 )
 PLACES = range(0, 8 * len(WORDS), 8)  # of the words, in bytes
 WORLDS, AGENTS, COLUMNS, RANGES, RESETS, AT_ONCE, ACTIONS, SIZES, ZEROS, TAKEN, TAKEN_BYTES = PLACES[:11]
-MODE, RUNNING, ENDED, STOPPED, TERMINATED, TRUNCATED = PLACES[11:17]
-FAULT, FAULT_STRIDE, UNPLACED, UNPLACED_STRIDE = PLACES[17:]
+MODE, RUNNING, ENDED, STOPPED, TERMINATED, TRUNCATED, REWARDS = PLACES[11:18]
+FAULT, FAULT_STRIDE, UNPLACED, UNPLACED_STRIDE = PLACES[18:]
 NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULTY = (1 << k for k in range(5))
 TILE = 64  # agents whose actions are taken column by column, while they are in the first-level cache
 FAILED, COMPLETED, LEFT = range(3)  # how a tick went; LEFT: nothing is said of it
@@ -78,6 +79,8 @@ def begin(block: int) -> int:
 def finish(block: int, outcome: int) -> int:
     """Note which episodes are over, and which worlds run, after a tick of those whose mode is not SKIP.
 
+    The tick that starts an episode neither pays nor ends anything, whatever systems write: there was no action.
+
     Args:
         block: See WORDS.
         outcome: FAILED: those worlds do not run any more. COMPLETED. LEFT: who runs is left as it is.
@@ -91,8 +94,14 @@ def finish(block: int, outcome: int) -> int:
     terminated, truncated, at_once = read(block + TERMINATED), read(block + TRUNCATED), read(block + AT_ONCE)
     fault, fault_stride = read(block + FAULT), read(block + FAULT_STRIDE)
     unplaced, unplaced_stride = read(block + UNPLACED), read(block + UNPLACED_STRIDE)
+    rewards, agents = read(block + REWARDS), read(block + AGENTS)
     done = faulty = 0
     for w in range(read(block + WORLDS)):
+        if outcome != LEFT and read_byte(mode + w) == RESET:
+            write_byte(terminated + w, 0)
+            write_byte(truncated + w, 0)
+            for i in range(agents):
+                write_int(rewards + 4 * (w * agents + i), 0)
         over = read_byte(terminated + w) | read_byte(truncated + w)
         write_byte(ended + w, over)
         if outcome != LEFT and read_byte(mode + w) != SKIP:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Event, Layout
+from outlast.ecs import DeclarationError, Event, Layout
 from outlast.ecs.event import COUNT, TIMES
 
 Array = np.ndarray[Any, Any]
@@ -58,6 +58,9 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
     why = next((name for name in rest if event.columns[name].unit == "damage type"), None)
     found: dict[str, Array] = {name: rows[name] for name in TIMES}
     found["event"] = _same(event.name, rows)
+    for name, column in event.columns.items():
+        if column.unit in words:
+            _check_words(event, name, rows, len(words[column.unit]) - 1)
     found["who"], found["whom"] = (
         words["entity"][rows[name]] if name else _same("", rows) for name in (event.who, event.whom)
     )
@@ -71,6 +74,16 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
             found["more"] += _said(name, values.tolist(), nothing=-1 if unit == "side" else "")
     found["more"] = np.array([words.strip() for words in found["more"]], object)
     return found
+
+
+def _check_words(event: type[Event], name: str, rows: Array, count: int) -> None:
+    """DeclarationError if a column that numbers things has a number that none of the `count` things has."""
+    wrong = rows[name][(rows[name] < -1) | (rows[name] >= count)]
+    if wrong.size:
+        raise DeclarationError(
+            f"the event {event.__name__} has {name} = {wrong.flat[0]}, and its unit is {event.columns[name].unit!r}: "
+            f"-1 to {count - 1} is possible; a system wrote something else"
+        )
 
 
 def _said(name: str, values: list[Any], nothing: object) -> Array:

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Roles
@@ -26,8 +27,8 @@ def changes(before: Sequence[Module], after: Sequence[Module]) -> list[str]:
     new = [module for module in after if there.get(module.slot()) is not type(module)]
     usual = numbers(before) | {f"{m.name}_{item.name}": item.default for m in new for item in dataclasses.fields(m)}
     now = numbers(after)
-    leaders = {item.metadata.get("scales_with") for module in after for item in dataclasses.fields(module)}
-    led = following(before, usual, {name: value for name, value in now.items() if name in leaders})
+    leading = {*leaders(after).values()}
+    led = following(before, usual, {name: value for name, value in now.items() if name in leading})
     usual |= {name: value for name, (_, value) in led.items()}
     found = [f"without {module.name}" for module in before if module.slot() not in here]
     found += [f"with {module.name}" for module in new]
@@ -137,7 +138,10 @@ def as_file_name(text: str) -> str:
 
 
 def following(
-    modules: Sequence[Module], origin: Mapping[str, Any], given: Mapping[str, Any]
+    modules: Sequence[Module],
+    origin: Mapping[str, Any],
+    given: Mapping[str, Any],
+    added: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> dict[str, tuple[str, Any]]:
     """The numbers that change with those that are given, as they were declared to: see ecs.number's `scales_with`.
 
@@ -147,6 +151,7 @@ def following(
         modules: With the numbers of now.
         origin: All numbers that the scenario began with, by full name.
         given: New numbers by full name.
+        added: Of mechanics that were added later: by full name, the number then, and the one that it follows.
 
     Returns:
         By full name, the number that it follows, and its new value.
@@ -155,11 +160,23 @@ def following(
     for module in modules:
         for item in dataclasses.fields(module):
             name, leader = f"{module.name}_{item.name}", item.metadata.get("scales_with", "")
-            if leader not in given or name in given or not {name, leader} <= origin.keys():
+            if leader not in given or name in given or leader not in now:
                 continue
-            if now[name] == _scaled(origin[name], origin[leader], now[leader]):
-                found[name] = leader, _scaled(origin[name], origin[leader], given[leader])
+            if {name, leader} <= origin.keys():
+                first = origin[name], origin[leader]
+            elif name in added:
+                first = added[name]
+            else:
+                continue
+            if now[name] == _scaled(*first, now[leader]):
+                found[name] = leader, _scaled(*first, given[leader])
     return found
+
+
+def leaders(modules: Sequence[Module]) -> dict[str, str]:
+    """The numbers that scale with another one, by full name, and which one."""
+    items = ((f"{module.name}_{item.name}", item) for module in modules for item in dataclasses.fields(module))
+    return {name: item.metadata["scales_with"] for name, item in items if item.metadata.get("scales_with")}
 
 
 def _scaled(value: Any, old: float, new: float) -> Any:

@@ -20,7 +20,7 @@ from outlast.systems import ObserveRoles
 from ..errors import ScenarioError
 from ..storage.atomic_write import atomic_write
 from . import renamed
-from .changes import as_file_name, by_full_name, following, numbers, titles
+from .changes import as_file_name, by_full_name, following, leaders, numbers, titles
 from .differing import plain, restored
 from .mechanics import rebuilt_mechanics
 
@@ -46,6 +46,7 @@ class Scenario:
         observed: Those of them that `observe_numbers` shows to agents.
         by_role: What `roles` added: which agents have numbers of their own.
         origin: The scenario that it was derived from by `replace`, `with_`, `without` and `ordered`; None: by none.
+        added: Numbers of mechanics that `with_` added which scale with another one: the number then, and that one.
 
     Raises:
         ScenarioError: Two mechanics of one kind, or of one name.
@@ -59,6 +60,7 @@ class Scenario:
     observed: tuple[str, ...] = ()
     by_role: Roles | None = None
     origin: "Scenario | None" = dataclasses.field(default=None, init=False, compare=False)
+    added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
     def __post_init__(self) -> None:
         _check_mechanics(self.name, self.modules)
@@ -85,6 +87,13 @@ class Scenario:
                         'name, a class attribute as in name = "swamp"'
                     )
                 owners[name] = module
+        for name, leader in leaders(self.modules).items():
+            if leader not in owners and not any(leader == f"{kind.name}_{own}" for kind, own in _imported_numbers()):
+                near = difflib.get_close_matches(leader, owners, 1)
+                raise ScenarioError(
+                    f"{self.name}: {name} scales with '{leader}', which no mechanic has"
+                    + (f"; did you mean {near[0]}?" if near else "")
+                )
 
     def __repr__(self) -> str:
         chains = "".join(f", {' before '.join(chain)}" for chain in self.order)
@@ -103,7 +112,11 @@ class Scenario:
         """
         _check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
-        return self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+        made = self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
+        now = made.numbers()
+        more = {name: (now[name], now[leader]) for name, leader in leaders(modules).items() if leader in now}
+        object.__setattr__(made, "added", {**self.added, **more})
+        return made
 
     def ordered(self, *systems: str) -> "Scenario":
         """The same with an order between systems that say none themselves, as those of two authors.
@@ -137,7 +150,9 @@ class Scenario:
             given[found] = value
         modules = _all_replaced(self.modules, given)  # checks the numbers
         checked = {f"{m.name}_{name}": getattr(m, name) for m in modules for own, name in given if own == m.name}
-        for key, (leader, value) in following(self.modules, (self.origin or self).numbers(), checked).items():
+        for key, (leader, value) in following(
+            self.modules, (self.origin or self).numbers(), checked, self.added
+        ).items():
             given[self.find_number(key)] = value
             about = ", ".join(f"{each:g}" for each in (value if isinstance(value, tuple) else (value,)))
             LOGGER.info("%s is scaled with %s, to %s; set it, too, for other values", key, leader, about)
@@ -228,6 +243,7 @@ class Scenario:
         """The same by the name of another one that it was derived from: for changes that make no other game."""
         made = dataclasses.replace(self, name=other.name, about=other.about)
         object.__setattr__(made, "origin", other.origin or other)
+        object.__setattr__(made, "added", self.added)
         return made
 
     @property
@@ -249,6 +265,7 @@ class Scenario:
         name, about = titles(origin, made)
         made = dataclasses.replace(made, name=name, about=about)
         object.__setattr__(made, "origin", origin)
+        object.__setattr__(made, "added", self.added)
         return made
 
     def numbers(self) -> dict[str, Any]:
@@ -357,6 +374,11 @@ def _check_mechanics(name: str, modules: Iterable[Any]) -> None:
     for module in modules:
         if not isinstance(module, Module):
             raise ScenarioError(f"{name}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
+
+
+def _imported_numbers() -> Iterator[tuple[type[Module], str]]:
+    """Every number of every mechanic that is imported: its class, and its name there."""
+    return ((kind, item.name) for kind in Module.imported() for item in dataclasses.fields(kind))
 
 
 def _full(asked: str) -> str:

@@ -335,7 +335,7 @@ def what_cannot_be_followed(place: Read[Place], energy: Write[Energy], rows: Row
     first += 1
     count += 1
     for left in (energy.left, energy.left):
-        left[0] = first
+        left[0] = int(first)
     pair = [place, place]
     pair[0].nothing = 1  # type: ignore[attr-defined]
     SimpleNamespace(a=place).a.nothing[0] = 1

@@ -68,16 +68,20 @@ class Contender:
         return act
 
 
-def contenders(given: Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
+def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
     """A contender for each policy; of a folder of a run, or around several, the newest checkpoint of each run.
 
     Args:
         given: Names, paths, functions; perhaps by label, else labels are made out of names and paths.
 
     Raises:
-        TrainingError: One is named twice, or there is no such checkpoint.
+        TrainingError: There are none, one is named twice, or there is no such checkpoint.
         UsageError: One is no policy.
     """
+    if isinstance(given, (str, Path)) or callable(given):
+        given = [given]
+    if not given:
+        raise TrainingError("no policies are given: name some, as in ('scripted', 'runs/duel')")
     if isinstance(given, Mapping):
         return [_labelled(label, policy) for label, policy in given.items()]
     chosen = [each for policy in given for each in _expanded(policy)]

@@ -22,7 +22,7 @@ OPTIONS = ("policies", "episodes", "worlds", "seed", "threads", "out", "film", "
 
 def evaluate(
     scenario: str | Scenario,
-    policies: Sequence[Given] | Mapping[str, Given],
+    policies: Given | Sequence[Given] | Mapping[str, Given],
     *,
     episodes: int = 1000,
     worlds: int = 64,

@@ -154,7 +154,7 @@ def read_runs(places: Iterable[Path], read: Callable[[Path], Kind]) -> list[Kind
 def _found(place: Path) -> list[Path]:
     """Folders of runs and kept files in a place, which may be one."""
     if not place.exists():
-        raise TrainingError(f"there is no {place}")
+        raise TrainingError(f"there is no file or folder {place}")
     if place.is_file() or any((place / name).exists() for name in RUN_FILES):
         return [place]
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}

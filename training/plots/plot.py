@@ -19,6 +19,8 @@ FIGURE = "curves"  # the name of its file
 
 def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
     """The comparison of the runs in these places, with nothing written yet. See `plot`."""
+    if not places:
+        raise TrainingError("no runs are given: name their folders, or one around them")
     runs = load(places)
     if x not in AXES:
         raise TrainingError(f"x = {x!r}: allowed are {', '.join(AXES)}")

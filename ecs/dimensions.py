@@ -1,0 +1,68 @@
+"""The sizes of the named dimensions of columns, which modules declare and which may name each other."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from numbers import Integral
+from typing import Any
+
+from .archetype import MOST
+from .errors import DeclarationError, NumberError
+
+NEEDED = 'a whole number, 0 or more, or names of dimensions, as in "agents + boxes"'
+
+
+def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[str, int]:
+    """What the modules' `dims` come to, by name.
+
+    Args:
+        modules: Instances of ecs.module.Module.
+        given: Sizes that the engine knows, which modules may name, and add to.
+
+    Raises:
+        DeclarationError: A size is neither a number nor names of dimensions; dimensions name each other in a circle; or
+            a name is that of no dimension of any mechanic that is imported. One whose mechanic is left out is 0.
+        NumberError: A dimension is larger than MOST.
+    """
+    terms: dict[str, list[int | str]] = {}
+    for module in modules:
+        declared = module.dims()
+        if not isinstance(declared, Mapping):
+            raise DeclarationError(f"{module.name}.dims() returned {type(declared).__name__}: a dict is needed")
+        for dim, size in declared.items():
+            _check_size(module, dim, size)
+            more = [name.strip() for name in size.split("+")] if isinstance(size, str) else [size]
+            terms.setdefault(dim, []).extend(more)
+    found: dict[str, int] = {}
+
+    def size_of(dim: str, trail: tuple[str, ...]) -> int:
+        if dim in trail:
+            circle = " -> ".join((*trail[trail.index(dim) :], dim))
+            raise DeclarationError(f"dimensions name each other in a circle: {circle}")
+        if dim not in found:
+            if dim not in terms and dim not in given:
+                _check_known(modules[0], dim, trail, {*terms, *given})
+            more = (size_of(term, (*trail, dim)) if isinstance(term, str) else term for term in terms.get(dim, ()))
+            total = given.get(dim, 0) + sum(more)
+            if total > MOST and dim in terms:
+                raise NumberError(f"the dimension '{dim}' would be {total}: at most {MOST} is possible")
+            found[dim] = total
+        return found[dim]
+
+    return {dim: size_of(dim, ()) for dim in terms}
+
+
+def _check_size(module: Any, dim: str, size: Any) -> None:
+    """DeclarationError if it is neither a number nor names."""
+    whole = isinstance(size, Integral) and not isinstance(size, bool) and int(size) >= 0
+    if not (whole or isinstance(size, str)):
+        raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
+
+
+def _check_known(module: Any, dim: str, trail: tuple[str, ...], known: set[str]) -> None:
+    """DeclarationError if no mechanic that is imported has the dimension."""
+    if not module.providers(lambda other: dim in other.dims()):
+        near = difflib.get_close_matches(dim, known)
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known: {', '.join(sorted(known))}"
+        raise DeclarationError(
+            f"the dimension '{trail[-1]}' is to be of the size of '{dim}', which no module has; {hint}"
+        )

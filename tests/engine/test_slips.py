@@ -1,0 +1,417 @@
+"""Slips in mechanics of one's own that once gave wrong numbers: errors that name them, or right numbers."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import outlast
+from outlast.components import Body, Death, End, Guard, Health, Phase, Reward, Shape, Side, Spawned
+from outlast.ecs import (
+    Action,
+    Archetype,
+    Array,
+    Component,
+    DeclarationError,
+    EngineError,
+    Event,
+    Layout,
+    Module,
+    NumberError,
+    Read,
+    Rows,
+    ScheduleError,
+    Singleton,
+    Statistic,
+    Write,
+    column,
+    number,
+    of,
+)
+from outlast.ecs.kernel_check import check
+from outlast.envs.errors import ScenarioError
+from outlast.envs.inspect.event_table import event_table
+
+DUEL = outlast.variant("ffa_1")
+
+
+class Mark(Component):
+    whole: Array = column("i4")
+    small: Array = column("u1")
+    real: Array = column("f4", fill=2.7)
+
+
+class Total(Singleton):
+    value: Array = column("i4")
+
+
+class Counted(Statistic):
+    counts: Array = column("f4", "wide")
+
+
+def mechanic(name: str, **methods: Any) -> Module:
+    """A mechanic with methods that return what is given, or call it."""
+    made = {key: value if callable(value) else (lambda self, value=value: value) for key, value in methods.items()}
+    module: Module = type(name, (Module,), made)()
+    return module
+
+
+def layout(*modules: Module) -> Layout:
+    return Layout([*DUEL.modules, *modules])
+
+
+# ---- dimensions
+
+
+@pytest.mark.parametrize("names", [("Aa", "Zz"), ("Zz", "Aa")])
+def test_dimensions_name_each_other_in_any_order(names: tuple[str, str]) -> None:
+    one = mechanic(names[0], dims={"wide": "middle"}, singletons=[Counted()])
+    other = mechanic(names[1], dims={"middle": "agents + heals"})
+    assert layout(one, other).dims["wide"] == 2 + 15
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [
+        ("agnets", "'wide' is to be of the size of 'agnets', which no module has; did you mean 'agents'?"),
+        ("2*agents", "of the size of '2*agents'"),
+        ("wide", "in a circle: wide -> wide"),
+        (-1, "'wide': -1}: a whole number, 0 or more, or names of dimensions"),
+        (2.0, "'wide': 2.0}: a whole number"),
+    ],
+)
+def test_sizes_that_are_none(size: Any, words: str) -> None:
+    with pytest.raises(DeclarationError) as error:
+        layout(mechanic("Sized", dims={"wide": size}, singletons=[Counted()]))
+    assert words in str(error.value)
+
+
+def test_a_dimension_of_a_mechanic_that_is_left_out_is_0() -> None:
+    assert layout(mechanic("Lacks", dims={"wide": "boxes"}, singletons=[Counted()])).dims["wide"] == 0
+
+
+# ---- prefab values
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ((Mark(whole=7.5),), "agent: Mark.whole is int32, which cannot hold 7.5"),
+        ((Mark(small=300),), "agent: Mark.small is uint8, which cannot hold 300"),
+        ((Mark(whole=np.nan),), "cannot hold nan"),
+        ((Mark(small=(1, 2, 3)),), r"agent: Mark.small: a value of the shape (3,) is no prefab of (2,)"),
+        ((Mark(whole=1), Mark(whole=2)), "Archetype('agent', ...) has Mark twice"),
+    ],
+)
+def test_prefab_values_that_are_none(parts: tuple[Component, ...], words: str) -> None:
+    with pytest.raises(DeclarationError) as error:
+        _ = layout(mechanic("Prefab", archetypes=[Archetype("agent", parts)])).initial_image
+    assert words in str(error.value)
+
+
+def test_a_singleton_has_one_value() -> None:
+    one, other = (mechanic(name, singletons=[Total(value=value)]) for name, value in (("One", 1), ("Other", 2)))
+    with pytest.raises(DeclarationError, match=r"one gives Total.value the value 1, other 2: let one of them bring it"):
+        layout(one, other)
+    assert layout(one, mechanic("Same", singletons=[Total(value=1)])).singletons[Total].fills == {"value": 1}
+
+
+@pytest.mark.parametrize("count", [-2, 2.0, "2"])
+def test_counts_that_are_none(count: Any) -> None:
+    with pytest.raises(NumberError, match="a whole number, 0 or more, is needed"):
+        Archetype("stone", (Mark(),), count)
+
+
+def test_what_has_health_can_be_hurt() -> None:
+    """Health requires Guard, whose 0 in rows without it would make all of them immune."""
+    barrel = Archetype("barrel", (Body(), Shape(radius=1.0), Spawned(), Health(points=50)), 12)
+    made = layout(mechanic("Barrels", archetypes=[barrel]))
+    assert made.prefab_values(Guard, "immune_to")["barrel"] == -1
+    env = outlast.make_vec(outlast.variant("ffa_4").with_(mechanic("Barrels", archetypes=[barrel])), 16, seed=0)
+    env.reset()
+    generator, hurt = np.random.default_rng(0), 0
+    for _ in range(60):
+        env.step(generator.integers(0, env.action_sizes, (16, env.num_agents, len(env.action_sizes))))
+        hurt += int((env.events()["hit"]["target"] >= env.worlds.span("barrel").start).sum())
+    assert hurt
+
+
+# ---- declarations of components
+
+
+def fraction() -> None:
+    class Fraction(Component):
+        n: Array = column("i4", fill=0.5)
+
+
+def objects() -> None:
+    class Objects(Component):
+        n: Array = column("O")
+
+
+def derived() -> None:
+    class Derived(Mark):
+        n: Array = column("i4")
+
+
+def reserved() -> None:
+    class Reserved(Component):
+        order: Array = column("i4")
+
+
+def wide_action() -> None:
+    class Wide(Action):
+        big: Array = column("i1", "agents", low=0, high=300)
+
+
+def twice_in_tables() -> None:
+    class Of(Statistic):
+        world: Array = column("i4")
+
+
+def rows_of_worlds() -> None:
+    class Never(Module):
+        pass
+
+    @Never.system(Phase.DRIVE)
+    def count(rows: Rows[Total]) -> None:
+        pass
+
+
+def hook() -> None:
+    class Hooked(Module):
+        def archetype(self) -> list[Archetype]:
+            return []
+
+
+@pytest.mark.parametrize(
+    ("declare", "words"),
+    [
+        (fraction, "Fraction.n is int32, which cannot hold 0.5"),
+        (objects, "columns hold integers, floats or truths"),
+        (derived, "Derived extends Mark, which has columns"),
+        (reserved, "Reserved.order: no column can be called so"),
+        (wide_action, "Wide.big goes from 0 to 300, and int8 from -128 to 127"),
+        (twice_in_tables, "Of.world: tables of episodes have a column of that name already"),
+        (rows_of_worlds, r"Rows\[Total\], which is per world and has no rows"),
+        (hook, r"Hooked.archetype\(\) is called by nothing; did you mean archetypes\?"),
+    ],
+)
+def test_declarations_that_mean_nothing(declare: Callable[[], None], words: str) -> None:
+    with pytest.raises(DeclarationError, match=words):
+        declare()
+
+
+def test_two_systems_of_one_name_in_a_file() -> None:
+    """Run again, as a cell of a notebook, a definition takes the place of the one before."""
+    text = "@Twice.system(Phase.DRIVE)\ndef rule(marks: Rows[Mark]) -> None:\n    pass\n"
+
+    class Twice(Module):
+        pass
+
+    def run(source: str) -> None:
+        names = {"Twice": Twice, "Phase": Phase, "Rows": Rows, "Mark": Mark, "__name__": "twice"}
+        exec(compile(source, "twice.py", "exec"), names)
+
+    run(text)
+    run(text)
+    assert [system.label for system in Twice.registered] == ["twice.rule"]
+    with pytest.raises(DeclarationError, match=r"twice.rule is there twice, in lines 1 and 4 of twice.py"):
+        run(text + text)
+
+
+# ---- systems
+
+
+@dataclass(frozen=True)
+class Rules(Module):
+    harm: float = number(15.0, per_agent=True)
+
+    def archetypes(self) -> list[Archetype]:
+        return [Archetype("agent", (Mark(),))]
+
+
+@Rules.system(Phase.DRIVE)
+def cut(marks: Write[Mark], agents: Rows[Mark]) -> None:
+    marks.whole[agents[0]] = marks.real[agents[0]]
+
+
+@Rules.system(Phase.DRIVE)
+def cut_sum(marks: Write[Mark], agents: Rows[Mark]) -> None:
+    marks.whole[agents[0]] += marks.real[agents[0]]
+
+
+@Rules.system(Phase.DRIVE)
+def cut_product(marks: Write[Mark], agents: Rows[Mark]) -> None:
+    marks.whole[agents[0]] = marks.real[agents[0]] * marks.real[agents[0]]
+
+
+@Rules.system(Phase.DRIVE)
+def too_large(marks: Write[Mark], agents: Rows[Mark]) -> None:
+    marks.small[agents[0]] = 300
+
+
+@Rules.system(Phase.DRIVE)
+def as_it_is(marks: Write[Mark], agents: Rows[Mark], harm: float) -> None:
+    marks.real[agents[0]] = harm
+
+
+@Rules.system(Phase.DRIVE)
+def at_least(marks: Write[Mark], agents: Rows[Mark], harm: float) -> None:
+    marks.real[agents[0]] = max(harm, 5)
+
+
+@Rules.system(Phase.DRIVE)
+def right(marks: Write[Mark], agents: Rows[Mark], harm: float) -> None:
+    for e in agents:
+        row = marks.whole[e]
+        marks.real[e] = of(harm, row) + np.float32(marks.whole[e])
+        marks.whole[e] = np.int32(marks.real[e])
+        marks.whole[e] = -2147483648
+
+
+@pytest.mark.parametrize(
+    ("system", "words"),
+    [
+        ("cut", "writes a float to Mark.whole, int32, which cuts it off"),
+        ("cut_sum", "writes a float to Mark.whole, int32"),
+        ("cut_product", "writes a float to Mark.whole, int32"),
+        ("too_large", "writes 300 to Mark.small, uint8, which cannot hold it"),
+        ("as_it_is", r"computes with harm, in which roles differ: write of\(harm, e\)"),
+        ("at_least", r"computes with harm, in which roles differ: write of\(harm, e\)"),
+        ("right", ""),
+    ],
+)
+def test_what_systems_write_and_read(system: str, words: str) -> None:
+    (found,) = (each for each in Rules().systems() if each.name == system)
+    if not words:
+        check(found, ["harm"])
+        return
+    with pytest.raises(EngineError, match=words):
+        check(found, ["harm"])
+
+
+class Far(Rules):
+    def systems(self) -> Any:
+        return [system for system in super().systems() if system.name == "outside"]
+
+
+@Far.system(Phase.DRIVE)
+def outside(marks: Write[Mark], agents: Rows[Mark], harm: float) -> None:
+    marks.real[agents[0]] = of(harm, 1000)
+
+
+@pytest.mark.parametrize("interpret", [(), ("far.outside",)])
+def test_the_row_of_a_number_is_checked(interpret: tuple[str, ...]) -> None:
+    env = outlast.make_vec(
+        DUEL.with_(Far()).roles(a=outlast.role(1, far_harm=100.0), b=outlast.role()), 1, interpret=interpret
+    )
+    env.reset()
+    with pytest.raises(IndexError, match="the row is out of bounds"):
+        env.step(np.tile(env.noop, (1, 2, 1)))
+
+
+def test_an_unknown_number_is_asked_for() -> None:
+    class Asks(Rules):
+        def systems(self) -> Any:
+            return [system for system in super().systems() if system.name == "asking"]
+
+    @Asks.system(Phase.DRIVE)
+    def asking(marks: Rows[Mark], hram: float) -> None:
+        pass
+
+    with pytest.raises(DeclarationError, match=r"no number 'hram', which asks.asking asks for; did you mean harm\?"):
+        outlast.make_vec(DUEL.with_(Asks()), 1)
+
+
+class Early(Module):
+    pass
+
+
+@Early.system(Phase.DRIVE)
+def mourn(deaths: Read[Death]) -> None:
+    pass
+
+
+def test_an_event_is_read_when_it_can_be_there() -> None:
+    with pytest.raises(ScheduleError, match=r"early.mourn in phase DRIVE reads Death, .* mortality.die in phase DIE"):
+        outlast.make_vec(DUEL.with_(Early()), 1)
+
+
+class Wrong(Event, capacity="agents"):
+    agent: Array = column("i4", unit="entity")
+
+
+def test_events_name_entities_that_there_are() -> None:
+    made = layout(mechanic("Errs", singletons=[Wrong()]))
+    rows = np.zeros(1, [(name, np.int64) for name in ("world", "episode", "tick", "agent")])
+    rows["agent"] = 999
+    with pytest.raises(DeclarationError, match=r"the event Wrong has agent = 999, and its unit is 'entity': -1 to"):
+        event_table(made, {"wrong": rows})
+
+
+# ---- the tick of a reset
+
+
+class Generous(Module):
+    pass
+
+
+@Generous.system(Phase.REWARD, after=Reward)
+def pay(reward: Write[Reward], agents: Rows[Side]) -> None:
+    for i in range(agents.size):
+        reward.reward[i] += 1
+
+
+@Generous.system(Phase.END, after=End)
+def end(end: Write[End]) -> None:
+    end.terminated[0] = True
+
+
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep", "Disabled"])
+def test_a_reset_neither_pays_nor_ends(autoreset: str) -> None:
+    env = outlast.make_vec(DUEL.with_(Generous()), 3, seed=0, autoreset_mode=autoreset)
+    env.reset()
+    assert not env.worlds[Reward].reward.any()
+    for k in range(4):
+        _, rewards, ends, _, info = env.step(np.tile(env.noop, (3, 2, 1)))
+        begins = autoreset == "NextStep" and k % 2
+        assert rewards.tolist() == [[0.0 if begins else 2.0] * 2] * 3
+        assert ends.tolist() == [not begins] * 3
+        if ends.any():
+            assert info["statistics"]["length"].tolist() == [1] * 3
+        if autoreset == "Disabled":
+            env.reset(options={"reset_mask": ends})
+
+
+# ---- scenarios
+
+
+@dataclass(frozen=True)
+class Scales(Module):
+    good: float = number(5.0, scales_with="room_size")
+
+
+@dataclass(frozen=True)
+class Misspelt(Module):
+    good: float = number(5.0, scales_with="rom_size")
+
+
+def good(scenario: outlast.Scenario) -> Any:
+    numbers: Mapping[str, Any] = scenario.numbers()
+    return numbers["scales_good"]
+
+
+def test_numbers_of_added_mechanics_scale() -> None:
+    added = DUEL.with_(Scales())
+    assert good(added.replace(room_size=50.0)) == 10
+    assert good(added.replace(room_size=50.0).replace(room_size=100.0)) == 20
+    assert good(added.replace(scales_good=7).replace(room_size=50.0)) == 7
+    assert good(DUEL.replace(room_size=50.0).with_(Scales()).replace(room_size=100.0)) == 10
+
+
+def test_a_number_scales_with_one_that_there_is() -> None:
+    with pytest.raises(ScenarioError, match=r"misspelt_good scales with 'rom_size', .*; did you mean room_size\?"):
+        DUEL.with_(Misspelt())
