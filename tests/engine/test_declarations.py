@@ -417,7 +417,7 @@ def test_a_system_may_not_ask_for_what_its_module_lacks() -> None:
     @Asks.system(Phase.MOVE)
     def select(energy: Read[Energy], choice: int) -> None: ...
 
-    with pytest.raises(DeclarationError, match=r"asks has no number 'choice', which asks\.select asks for; it has: none"):
+    with pytest.raises(DeclarationError, match=r"no number 'choice', which asks\.select asks for; it has: none"):
         Worlds([Walkers(), Asks()], 1)
 
     class Forgets(Toy):
