@@ -53,8 +53,7 @@ def dimension_sizes(modules: Sequence[Any], given: Mapping[str, int]) -> dict[st
 
 def _check_size(module: Any, dim: str, size: Any) -> None:
     """DeclarationError if it is neither a number nor names."""
-    whole = isinstance(size, Integral) and type(size) is not bool and int(size) >= 0
-    if not (whole or isinstance(size, str)):
+    if not isinstance(size, str) and (type(size) is bool or not isinstance(size, Integral) or int(size) < 0):
         raise DeclarationError(f"{module.name}.dims() has {{{dim!r}: {size!r:.60}}}: {NEEDED}")
 
 
