@@ -71,6 +71,8 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (("--html", "page.txt"), "--html page.txt: a page is written as NAME.html"),
+        (("--data", "a.parquet", "--events", "a.parquet"), "--data and --events are both a.parquet: give another name"),
         (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
         (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),
         (("--html", "page.html", "--to", "999"), "0 <= from <= to <= 12"),
@@ -105,6 +107,14 @@ def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_pa
     status, *_ = run(capsys, "replay", path, "--html", tmp_path / "page.html", *options)
     assert status == 0
     assert (tmp_path / "page.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize("option", ["--html", "--out", "--data", "--events"])
+def test_a_recording_is_not_replaced(capsys: Any, path: Path, option: str) -> None:
+    before = path.read_bytes()
+    status, _, err = run(capsys, "replay", path, option, path)
+    assert (status, err) == (2, f"outlast: FILE and {option} are both {path}: give another name for one\n")
+    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("option", ["--data", "--html"])

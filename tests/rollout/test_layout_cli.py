@@ -24,6 +24,20 @@ def test_layouts_are_drawn_and_written_down(capsys: Any, tmp_path: Path) -> None
     assert cv2.imread(str(tmp_path / "three.png")).shape == (776, 776, 3)
 
 
+def test_a_floor_plan_overwrites_nothing(capsys: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    """Start areas are not written: the plan says so."""
+    monkeypatch.chdir(tmp_path)
+    FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)]).save("plan.json")
+    before = Path("plan.json").read_bytes()
+    status, _, err = run(capsys, "layout", "./plan.json", "--out", "plan.json")
+    assert (status, err) == (2, "outlast: LAYOUT and --out are both plan.json: give another name for one\n")
+    status, _, err = run(capsys, "layout", "plan.json", "--variant", "ffa_1", "--out", "walls.json")
+    assert (status, "plan.json has start areas, which are not written" in err) == (0, True)
+    status, _, err = run(capsys, "layout", "maze", "--out", "plan.json")
+    assert (status, "plan.json exists; floor plans overwrite nothing" in err) == (2, True)
+    assert Path("plan.json").read_bytes() == before
+
+
 def test_layouts_are_shown_on_a_page(capsys: Any, tmp_path: Path) -> None:
     assert run(capsys, "layout", "rooms", "--worlds", 2, "--out", tmp_path / "rooms.html")[0] == 0
     assert "<title>rooms: ffa_3-with_rooms" in (tmp_path / "rooms.html").read_text()
@@ -44,7 +58,12 @@ def test_commands_take_a_layout(capsys: Any, tmp_path: Path) -> None:
         (("layout", "maze", "--size", "9999", "--out", "x.png"), "--size 9999: pixels from 64 to 4096"),
         (("layout", "maze", "--size", "200", "--out", "x.html"), "--size 200 is for pictures"),
         (("layout", "maze", "--worlds", "2", "--out", "x.json"), "is for the floor plan of one world"),
-        (("layout", "maze", "--out", "/nowhere/x.json"), "--out /nowhere/x.json cannot be written: No such file"),
+        (("layout", "maze", "--out", "/nowhere/x.json"), "/nowhere/x.json cannot be written: there is no folder"),
+        (
+            ("layout", "maze", "--worlds", "100000", "--out", "x.png"),
+            "are 124264 pixels wide; at most 16384 are possible",
+        ),
+        (("layout", "x.json", "--out", "x.json"), "LAYOUT and --out are both x.json: give another name for one"),
         (("rollout", "ffa_1", "--layout", "/dev/null"), "/dev/null is no floor plan: a drawing of 0 x 0 characters"),
     ],
 )
