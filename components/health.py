@@ -76,6 +76,8 @@ def hurt(
 ) -> bool:
     """Take `amount` hit points from `e` unless it is immune; True, and a `Hit` is emitted, if it was hurt.
 
+    An amount of 0 hurts nobody: it is no hit, and nobody gets credit for it.
+
     The recorded source is that of the last loss in the tick that brings the points to 0 or below: who hits an
     entity in a later tick gets no credit (reference rules, section 7, point 6).
 
@@ -91,7 +93,7 @@ def hurt(
         tick: Of the episode.
         agent: Row of who does it, -1: nobody.
     """
-    if immune(guard, e, source):
+    if amount == 0 or immune(guard, e, source):
         return False
     before = health.points[e]
     health.points[e] = min(max(np.int64(before) - amount, -LARGEST), LARGEST)

@@ -73,12 +73,28 @@ class Distribution:
 
 
 def uniform(low: float, high: float) -> Distribution:
-    """Every value from `low` to `high` is equally likely. For numbers that are floats."""
+    """Every value from `low` to `high` is equally likely. For numbers that are floats.
+
+    Args:
+        low: The lowest value, in the number's unit.
+        high: The highest value.
+
+    Raises:
+        NumberError: They are not finite numbers, or `low` is not below `high`.
+    """
     return Distribution(UNIFORM, _ends("uniform", low, high))
 
 
 def log_uniform(low: float, high: float) -> Distribution:
-    """The logarithm is uniform: as many values between 1 and 10 as between 10 and 100. 0 < low. For floats."""
+    """The logarithm is uniform: as many values between 1 and 10 as between 10 and 100. For numbers that are floats.
+
+    Args:
+        low: The lowest value, in the number's unit, above 0.
+        high: The highest value.
+
+    Raises:
+        NumberError: They are not finite numbers, `low` is not below `high`, or not above 0.
+    """
     ends = _ends("log_uniform", low, high)
     if ends[0] <= 0:
         raise NumberError(f"log_uniform({low!r}, {high!r}): the lower end must be above 0")
@@ -86,7 +102,15 @@ def log_uniform(low: float, high: float) -> Distribution:
 
 
 def integers(low: int, high: int) -> Distribution:
-    """Every integer from `low` to `high`, both included, is equally likely."""
+    """Every integer from `low` to `high`, both included, is equally likely. For numbers that are integers.
+
+    Args:
+        low: The lowest value, in the number's unit.
+        high: The highest value.
+
+    Raises:
+        NumberError: They are not integers, or `low` is not below `high`.
+    """
     if not all(type(each) is not bool and isinstance(each, (int, np.integer)) for each in (low, high)):
         raise NumberError(f"integers({low!r}, {high!r}): two integers are needed")
     ends = _ends("integers", low, high)
@@ -94,7 +118,14 @@ def integers(low: int, high: int) -> Distribution:
 
 
 def choice(*values: Any) -> Distribution:
-    """Each of the values is equally likely; name one twice to make it twice as likely. For numbers of any type."""
+    """Each of the values is equally likely; name one twice to make it twice as likely. For numbers of any type.
+
+    Args:
+        *values: Values that the number can have, at least two.
+
+    Raises:
+        NumberError: There are too few or too many of them.
+    """
     if not 2 <= len(values) <= MOST:
         raise NumberError(
             f"choice{values!r:.60} has {len(values)} values: 2 to {MOST} are needed, as in choice(1, 2, 3)"
@@ -107,6 +138,12 @@ def free(value: Any) -> Distribution:
 
     For tuples that declare that they can be so, as the floor plan of Walls does: env.set_numbers and levels then give
     worlds any that the mechanic takes, and not only those of a list.
+
+    Args:
+        value: A tuple of finite numbers.
+
+    Raises:
+        NumberError: It is something else.
     """
     if isinstance(value, str) or not np.ndim(value) or not all(map(_is_real, value)):
         raise NumberError(f"free({value!r:.60}): a tuple of finite numbers is needed")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from .adapters.opponents import Other, Others, checked_others
 from .core.make import make_vec
@@ -19,7 +20,7 @@ from .rollout.episode_file import Ended, episode_file, numbered
 from .rollout.event_file import event_file
 from .rollout.loading import load_policies, loaded, maker
 from .rollout.mixture import Entries, Mixture, checked_entries
-from .rollout.policies import Policy
+from .rollout.policies import Policy, plain
 from .rollout.summary import Summary
 from .scenarios.naming import resolve
 from .scenarios.scenario import Number, Scenario
@@ -110,6 +111,11 @@ def rollout(
     with contextlib.ExitStack() as stack:
         if isinstance(game, SurvivalVectorEnv):
             decided = {"specialize": specialize or None, "interpret": interpret or None, **numbers}
+            if game.autoreset_mode is AutoresetMode.DISABLED:
+                raise UsageError(
+                    "rollout: the environment has autoreset_mode='Disabled', and worlds must go on by themselves: make "
+                    "it with 'NextStep' or 'SameStep'"
+                )
             _check_decided(worlds=worlds, seed=seed, threads=threads, **decided)
             made = game, *players_in(game, policy, others)
         else:
@@ -167,10 +173,16 @@ def _playing(
 ) -> tuple[Policy, Against | None]:
     for player in players:
         if callable(check := getattr(player, "check", None)):
-            check(env)
+            check(plain(env))
     policy = maker(players[0])(env, seed)
     if len(players) == 1:
         return policy, None
+    if env.autoreset_mode is not AutoresetMode.NEXT_STEP:
+        raise UsageError(
+            f"rollout: with others, worlds must begin their next episode in the step after the end, and those of the "
+            f"environment have autoreset_mode={env.autoreset_mode.value!r}: who won could not be seen"
+        )
+    plain(env)
     weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
     mixture = Mixture(weighted, env, range(env.num_agents), _titles([each for each, _ in entries[1:]]))
     against = Against(env, policy, mixture)

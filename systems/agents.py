@@ -42,7 +42,7 @@ from outlast.ecs import (
     kernel,
     number,
 )
-from outlast.ecs.simd import SIMD_WIDTH, load_flags, to_bits
+from outlast.ecs.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
 
 from .geometry.bounds import check_fits, ends, farthest_body
 from .observation_rows import write_rows
@@ -97,6 +97,7 @@ def update_masks(
     peers: Bitset[Side],
     rows: Bitset[Entity],
     alive: Scratch,
+    present: Scratch,
 ) -> None:
     """Set the masks of observations, and which rows are filled.
 
@@ -105,12 +106,16 @@ def update_masks(
     """
     mode = sight.mode[0]
     for b in range(peers.size):
-        alive[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & rows[b]
+        alive[b], present[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & rows[b], peers[b]
+    if mode != MASKED:
+        for e in agents:
+            if entities.identity[e] < 0:  # absent: observed by nobody
+                present[e >> SIMD_SHIFT] &= ~(1 << (e & SIMD_WIDTH - 1))
     for i in range(agents.size):
         living = -np.int32(entities.alive[agents[i]])  # all bits, or none
         for b in range(peers.size):
             mask = living & alive[b] if mode == OMNISCIENT else living & alive[b] & sight.visible[i, b]
-            filled = mask if mode == MASKED else alive[b] | peers[b]
+            filled = mask if mode == MASKED else alive[b] | present[b]
             masks.dirty[i, b] = masks.filled[i, b] | filled
             masks.filled[i, b] = filled
             masks.mask[i, b] = mask

@@ -58,12 +58,6 @@ class Cameras(Module):
         return make_scratch(name, dims)
 
 
-@Cameras.system(Phase.DRAW)
-def set_mode(sight: Write[Sight], mode: int) -> None:
-    """Set what observations hold."""
-    sight.mode[0] = mode
-
-
 @Cameras.system(Phase.SEE)
 def see(
     sight: Write[Sight],
@@ -85,9 +79,11 @@ def see(
     depth: float,
     cone: int,
     items_occlude: bool,
+    mode: int,
 ) -> None:
     """Compute visibility, while everything is still in the world."""
-    if sight.mode[0] == OMNISCIENT:
+    sight.mode[0] = mode
+    if mode == OMNISCIENT:
         return
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     aabbs, living = compute_aabbs(half_extents, body, shape), nonempty_blocks(alive_blocks, entities, bodies)

@@ -98,11 +98,9 @@ def aim(
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
-        if not entities.alive[me]:
-            continue
-        if weapon.cooldown[me] > 0:
+        if weapon.cooldown[me] > 0:  # ticks pass for the dead, too, who may come back
             weapon.cooldown[me] -= 1
-        elif attack.attack[i]:
+        elif entities.alive[me] and attack.attack[i]:
             k = emit(strikes)
             strikes.agent[k], strikes.target[k] = me, -1
     if strikes.count[0] == first:

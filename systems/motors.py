@@ -71,6 +71,7 @@ def drive(
         if give == 0:
             push.x[e], push.y[e], push.turn[e] = x, y, around
         else:
+            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # of a tick in which `give` was another one
             inverse_mass = inverse(solid.mass[e])
             body.vx[e] += inverse_mass * x
             body.vy[e] += inverse_mass * y

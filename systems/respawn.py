@@ -40,7 +40,7 @@ class Respawn(Module):
     """Agents come back `ticks` ticks after they died: at rest, with the hit points that they began with.
 
     The place is drawn uniformly over where they touch nothing. If none of 32 draws is free, they wait for another tick.
-    Items are not given back. As nobody is dead for good, episodes end at their limit: ending_rule = "never".
+    What they dropped is not given back. As nobody is dead for good, episodes end at their limit: ending_rule = "never".
     """
 
     ticks: int = number(100, low=1, high=TICKS, per_agent=True, unit="ticks", about="from death to return")

@@ -31,6 +31,12 @@ class SpawnGrid(Module):
         return {"cells": self.cells**2}
 
     def check(self, layout: Layout) -> None:
+        room = layout.numbers("room")
+        if room.get("walls") and room["thickness"] * self.cells > 1:
+            raise NumberError(
+                f"room.thickness = {room['thickness']:g}: the walls would cover the middles of the outer cells of "
+                f"spawn_grid.cells = {self.cells}; take at most {1 / self.cells:g}, or fewer cells"
+            )
         bodies = len(layout.rows(Spawned))
         if bodies > self.cells**2:
             kinds = [a for a in layout.archetypes.values() if any(isinstance(part, Spawned) for part in a.parts)]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from outlast.components import Return
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import SAVED
@@ -123,6 +124,8 @@ class TrainingConfig:
         """
         if self.dead not in DEAD:
             raise TrainingError(f"dead = {self.dead!r}: allowed are {', '.join(map(repr, DEAD))}")
+        if self.dead == "drop" and self._comes_back():
+            raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
         if self.policies not in POLICIES:
             raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
         if self.prioritised and self.opponents.keys() <= {SELF}:
@@ -157,6 +160,11 @@ class TrainingConfig:
         if imitated and name.endswith(SAVED) and self.processes > 1:
             raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with more")
 
+    def _comes_back(self) -> bool:
+        """Whether dead agents return to the world."""
+        kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
+        return any(isinstance(part, Return) for kind in kinds for part in kind.parts)
+
     def _check_levels(self, levels: Any) -> None:
         if not callable(levels):
             raise TrainingError(f"levels = {levels!r:.200}: a function is needed, of progress to a list of levels")
@@ -188,4 +196,10 @@ class TrainingConfig:
     @property
     def size(self) -> tuple[int, int]:
         """Worlds, and environment steps of a rollout."""
-        return preset(self.preset).size(self.scenario.numbers()["agents_count"], self.worlds, self.rollout)
+        return preset(self.preset).size(self.agents, self.worlds, self.rollout)
+
+    @property
+    def agents(self) -> int:
+        """Of a world; where their number varies, the most."""
+        varied = dict(self.scenario.varied).get("agents_count")
+        return int(varied.extremes()[1] if varied else self.scenario.numbers()["agents_count"])

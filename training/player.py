@@ -118,7 +118,7 @@ class Player:
 
     def check(self, env: SurvivalVectorEnv) -> None:
         """Check that it can play in these worlds. Raises TrainingError."""
-        self._check(env.observe())
+        self._check(env._reader.views)  # whatever form a learner gets them in
         checkpoint.check_fields(self.header, env)
         known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
         if known != asked:
@@ -246,8 +246,19 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:
-    """The policy of a checkpoint of `outlast train`, to play with or against: see Player. Raises TrainingError.
+    """The policy of a checkpoint of `outlast train`, to play with or against.
 
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
+
+    Args:
+        path: The file, `steps_0001000000.zip`.
+        seed: Of the generator that samples actions; None: the likeliest actions.
+
+    Returns:
+        A function of observations, float32 (..., agents, ...) by key, to actions, int64 (..., agents, actions); see
+        Player.
+
+    Raises:
+        TrainingError: The file cannot be read, or is broken.
     """
     return Player(path, seed)

@@ -24,7 +24,7 @@ class Workload:
     @classmethod
     def of(cls, config: TrainingConfig) -> "Workload":
         """That of a run."""
-        (worlds, rollout), agents = config.size, config.scenario.numbers()["agents_count"]
+        (worlds, rollout), agents = config.size, config.agents
         partly = not config.opponents.keys() <= {SELF}
         return cls(config.steps, rollout * agents, (worlds, rollout // worlds, agents), partly)
 

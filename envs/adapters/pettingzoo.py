@@ -159,6 +159,8 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             NotResetError: The episode is over, or has not begun.
         """
         self._check_open()
+        if not self.agents and not actions and self.base_env._tracker.running[0]:
+            return {}, {}, {}, {}, {}  # as wrappers expect that step on when the last agent is gone
         if not self.agents:
             raise NotResetError("step() with no agents: the episode is over or has not begun; call reset() first")
         _, reward, terminated, truncated, info = self.base_env.step(self._joint(actions))
@@ -339,7 +341,15 @@ def parallel_env(
 def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     """One world as a PettingZoo AECEnv, in which agents act in turns and the tick comes after the last of them.
 
-    Arguments and errors are those of `parallel_env`; `unwrapped` is its SurvivalParallelEnv.
+    Args:
+        scenario: A Scenario, or the name of one: "ffa_3", "mygame.py:arena".
+        **options: The other arguments of `parallel_env`.
+
+    Returns:
+        The AECEnv; its `unwrapped` is the SurvivalParallelEnv that `parallel_env` returns.
+
+    Raises:
+        ScenarioError, NumberError, ValueError: As `parallel_env`.
     """
     return parallel_to_aec(parallel_env(scenario, **options))
 

@@ -141,10 +141,10 @@ class EpisodeTracker:
             self.flags = found
         return int(found)
 
-    def reset(self, runner: Any, some: Array, keys: tuple[Array, Array] | None = None) -> None:
+    def reset(self, runner: Any, some: Array, keys: tuple[Array, Array, Array] | None = None) -> None:
         """Begin new episodes in the worlds `some`, bool (worlds,).
 
-        keys: seeds and worlds, (worlds,) each, that key their random numbers from now on.
+        keys: seeds and worlds, (worlds,) each, that key their random numbers from now on, and of which worlds, bool.
         """
         self.mode[:] = np.where(some, RESET, SKIP)
         if keys is not None and runner is not self._worlds and runner.recording:
@@ -153,13 +153,14 @@ class EpisodeTracker:
             self._clear(some & ~self.running)
         self.run(runner, keys)
 
-    def run(self, runner: Any, keys: tuple[Array, Array] | None = None) -> None:
+    def run(self, runner: Any, keys: tuple[Array, Array, Array] | None = None) -> None:
         """Take the worlds through the tick, by their `mode`. If it is cut short, as by Ctrl-C, they no longer run."""
         before, ran, outcome = self.running.copy(), self.mode != SKIP, FAILED
         self.running[ran] = False
         try:
             if keys:
-                self._worlds.seed(keys[0][ran], keys[1][ran], ran)
+                seeded = ran & keys[2]
+                self._worlds.seed(keys[0][seeded], keys[1][seeded], seeded)
             runner.run(self.mode)
             outcome = COMPLETED
         except RecordingError:  # ahead of the run, or after it

@@ -50,7 +50,7 @@ def make_vec(
         scaled: Whether observations, and `state`, are divided by the scales of their fields to about -1 to 1, with
             angles wrapped; what has no bounds is clipped to -10 to 10.
         action_masks: Whether info has "action_mask", int8: what `action_masks` returns.
-        specialize: Whether to compile for this scenario alone: steps take 10 to 20 % less time, and a scenario whose
+        specialize: Whether to compile for this scenario alone: steps take 15 to 25 % less time, and a scenario whose
             mechanics or sizes are new some ten seconds, once. Otherwise scenarios share what is compiled.
         interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
         **numbers: Numbers of the scenario to change, as `Scenario.replace` takes them.

@@ -52,14 +52,19 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
         raise ValueError(f"autoreset_mode = {mode!r}: allowed are {known}") from None
 
 
-def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array]:
-    """Seeds and worlds, uint64 (count,), that key the worlds' random numbers; see SurvivalVectorEnv.reset."""
+def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array, Array]:
+    """What keys the worlds' random numbers, see SurvivalVectorEnv.reset.
+
+    Returns:
+        Seeds and worlds, uint64 (count,), and which worlds get them, bool (count,): those without a seed go on.
+    """
     given = np.asarray(seed, object)
     if given.ndim == 0:
-        return np.full(count, _seed(seed)), (first_world + np.arange(count)).astype(np.uint64)
+        return np.full(count, _seed(seed)), (first_world + np.arange(count)).astype(np.uint64), np.ones(count, bool)
     if given.shape != (count,):
         raise ValueError(f"seed has shape {given.shape}: one integer, or one for each of {count} worlds")
-    return np.array([_seed(s) for s in given], np.uint64), np.zeros(count, np.uint64)
+    seeds = np.array([0 if each is None else _seed(each) for each in given], np.uint64)
+    return seeds, np.zeros(count, np.uint64), np.array([each is not None for each in given], bool)
 
 
 def _seed(value: Any) -> np.uint64:

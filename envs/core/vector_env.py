@@ -78,7 +78,7 @@ class SurvivalVectorEnv(Described):
     See `make_vec`, which also takes the name of a variant.
 
     ## Version History
-    v1: as in outlast 0.1.
+    v1: the rules of the paper's runs. v0: those of outlast 0.1.0.
     """
 
     def __init__(
@@ -137,20 +137,23 @@ class SurvivalVectorEnv(Described):
         self._stops: Stops | None = None
         self._wrappers_checked = False
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
-        self.worlds.seed(*keys(seed, self.num_worlds, self.first_world))
+        self.worlds.seed(*keys(seed, self.num_worlds, self.first_world)[:2])
         with announce_compilation(self.worlds, scenario.name):
             self._tracker.load()
             self.worlds.run(self._tracker.mode)  # nothing moves
 
     @exclusive
     def reset(
-        self, *, seed: int | list[int] | np.ndarray[Any, Any] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | list[int | None] | np.ndarray[Any, Any] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
         """Start new episodes.
 
         Args:
             seed: An int keys the random numbers of world i by (seed, first_world + i); a sequence of num_worlds ints
-                keys them by (seed[i], 0). None: every world goes on to its next episode.
+                keys them by (seed[i], 0). None, for all or in the sequence: the world goes on to its next episode.
             options: {"reset_mask": bool (worlds,)}: the worlds to reset; without it, all.
 
         Returns:
@@ -240,20 +243,37 @@ class SurvivalVectorEnv(Described):
 
         Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. With
         copy=False, the arrays that the call before returned are overwritten while the step runs.
+
+        Args:
+            actions: As for `step`.
+
+        Raises:
+            PendingError: A step runs already.
+            ClosedError: The environment is closed.
         """
         check_callable(self)
         self._guard.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """What `step` would have returned or raised for the actions that were sent."""
+        """Wait for the step that `send` began.
+
+        Returns:
+            What `step` would have returned for the actions that were sent.
+
+        Raises:
+            PendingError: Nothing was sent.
+            ActionError, NotResetError, FaultError: As `step`, for the actions that were sent.
+        """
         result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._guard.fetch()
         return result
 
     @exclusive
     def render(self) -> tuple[Any, ...] | None:
-        """Draw every world: a tuple of uint8 (height, width, 3), RGB, or of texts, as render_mode says.
+        """Draw every world. `outlast.draw(env.worlds, w)` draws one of many.
 
-        None, with a warning, without a render_mode. `outlast.draw(env.worlds, w)` draws one of many worlds.
+        Returns:
+            A tuple with a frame for each world: "rgb_array", uint8 (height, width, 3); "ansi", a text. None, with a
+            warning, without a render_mode.
         """
         return render_worlds(self.worlds, self.render_mode)
 
@@ -278,7 +298,14 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
-        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
+        """The state of some worlds as plain arrays, in mid-episode or not.
+
+        Args:
+            where: The worlds: mask, indices or slice.
+
+        Returns:
+            A State with one row a world, which `set_state` takes.
+        """
         return snapshot(self.scenario, self.worlds, self._tracker.masks, where)
 
     @exclusive

@@ -12,11 +12,31 @@ from outlast.ecs import Clock
 
 from ..core.described import Actions, Arrays
 from ..core.vector_env import SurvivalVectorEnv
+from ..errors import UsageError
 from .styles import camper, follow, healer, hoarder, hunter, scripted
 
 Policy = Callable[[Arrays], Actions]
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # SplitMix64's step: 2**64 over the golden ratio
+
+
+STYLES = {"scripted": scripted, "camper": camper, "hunter": hunter, "hoarder": hoarder, "healer": healer}
+
+
+def plain(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
+    """The environment, if its observations and actions are as policies take and give them.
+
+    Raises:
+        UsageError: Observations are flat or scaled, or actions joint.
+    """
+    forms = {"observations": (env._reader.kind, "dict"), "scaled": (env._reader.scaled, False)}
+    forms["actions"] = env._actions.kind, "multi"
+    for name, (here, needed) in forms.items():
+        if here != needed:
+            raise UsageError(
+                f"the environment has {name}={here!r}, and this policy needs {name}={needed!r}: make another one for it"
+            )
+    return env
 
 
 def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -32,7 +52,7 @@ def random_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy; the observations do not matter to it.
     """
-    draw = joint_action_sampler(env.action_sizes)
+    draw = joint_action_sampler(env.action_sizes, env._actions.kind == "joint")
     (key,) = np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)
     worlds = np.arange(env.num_worlds, dtype=np.uint64)[:, None] + np.uint64(env.first_world)
     state = mix64(mix64(key + worlds) + np.arange(env.num_agents, dtype=np.uint64))
@@ -54,7 +74,7 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy; the observations do not matter to it.
     """
-    actions = np.broadcast_to(env.noop.astype(np.int8), (env.num_worlds, env.num_agents, len(env.noop)))
+    actions = np.broadcast_to(env.noop, (env.num_worlds, env.num_agents, *env.noop.shape))
     return lambda observations: actions
 
 
@@ -68,7 +88,7 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(scripted, env)
+    return follow(scripted, plain(env))
 
 
 def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -84,7 +104,7 @@ def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(camper, env)
+    return follow(camper, plain(env))
 
 
 def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -99,7 +119,7 @@ def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(hunter, env)
+    return follow(hunter, plain(env))
 
 
 def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -114,7 +134,7 @@ def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(hoarder, env)
+    return follow(hoarder, plain(env))
 
 
 def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
@@ -129,7 +149,7 @@ def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     Returns:
         A policy.
     """
-    return follow(healer, env)
+    return follow(healer, plain(env))
 
 
 POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
@@ -144,7 +164,7 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 
 
 def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
-    """One of POLICIES for some agents only, whose observations it gets.
+    """One of POLICIES for some agents only, whose observations it gets by key and unscaled, whatever `env` returns.
 
     Args:
         name: Of the policy. "random" is a function of (seed, world, episode, tick, agent), whenever it is called.
@@ -154,13 +174,21 @@ def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
     if name == "random":
         draw, clock, ids = joint_action_sampler(env.action_sizes), env.worlds[Clock], np.asarray(agents, np.uint64)
         return lambda observations: draw(hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
-    policy = POLICIES[name](env, 0)
-    return policy if name != "noop" else lambda observations: policy(observations)[:, : len(agents)]
+    if name == "noop":
+        shape = (env.num_worlds, len(agents), len(env.action_sizes))
+        nothing = np.broadcast_to(env._actions.zeros.astype(np.int8), shape)
+        return lambda observations: nothing
+    return follow(STYLES[name], env)
 
 
-def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
-    """A function from uniform uint64 numbers to joint actions, int8 (..., actions), all of them equally likely."""
+def joint_action_sampler(sizes: Any, joint_numbers: bool = False) -> Callable[[Any], Actions]:
+    """A function from uniform uint64 numbers to joint actions, all of them equally likely.
+
+    They are int8 (..., actions), or with `joint_numbers` the numbers of joint actions, integers (...).
+    """
     joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
+    if joint_numbers:
+        joint = np.arange(len(joint))
     count, half = np.uint64(len(joint)), np.uint64(32)
 
     def sample(numbers: Any) -> Actions:

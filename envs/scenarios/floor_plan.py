@@ -146,6 +146,9 @@ class FloorPlan:
     def load(cls, path: str | os.PathLike[str]) -> "FloorPlan":
         """Read what `save` wrote, or a plan in characters of a metre each (see `from_text`).
 
+        Args:
+            path: The file.
+
         Raises:
             ScenarioError: It is neither, of another version, or damaged.
             OSError: It cannot be read.
@@ -162,7 +165,14 @@ class FloorPlan:
             raise ScenarioError(f"{name} is no floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a JSON file, whole or not at all. Raises OSError if it cannot be."""
+        """Write a JSON file, whole or not at all; what was there before is replaced.
+
+        Args:
+            path: The file.
+
+        Raises:
+            OSError: It cannot be written.
+        """
         starts = [list(each) for each in self.starts]
         values = (FORMAT, VERSION, self.width, self.height, [list(each) for each in self.walls], starts)
         with atomic_write(Path(path)) as place:

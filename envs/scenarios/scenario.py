@@ -100,12 +100,22 @@ class Scenario:
         return f"Scenario({self.name!r}, {len(self.modules)} mechanics{chains})"
 
     def without(self, *kinds: type[Module] | str) -> "Scenario":
-        """The same without some mechanics, by class or name ("melee"). Raises ScenarioError for absent ones."""
+        """The same without some mechanics.
+
+        Args:
+            *kinds: Classes or names ("melee").
+
+        Raises:
+            ScenarioError: One of them is not in the scenario.
+        """
         gone = [self._find(kind) for kind in kinds]
         return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
         """The same with more mechanics; one of a kind that is there already is replaced.
+
+        Args:
+            *modules: Instances, such as Melee(damage=20).
 
         Raises:
             ScenarioError: What is given is no mechanic.
@@ -230,7 +240,16 @@ class Scenario:
         return self._derived(modules=(*others, *shown), by_role=by_role)
 
     def worlds(self, count: int, threads: int = 1, **options: Any) -> Worlds:
-        """Worlds of it. options: those of ecs.Worlds. Raises what that raises."""
+        """The tables of some worlds, without an environment around them.
+
+        Args:
+            count: How many worlds.
+            threads: How many threads advance them.
+            **options: Other arguments of ecs.Worlds.
+
+        Raises:
+            DeclarationError, NumberError, ScheduleError: As ecs.Worlds.
+        """
         options |= {
             "ordered": self.order,
             "varied": dict(self.varied),
@@ -240,7 +259,11 @@ class Scenario:
         return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":
-        """The same by the name of another one that it was derived from: for changes that make no other game."""
+        """The same by the name of another one: for changes that make no other game.
+
+        Args:
+            other: The scenario whose `name` and `about` it gets.
+        """
         made = dataclasses.replace(self, name=other.name, about=other.about)
         object.__setattr__(made, "origin", other.origin or other)
         object.__setattr__(made, "added", self.added)
@@ -302,6 +325,9 @@ class Scenario:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_json` to a file, whole or not at all; what was there before is replaced.
 
+        Args:
+            path: The file.
+
         Raises:
             OSError: It cannot be written.
         """
@@ -311,6 +337,9 @@ class Scenario:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Scenario":
         """Read what `save` wrote.
+
+        Args:
+            path: The file.
 
         Raises:
             ScenarioError: The file cannot be read, or as for `from_json`.
@@ -351,9 +380,17 @@ class Scenario:
         return None
 
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
-        """Module and number that `replace` changes under this name, which may be one of an earlier version.
+        """Find what `replace` changes under a name, which may be one of an earlier version.
 
-        NumberError if there is none; it may be meant for one of the `options` of a function.
+        Args:
+            asked: The name, such as "melee_damage" or "n_agents".
+            options: Other words that may have been meant, for the hint of the error.
+
+        Returns:
+            Name of the module and of the number: ("melee", "damage").
+
+        Raises:
+            NumberError: There is no such number.
         """
         for key in (_full(asked), renamed.NUMBERS.get(_full(asked), "")):
             for module in self.modules:
@@ -363,10 +400,12 @@ class Scenario:
         known = self.known_numbers()
         near = difflib.get_close_matches(asked, [*options, *known], 3)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
+        if asked == "max_episode_steps":
+            hint = "the time limit of a scenario is its number ending_limit. "
         raise NumberError(f"{self.name} has no number '{asked}'; {hint}Known: {', '.join(known)}")
 
     def known_numbers(self) -> list[str]:
-        """Every name that `replace` takes."""
+        """Every name that `replace` takes, those of today: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
 
 

@@ -84,9 +84,14 @@ def base(name: str) -> str:
 
 
 def variant(name: str) -> Scenario:
-    """The paper's variant of that name or of its original name, with ablations: "teams_2+health_cap", see ABLATIONS.
+    """One of the paper's variants, with ablations if the name has some.
 
-    An unknown name is a ScenarioError that lists all.
+    Args:
+        name: Our name or the paper's, "teams_2" or "2v2_heals_mid", with ablations behind a plus: "teams_2+health_cap",
+            see ABLATIONS.
+
+    Raises:
+        ScenarioError: There is no such variant, and the error lists all, or no such ablation.
     """
     plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))

@@ -59,6 +59,9 @@ class State:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file without pickle, uncompressed, with a version and a checksum; whole or not at all.
 
+        Args:
+            path: The file; what was there before is replaced.
+
         Raises:
             OSError: It cannot be written.
         """
@@ -70,6 +73,9 @@ class State:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
         """Read what `save` wrote. Its numbers are checked when it is restored, as their ranges depend on the scenario.
+
+        Args:
+            path: The file.
 
         Raises:
             StateError: It is no saved state, of another version, or damaged.

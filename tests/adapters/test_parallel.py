@@ -17,6 +17,7 @@ import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.ecs import Entity
 from outlast.envs.core.agents import counts_vary, present
+from outlast.envs.errors import NotResetError
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, SHORT
 from tests.helpers.execution_modes import short as scenario
@@ -120,6 +121,19 @@ def test_seeds(name: str, dead: str) -> None:
 
 def test_max_cycles() -> None:
     max_cycles_test(parallel)
+
+
+def test_a_step_without_agents_and_actions_is_empty() -> None:
+    """As in PettingZoo's own environments: SuperSuit's black_death goes on stepping when the last agent is gone."""
+    env = outlast.parallel_env("ffa_2", max_episode_steps=2)
+    with pytest.raises(NotResetError, match="the episode is over or has not begun"):
+        env.step({})
+    env.reset(seed=0)
+    while env.agents:
+        env.step({})
+    assert env.step({}) == ({}, {}, {}, {}, {})
+    with pytest.raises(NotResetError, match="the episode is over or has not begun"):
+        env.step({"agent_0": env.action_space("agent_0").sample()})
 
 
 @pytest.mark.parametrize("name", EACH_LEVEL)

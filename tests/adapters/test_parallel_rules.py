@@ -213,7 +213,7 @@ def test_calls_out_of_order() -> None:
     env.reset()
     list(play(env))
     with pytest.raises(NotResetError, match=r"episode is over.*reset\(\)"):
-        env.step({})
+        env.step(dict.fromkeys(env.possible_agents, 0))
     assert env.state_space.contains(env.state())  # the end can be looked at
     env.close()
     env.close()

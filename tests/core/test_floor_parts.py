@@ -113,7 +113,7 @@ def test_the_command_warns_of_parts(capsys: Any, tmp_path: Path) -> None:
     game = ("--variant", "teams_3", "--set", "safe_zone_radii=2,1", "--set", "n_heals=2", "--set", "n_boxes=1")
     game += ("--set", "agents_radius=0.3")
     for name, warned in ((tmp_path / "split.txt", True), (tmp_path / "one.txt", False), ("rooms", False)):
-        status, _, err = run(capsys, "layout", name, *(game if name != "rooms" else ()), "--out", tmp_path / "a.json")
+        status, _, err = run(capsys, "layout", name, *(game if name != "rooms" else ()), "--out", tmp_path / "a.png")
         assert status == 0, err
         assert ("cannot get from one part of the floor to another" in err) == warned, err
         if warned:

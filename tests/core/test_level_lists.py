@@ -15,6 +15,7 @@ from outlast.ecs import NumberError
 from outlast.ecs.per_agent import AgentRoles
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import NotResetError, RecordingError, ScenarioError, StateError
+from outlast.envs.levels import check
 from outlast.systems import Maze
 from tests.conftest import draw_actions, scaled
 
@@ -108,7 +109,7 @@ def test_mutations_change_so_many_numbers_and_stay_in_range() -> None:
         changed = level.mutated(DUEL, rng, count)
         assert sum(changed.numbers[name] != level.numbers[name] for name in level.numbers) <= count
         assert changed.key == level.key
-        levels.check(changed, dict(DUEL.varied))
+        check(changed, dict(DUEL.varied))
     assert level.mutated(DUEL, rng, rekey=True).key != level.key
     env.set_levels([level.mutated(DUEL, rng, 3, rekey=True) for _ in range(6)])
     env.reset()

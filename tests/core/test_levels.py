@@ -410,6 +410,22 @@ def test_systems_that_read_no_varied_number_are_compiled_as_they_were() -> None:
     assert sources[1].keys() - sources[0].keys() == {"numbers"}
 
 
+@pytest.mark.parametrize("mode", ["masked", "revealed", "omniscient"])
+@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
+def test_the_absent_are_observed_by_nobody(name: str, mode: str) -> None:
+    """In their rows are zeros, also where the rows of all that exists are filled, and where worlds had more agents."""
+    varied = outlast.variant(name).replace(cameras_mode=mode, n_agents=4, ending_limit=3)
+    env = make(varied.vary(n_agents=integers(2, 4)), 30)
+    for _ in range(9):
+        observations, _, _, _, info = env.step(np.tile(env.noop, (30, 4, 1)))
+        assert env.observation_space.contains(observations)
+        for i in range(4):
+            others = np.delete(np.arange(4), i)
+            gone = ~info["present"][:, others] | ~info["present"][:, [i]]
+            assert not observations["others"][:, i][gone].any()
+        assert (~info["present"]).any()
+
+
 def test_observations_of_the_absent_are_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     env = make(outlast.variant("teams_4+steering").vary(n_agents=integers(2, 6)).replace(cameras_mode="omniscient"))
     observations, _, _, _, info = env.step(np.broadcast_to(env.noop, (8, 6, len(env.noop))))

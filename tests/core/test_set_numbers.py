@@ -8,6 +8,7 @@ import pytest
 from conftest import digest, draw_actions, scaled
 
 import outlast
+from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.errors import RecordingError
 
@@ -38,6 +39,29 @@ def test_changed_numbers_are_as_those_that_worlds_were_made_with(threads: int) -
     env.set_numbers(**{name: duel.numbers()[name] for name in OTHERS})
     assert played(env, ticks)[0] == before[0]
     assert not env.worlds.changed
+
+
+def test_motors_that_give_at_once_leave_nothing_of_before() -> None:
+    """A push of the tick before, given evenly, would go on for ever."""
+    env, speeds = outlast.make_vec("ffa_2", 3, seed=6, motors_give="evenly"), []
+    env.reset()
+    idle = np.tile(env.noop, (3, 2, 1))
+    env.step(idle + np.eye(6, dtype=int)[0])
+    env.set_numbers(motors_give="at once")
+    body = env.worlds[Body]
+    for _ in range(20):
+        env.step(idle)
+        speeds.append(np.hypot(body.vx, body.vy)[:, :2])
+    assert (np.diff(speeds, axis=0) < 0).all()
+
+
+@pytest.mark.parametrize(("mode", "masks"), [("omniscient", 36), ("masked", 0)])
+def test_what_is_observed_changes_from_the_next_step_on(mode: str, masks: int) -> None:
+    other = "masked" if mode == "omniscient" else "omniscient"
+    env = outlast.make_vec("teams_3", 3, seed=1, cameras_mode=other, cameras_depth=0.01)
+    env.reset()
+    env.set_numbers(cameras_mode=mode)
+    assert env.step(np.tile(env.noop, (3, 4, 1)))[0]["others_mask"].sum() == masks
 
 
 def test_a_system_that_runs_as_python_gets_them_too() -> None:

@@ -56,6 +56,8 @@ def first_on_ray(
 
 def hurt(world: World, entity: NaiveEntity, amount: int, damage_type: str, side: int) -> None:
     """Take hit points. The loss that counts is the last of the tick in which they came to 0 or below; else the last."""
+    if not amount:
+        return
     before, entity.health = entity.health, entity.health - amount
     entity.losses.append(Loss(world.tick, world.damage_types.index(damage_type), side, before, entity.health))
     blame = entity.losses[-1]
@@ -142,10 +144,10 @@ def choose_taker(world: World, giver: NaiveEntity) -> NaiveEntity | None:
 def melee(world: World, actions: Actions) -> None:
     """All look first, then all strike, in order. After a strike that met something the weapon rests."""
     blows = []
-    for agent in world.live("agent"):
+    for agent in world.of("agent"):
         if agent.wait > 0:
             agent.wait -= 1
-        elif actions[agent.index]["attack"]:
+        elif agent.here and actions[agent.index]["attack"]:
             strike = ahead(agent, world.own(agent)["melee_reach"])
             target = first_on_ray((agent.x, agent.y), strike, in_the_way(world, agent))
             if target:  # which a wall inside of the room may hide

@@ -2,10 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Guard, Shape, Side
+from outlast.components import Body, Guard, Shape, Side, Spawned
+from outlast.ecs import NumberError
 from tests.conftest import scaled
 from tests.helpers.naive_world import TOLERANCE, World, read
 from tests.helpers.random_worlds import RUNS
@@ -120,3 +122,15 @@ def test_walls_stand_astride_the_edges_and_meet_in_the_corners(numbers: dict[str
     assert sorted(walls) == sorted(
         [(edge, 0, thin, edge), (-edge, 0, thin, edge), (0, edge, edge, thin), (0, -edge, edge, thin)]
     )
+
+
+def test_nobody_starts_in_a_thick_wall() -> None:
+    thick = outlast.variant("ffa_1").replace(room_thickness=0.125)
+    env = outlast.make_vec(thick, COUNT, seed=0)
+    env.reset()
+    middles, inside = env.worlds[Body], 12.5 * (1 - 0.125)
+    spawned = env.worlds.layout.rows(Spawned)
+    assert np.abs(np.stack([middles.x[:, spawned], middles.y[:, spawned]])).max() <= inside
+    with pytest.raises(NumberError, match=r"walls would cover the middles .* = 8; take at most 0.125"):
+        outlast.make_vec(thick.replace(room_thickness=0.13), 1)
+    outlast.make_vec(thick.replace(room_thickness=0.13, room_walls=False), 1).close()

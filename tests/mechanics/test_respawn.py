@@ -8,11 +8,11 @@ import pytest
 
 import outlast
 from outlast import make_vec, variant
-from outlast.components import Body, Box, Died, Health, Return, Shape, Solid
+from outlast.components import Body, Box, Died, Health, Return, Shape, Solid, Weapon
 from outlast.ecs import Entity, NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import scripted_policy
-from outlast.systems import Respawn
+from outlast.systems import Preparation, Respawn
 from tests.conftest import COMPILED, draw_actions, scaled
 
 WORLDS, DELAY, LIMIT = scaled(60, least=3), 7, scaled(250, least=40)
@@ -85,6 +85,25 @@ def test_who_comes_back_is_new_and_touches_nothing() -> None:
             assert max(abs(worlds[Body].x[w, e]), abs(worlds[Body].y[w, e])) < 5
             found += 1
     assert found > 0
+
+
+@pytest.mark.parametrize("waits", ["preparation", "cooldown"])
+def test_ticks_without_attack_pass_for_the_dead_too(waits: str) -> None:
+    game = variant("ffa_1").with_(Respawn(ticks=5)).replace(ending_rule="never", ending_limit=99, room_size=9.0)
+    game = game.with_(Preparation(ticks=20)) if waits == "preparation" else game.replace(melee_cooldown=20)
+    env, struck = make_vec(game, 1, seed=0), {0: [], 1: []}
+    env.reset()
+    actions = np.tile(env.noop, (1, 2, 1))
+    actions[..., 3] = 1
+    if waits == "cooldown":
+        env.worlds[Weapon].cooldown[0, :2] = 20
+    for tick in range(1, 24):
+        if tick == 3:
+            env.worlds[Health].points[0, 0] = 0
+        env.step(actions)
+        for agent in env.events()["strike"]["agent"]:
+            struck[int(agent)].append(tick)
+    assert (struck[0][0], struck[1][0]) == (21, 21)
 
 
 def test_where_they_come_back_is_spread_over_the_room() -> None:

@@ -15,6 +15,7 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 from outlast.training import checkpoint  # noqa: E402
 from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.errors import TrainingError  # noqa: E402
 from outlast.training.workload import Workload  # noqa: E402
 from tests.training.test_run import names, outlast_train, points  # noqa: E402
 
@@ -94,12 +95,22 @@ def work(steps: int, **options: Any) -> Workload:
     return Workload.of(TrainingConfig(outlast.variant("ffa_2"), steps=steps, **options))
 
 
+def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
+    back = outlast.variant("ffa_2").with_(outlast.systems.Respawn()).replace(ending_rule="never", ending_limit=9)
+    assert TrainingConfig(back, steps=1).dead == "keep"
+    with pytest.raises(TrainingError, match="dead = 'drop': agents come back here"):
+        TrainingConfig(back, steps=1, dead="drop")
+
+
 def test_whole_rollouts_are_said_before_they_are_collected() -> None:
     """F23: --steps 100 collects 65,536, and showed 0.00/100 meanwhile."""
     sizes = "(256 worlds x 128 steps x 2 agents)"
     assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
     assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
     assert (work(100).total, work(10**7).total, work(65_537).total) == (65_536, 153 * 65_536, 131_072)
+    varied = outlast.variant("ffa_2").vary(n_agents=outlast.integers(2, 3))
+    asked = TrainingConfig(varied, steps=8192, worlds=8, rollout=1024)
+    assert str(Workload.of(asked)) == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
     partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})
     assert str(partly) == f"10,000,000 agent-steps in at least 153 rollouts of at most 65,536 {sizes}"
     assert (partly.total, work(100, opponents={"scripted": 1.0}).total) == (10**7, 65_536)

@@ -48,7 +48,7 @@ def add(commands: Any) -> None:
     examples = [
         ("train ffa_2", "ten million agent-steps into runs/ffa_2-fast-0"),
         ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
-        ("train ffa_2 --resume --steps 20e6", "go on with a run"),
+        ("train ffa_2 --resume", "go on with a run"),
     ]
     text = "train the agents of a variant with PPO"
     description = (
