@@ -186,7 +186,7 @@ def joint_action_sampler(sizes: Any, joint_numbers: bool = False) -> Callable[[A
 
     They are int8 (..., actions), or with `joint_numbers` the numbers of joint actions, integers (...).
     """
-    joint = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
+    joint: Any = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int8)
     if joint_numbers:
         joint = np.arange(len(joint))
     count, half = np.uint64(len(joint)), np.uint64(32)
