@@ -40,7 +40,7 @@ class Use(Action, order=2):
 
 
 class Give(Action, order=3):
-    """Give the last item of the bag to the agent that `give_last_nearest` says."""
+    """Give the last item of the bag to an agent in reach; `give_last_nearest` says to which."""
 
     give: Array = column("i1", "agents", low=0, high=1)
 

@@ -14,18 +14,7 @@ from typing import Any
 import numpy as np
 
 from .archetype import Archetype, listed, merge
-from .component import (
-    Action,
-    Clock,
-    Column,
-    Component,
-    Entity,
-    Observation,
-    Signal,
-    Singleton,
-    Statistic,
-    as_stored,
-)
+from .component import Action, Clock, Column, Component, Entity, Observation, Signal, Singleton, Statistic
 from .dimensions import dimension_sizes
 from .distributions import Distribution
 from .errors import DeclarationError
@@ -34,6 +23,7 @@ from .fields import Field, placed, width
 from .given import GIVEN_DIM, KEYS, Given
 from .per_agent import AgentNumber, AgentNumbers, AgentRoles, all_patches, forms, place_numbers
 from .placing import Place, place_columns
+from .prefabs import fill, one_of_each
 from .random import stream_number
 from .roles import NEVER, Roles
 from .simd import SIMD_WIDTH
@@ -91,7 +81,7 @@ class Layout:
         self.dims |= dimension_sizes(self.modules, self.dims)
         self.roles = roles
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
-        self.singletons = self._singletons()
+        self.singletons = one_of_each(self.modules)
         _check_keys(Observation, self.singletons)
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         if observed:
@@ -244,21 +234,6 @@ class Layout:
                 f"brings more of them adds to it, as in def dims(self): return {{'{dim}': self.count}}"
             )
 
-    def _singletons(self) -> dict[type[Component], Singleton]:
-        """The singletons, by type. DeclarationError if two modules give one different values."""
-        found: dict[type[Component], tuple[str, Singleton]] = {}
-        for module in self.modules:
-            for own in listed(module, "singletons", Singleton):
-                name, other = found.setdefault(type(own), (module.name, own))
-                for column, declared in own.columns.items():
-                    one, two = (each.fills.get(column, declared.fill) for each in (other, own))
-                    if not np.array_equal(one, two):
-                        raise DeclarationError(
-                            f"{name} gives {type(own).__name__}.{column} the value {one!r:.60}, {module.name} "
-                            f"{two!r:.60}: let one of them bring it, or both the same"
-                        )
-        return {kind: singleton for kind, (_, singleton) in found.items()}
-
     def _observe(self, names: Sequence[str]) -> None:
         """Show varied numbers to agents."""
         self.singletons[NumbersView], start, shown = NumbersView(), 0, dict[str, Field]()
@@ -363,7 +338,7 @@ class Layout:
         block = np.zeros((1, self.world_bytes), np.uint8)
         for singleton, values in self.singletons.items():
             if singleton.packed:
-                _fill(self.columns(block, singleton), slice(None), values, singleton.__name__)
+                fill(self.columns(block, singleton), slice(None), values, singleton.__name__)
         for name, archetype in self.archetypes.items():
             span = slice(self.spans[name].start, self.spans[name].stop)
             entity = self.columns(block, Entity)
@@ -371,7 +346,7 @@ class Layout:
             kind = stream_number(name) >> 33 << 32  # positive, with room for 2**32 entities of a kind
             entity.identity[0, span] = kind + np.arange(archetype.count)
             for part in archetype.parts:
-                _fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}")
+                fill(self.columns(block, type(part)), (0, span), part, f"{name}: {type(part).__name__}")
         return np.ascontiguousarray(block[0])
 
 
@@ -391,16 +366,3 @@ def _check_keys(base: type[Component], components: Iterable[type[Component]]) ->
                     'columns, or give it another key: column(..., key="mine")'
                 )
             owners[key] = owner
-
-
-def _fill(table: Any, where: Any, part: Component, label: str) -> None:
-    """Write prefab values. DeclarationError for one that is not of its column's type or shape."""
-    for name, column in part.columns.items():
-        there = getattr(table, name)[where]
-        value = as_stored(f"{label}.{name}", column, part.fills.get(name, column.fill))
-        try:
-            there[...] = value
-        except ValueError:
-            raise DeclarationError(
-                f"{label}.{name}: a value of the shape {value.shape} is no prefab of {there.shape}"
-            ) from None

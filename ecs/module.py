@@ -284,24 +284,15 @@ class Module:
         """Memory for the Scratch parameter `name`, made for each thread: an array (for a Python system, any object).
 
         Numbers that decide on its shape cannot vary. What it holds at first must not depend on numbers.
-
-        Args:
-            name: The parameter.
-            dims: Sizes by name of the dimension.
-
-        Raises:
-            DeclarationError: By default, as a module with such a parameter has to say what it is.
+        dims: sizes by name of the dimension.
         """
         raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
     def check(self, layout: Layout) -> None:
-        """Refuse numbers that are impossible together with what the other modules bring.
+        """Raise NumberError for numbers that are impossible together with what the other modules bring.
 
         Args:
             layout: What all modules of the scenario bring.
-
-        Raises:
-            NumberError: Such a number. By default: never.
         """
 
     def bounds(self, layout: Layout) -> Mapping[str, Bounds]:

@@ -1,8 +1,9 @@
 """What a caller hands in, checked before anything changes: counts, seeds, masks, actions."""
 
 import warnings
+from collections.abc import Sequence
 from numbers import Integral
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -11,6 +12,7 @@ from ..errors import ActionError
 
 Array = np.ndarray[Any, Any]
 
+Seeds: TypeAlias = int | Sequence[int | None] | np.ndarray[Any, Any]
 MAX_WORLDS = 10**12  # their numbers fit into 64 bits, and no memory holds more
 
 

@@ -27,7 +27,7 @@ from .spaces import check_published
 from .step_buffers import StepBuffers
 from .step_events import StepEvents
 from .step_functions import DONE, FAULTY, FUNCTIONS, OUT_OF_RANGE
-from .validation import MAX_WORLDS, check_choice, check_count, check_flags, keys, reset_mask
+from .validation import MAX_WORLDS, Seeds, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 from .wrappers import refuse_dicts, refuse_reward_sums
 
@@ -144,10 +144,7 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def reset(
-        self,
-        *,
-        seed: int | list[int | None] | np.ndarray[Any, Any] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: Seeds | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, dict[str, Any]]:
         """Start new episodes.
 
@@ -243,37 +240,20 @@ class SurvivalVectorEnv(Described):
 
         Two environments, each half of the worlds (first_world=), keep a policy and the simulation busy at once. With
         copy=False, the arrays that the call before returned are overwritten while the step runs.
-
-        Args:
-            actions: As for `step`.
-
-        Raises:
-            PendingError: A step runs already.
-            ClosedError: The environment is closed.
         """
         check_callable(self)
         self._guard.begin(self._step, actions)
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
-        """Wait for the step that `send` began.
-
-        Returns:
-            What `step` would have returned for the actions that were sent.
-
-        Raises:
-            PendingError: Nothing was sent.
-            ActionError, NotResetError, FaultError: As `step`, for the actions that were sent.
-        """
+        """What `step` would have returned or raised for the actions that were sent. PendingError if none were."""
         result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._guard.fetch()
         return result
 
     @exclusive
     def render(self) -> tuple[Any, ...] | None:
-        """Draw every world. `outlast.draw(env.worlds, w)` draws one of many.
+        """Draw every world: a tuple of uint8 (height, width, 3), RGB, or of texts, as render_mode says.
 
-        Returns:
-            A tuple with a frame for each world: "rgb_array", uint8 (height, width, 3); "ansi", a text. None, with a
-            warning, without a render_mode.
+        None, with a warning, without a render_mode. `outlast.draw(env.worlds, w)` draws one of many worlds.
         """
         return render_worlds(self.worlds, self.render_mode)
 
@@ -298,14 +278,7 @@ class SurvivalVectorEnv(Described):
 
     @exclusive
     def get_state(self, where: Any = slice(None)) -> State:
-        """The state of some worlds as plain arrays, in mid-episode or not.
-
-        Args:
-            where: The worlds: mask, indices or slice.
-
-        Returns:
-            A State with one row a world, which `set_state` takes.
-        """
+        """The state of the worlds `where` (mask, indices or slice) as plain arrays, in mid-episode or not."""
         return snapshot(self.scenario, self.worlds, self._tracker.masks, where)
 
     @exclusive

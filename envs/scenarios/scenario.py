@@ -22,6 +22,7 @@ from ..storage.atomic_write import atomic_write
 from . import renamed
 from .changes import as_file_name, by_full_name, following, leaders, numbers, titles
 from .differing import plain, restored
+from .mechanic_checks import check_mechanics, check_together
 from .mechanics import rebuilt_mechanics
 
 Number = float | str | Sequence[float]  # or an integer or bool, which type checkers take for floats
@@ -63,37 +64,10 @@ class Scenario:
     added: Mapping[str, tuple[Any, Any]] = dataclasses.field(default_factory=dict, init=False, compare=False)
 
     def __post_init__(self) -> None:
-        _check_mechanics(self.name, self.modules)
-        taken: dict[type, Module] = {}
-        for module in self.modules:
-            other = taken.setdefault(module.slot(), module)
-            if other is not module:
-                names = " and ".join(sorted(type(each).__name__ for each in (other, module)))
-                raise ScenarioError(f"{self.name}: {names} exclude each other; use with_() to replace one by the other")
+        check_together(self.name, self.modules)
         for chain in self.order:
             if len(chain) < 2 or not all(isinstance(name, str) for name in chain):
                 raise ScenarioError(f"{self.name}: {chain!r} is no order: labels or names are needed, at least two")
-        self._check_names()
-
-    def _check_names(self) -> None:
-        """ScenarioError if two mechanics, or two numbers, have one name: they could not be distinguished."""
-        owners: dict[str, Module] = {}
-        for module in self.modules:
-            for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
-                if name in owners:
-                    one, two = (f"{type(m).__module__}.{type(m).__qualname__}" for m in (owners[name], module))
-                    raise ScenarioError(
-                        f"{self.name}: '{name}' is a name of both {one} and {two}; give one of the mechanics another "
-                        'name, a class attribute as in name = "swamp"'
-                    )
-                owners[name] = module
-        for name, leader in leaders(self.modules).items():
-            if leader not in owners and not any(leader == f"{kind.name}_{own}" for kind, own in _imported_numbers()):
-                near = difflib.get_close_matches(leader, owners, 1)
-                raise ScenarioError(
-                    f"{self.name}: {name} scales with '{leader}', which no mechanic has"
-                    + (f"; did you mean {near[0]}?" if near else "")
-                )
 
     def __repr__(self) -> str:
         chains = "".join(f", {' before '.join(chain)}" for chain in self.order)
@@ -120,7 +94,7 @@ class Scenario:
         Raises:
             ScenarioError: What is given is no mechanic.
         """
-        _check_mechanics(self.name, modules)
+        check_mechanics(self.name, modules)
         slots = {module.slot() for module in modules}
         made = self._derived(modules=(*(m for m in self.modules if m.slot() not in slots), *modules))
         now = made.numbers()
@@ -259,11 +233,7 @@ class Scenario:
         return Worlds(self.modules, count, threads, **options)
 
     def titled_as(self, other: "Scenario") -> "Scenario":
-        """The same by the name of another one: for changes that make no other game.
-
-        Args:
-            other: The scenario whose `name` and `about` it gets.
-        """
+        """The same by name and `about` of another one that it was derived from: for changes that make no other game."""
         made = dataclasses.replace(self, name=other.name, about=other.about)
         object.__setattr__(made, "origin", other.origin or other)
         object.__setattr__(made, "added", self.added)
@@ -325,9 +295,6 @@ class Scenario:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_json` to a file, whole or not at all; what was there before is replaced.
 
-        Args:
-            path: The file.
-
         Raises:
             OSError: It cannot be written.
         """
@@ -337,9 +304,6 @@ class Scenario:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Scenario":
         """Read what `save` wrote.
-
-        Args:
-            path: The file.
 
         Raises:
             ScenarioError: The file cannot be read, or as for `from_json`.
@@ -380,17 +344,9 @@ class Scenario:
         return None
 
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
-        """Find what `replace` changes under a name, which may be one of an earlier version.
+        """Module and number that `replace` changes under this name, which may be one of an earlier version.
 
-        Args:
-            asked: The name, such as "melee_damage" or "n_agents".
-            options: Other words that may have been meant, for the hint of the error.
-
-        Returns:
-            Name of the module and of the number: ("melee", "damage").
-
-        Raises:
-            NumberError: There is no such number.
+        NumberError if there is none; it may be meant for one of the `options` of a function.
         """
         for key in (_full(asked), renamed.NUMBERS.get(_full(asked), "")):
             for module in self.modules:
@@ -407,17 +363,6 @@ class Scenario:
     def known_numbers(self) -> list[str]:
         """Every name that `replace` takes, those of today: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-
-
-def _check_mechanics(name: str, modules: Iterable[Any]) -> None:
-    for module in modules:
-        if not isinstance(module, Module):
-            raise ScenarioError(f"{name}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
-
-
-def _imported_numbers() -> Iterator[tuple[type[Module], str]]:
-    """Every number of every mechanic that is imported: its class, and its name there."""
-    return ((kind, item.name) for kind in Module.imported() for item in dataclasses.fields(kind))
 
 
 def _full(asked: str) -> str:

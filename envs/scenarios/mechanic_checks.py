@@ -1,0 +1,58 @@
+"""Whether mechanics can be those of one scenario."""
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from outlast.ecs import Module
+
+from ..errors import ScenarioError
+from .changes import leaders
+
+
+def check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
+    """ScenarioError if one of them is no instance of a mechanic. scenario: the name that errors begin with."""
+    for module in modules:
+        if not isinstance(module, Module):
+            raise ScenarioError(f"{scenario}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
+
+
+def check_together(scenario: str, modules: Sequence[Module]) -> None:
+    """Check that each could be there beside all others.
+
+    Args:
+        scenario: The name that errors begin with.
+        modules: Its mechanics.
+
+    Raises:
+        ScenarioError: One is no mechanic; two are of one slot; two mechanics or numbers have one name, and could not be
+            distinguished; or a number scales with one that no imported mechanic has.
+    """
+    check_mechanics(scenario, modules)
+    taken: dict[type, Module] = {}
+    owners: dict[str, Module] = {}
+    for module in modules:
+        other = taken.setdefault(module.slot(), module)
+        if other is not module:
+            names = " and ".join(sorted(type(each).__name__ for each in (other, module)))
+            raise ScenarioError(f"{scenario}: {names} exclude each other; use with_() to replace one by the other")
+    for module in modules:
+        for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
+            if name in owners:
+                one, two = (f"{type(m).__module__}.{type(m).__qualname__}" for m in (owners[name], module))
+                raise ScenarioError(
+                    f"{scenario}: '{name}' is a name of both {one} and {two}; give one of the mechanics another "
+                    'name, a class attribute as in name = "swamp"'
+                )
+            owners[name] = module
+    for name, leader in leaders(modules).items():
+        if leader not in owners and leader not in _imported_numbers():
+            near = difflib.get_close_matches(leader, owners, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise ScenarioError(f"{scenario}: {name} scales with '{leader}', which no mechanic has{hint}")
+
+
+def _imported_numbers() -> set[str]:
+    """The full names of all numbers of all mechanics that are imported."""
+    return {f"{kind.name}_{item.name}" for kind in Module.imported() for item in dataclasses.fields(kind)}
