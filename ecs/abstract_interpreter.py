@@ -36,12 +36,17 @@ from .abstract_values import (
 from .cache_key import FOREIGN
 from .component import Component
 from .errors import DeclarationError, EngineError, ScheduleError
-from .jit import Intrinsic
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
 SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes of arrays that are no values
 FLOATS = (float, np.float32, np.float64)
+TRUTHS = {getattr(operator, name) for name in ("lt", "le", "eq", "ne", "ge", "gt", "not_", "contains")}
+DRAWS = ("uniform", "normal")  # of ecs.random: floats
+WHOLE = ("ceil", "comb", "factorial", "floor", "gcd", "isqrt", "lcm", "perm", "trunc")  # of math: integers
+SAME = (np.ascontiguousarray, np.asfortranarray, np.asarray, np.ravel, np.reshape, np.transpose)  # may return a view
+WRITERS = (np.copyto, np.fill_diagonal, np.nditer, np.place, np.put, np.putmask)  # of their first argument
+ENGINE = __name__.rpartition(".")[0]
 ROUNDS = 9  # over the blocks of a function, until values flow no further; more than loops within loops need
 
 
@@ -170,8 +175,7 @@ class Activation:
     def _number(self, variables: list[Any], function: Any) -> Values:
         self._refuse_per_agent(variables)
         floating = function is operator.truediv or any(map(self._is_floating, variables))
-        comparison = function in (operator.lt, operator.le, operator.eq, operator.ne, operator.ge, operator.gt)
-        return frozenset([FLOATING]) if floating and not comparison else ANYTHING
+        return frozenset([FLOATING]) if floating and function not in TRUTHS else ANYTHING
 
     def _refuse_per_agent(self, variables: Iterable[Any]) -> None:
         for value in [value for variable in variables for value in self._of(variable) if isinstance(value, PerAgent)]:
@@ -199,7 +203,7 @@ class Activation:
         elif isinstance(value, Column):
             if value.access == "add" and name not in SIZES:
                 self._refuse_access(value, f"takes .{name} of {value}")
-            if name == "T":
+            if name in ("T", "flat"):
                 return frozenset([value])
             if name in WRITING:
                 return frozenset([Column(value.component, value.access, value.name, value.part, name)])
@@ -243,13 +247,21 @@ class Activation:
             return ANYTHING
         if isinstance(target, Column) and target.method:
             self._refuse_write(target)
-        if isinstance(called, Intrinsic) and any(isinstance(v, PerAgent) for a in expression.args for v in self._of(a)):
-            self._refuse_added(expression.list_vars())  # of(number, row), whose plain form computes with the number
-            return ANYTHING
         called = getattr(called, "python", getattr(called, "py_func", called))
+        if (
+            getattr(called, "__module__", "") == f"{ENGINE}.per_agent"
+        ):  # `of`, whose plain form computes with the number
+            self._refuse_added(expression.list_vars())
+            return ANYTHING
         if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
             self._refuse_added(expression.list_vars())
-            if called in (abs, max, min, round, sum, int, *FLOATS):
+            if any(called is each for each in SAME) and expression.args:
+                return self._of(expression.args[0])
+            if any(called is each for each in WRITERS) and expression.args:
+                self._refuse_write(self._only(expression.args[0]))
+            if getattr(called, "__module__", "") == "math" and not called.__name__.startswith(("is", *WHOLE)):
+                return frozenset([FLOATING])
+            if any(called is each for each in (abs, max, min, round, sum, int, *FLOATS)):
                 self._refuse_per_agent(expression.args)
             return frozenset([FLOATING]) if any(called is kind for kind in FLOATS) else ANYTHING
         positional = [self._of(argument) for argument in expression.args]
@@ -260,6 +272,8 @@ class Activation:
             self._refuse(f"{called.__name__}(): {error}")
             return ANYTHING
         if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
+            if called.__module__ == f"{ENGINE}.random" and called.__name__ in DRAWS:
+                return frozenset([FLOATING])
             return ANYTHING  # a kernel of the engine's or the game's that gets no table
         trail = (*self.trail, place(self.function, self.line))
         return self.calls.call(called, dict(bound.arguments), trail, self.report)

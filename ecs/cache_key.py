@@ -109,7 +109,7 @@ class CacheKey:
         elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
             yield f"{name}={value.dtype}{value.shape}{value.tobytes().hex()}"
         elif isinstance(value, (tuple, list)):
-            yield f"{name}={type(value).__qualname__}{len(value)}"
+            yield f"{name}={type(value).__qualname__}{len(value)}{getattr(value, '_fields', '')}"
             for k, element in enumerate(value):
                 yield from self._describe(f"{name}[{k}]", element, function)
         elif isinstance(value, type) and issubclass(value, BaseException):
@@ -130,7 +130,8 @@ class CacheKey:
         """A function that becomes part of the machine code, or generates a part of it (an intrinsic's)."""
         inner = value._defn if isinstance(value, _Intrinsic) else value
         if _is_foreign(inner):
-            yield name
+            plain = getattr(inner, "py_func", inner)
+            yield f"{name}={plain.__module__}.{getattr(plain, '__qualname__', '')}"
             return
         if inner is value and isinstance(value, FunctionType) and compiled() and function in self._dispatchers:
             raise self._refusal(name, value)
@@ -158,7 +159,9 @@ def _code_text(code: CodeType, docstring: str | None) -> str:
         described = each is code and each.co_consts[:1] == (docstring,)
         plain = [value for value in each.co_consts[described:] if not isinstance(value, CodeType)]
         constants = [sorted(map(repr, value)) if isinstance(value, frozenset) else repr(value) for value in plain]
-        lines.append(f"{each.co_qualname}{each.co_names}{each.co_code.hex()}{constants}")
+        arguments = each.co_varnames[: each.co_argcount + each.co_kwonlyargcount]  # by which callers may name them
+        handlers = each.co_exceptiontable.hex()
+        lines.append(f"{each.co_qualname}{arguments}{each.co_names}{each.co_code.hex()}{handlers}{constants}")
     return "\n".join(lines)
 
 

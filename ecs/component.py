@@ -28,6 +28,8 @@ import numpy as np
 from .errors import DeclarationError
 from .fields import Field
 
+OTHER_FLOATS = ("f2", "f12", "f16")  # that kernels do not compute with
+RESERVED = ("Table", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")  # of Component
 EPISODE = ("world", "episode")  # which episode a statistic is of, in tables
 
 Array: TypeAlias = Any
@@ -99,7 +101,7 @@ def as_stored(label: str, column: Column, value: Any) -> Any:
 
 def _check_column(label: str, column: Column) -> None:
     """DeclarationError for a type that kernels do not have, or a fill that is not of it."""
-    if column.dtype.kind not in "biuf" or not column.dtype.isnative or column.dtype.itemsize > 8:
+    if column.dtype.kind not in "biuf" or not column.dtype.isnative or column.dtype.str[1:] in OTHER_FLOATS:
         raise DeclarationError(
             f'{label} has the type {column.dtype.str}: columns hold integers, floats or truths, such as "i4", "f4", "?"'
         )
@@ -141,7 +143,7 @@ class Component:
         if not columns:
             return  # a base such as Singleton
         for name, value in columns.items():
-            if name.startswith("_") or hasattr(cls.__mro__[1], name):
+            if name.startswith("_") or name in RESERVED:
                 raise DeclarationError(f"{cls.__name__}.{name}: no column can be called so; take another name")
             _check_column(f"{cls.__name__}.{name}", value)
         if not cls.packed and (filled := [name for name, value in columns.items() if value.fill]):

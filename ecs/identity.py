@@ -9,6 +9,7 @@ import functools
 import hashlib
 import sys
 from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from types import CodeType, FunctionType
 from typing import Any
@@ -144,9 +145,15 @@ def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterato
     elif isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
         yield f"{name}={value.dtype.str}{value.shape}{value.tobytes().hex()}"
     elif isinstance(value, (tuple, list)):
-        yield f"{name}={type(value).__name__}{len(value)}"
+        yield f"{name}={type(value).__name__}{len(value)}{getattr(value, '_fields', '')}"
         for k, element in enumerate(value):
             yield from _describe_value(f"{name}[{k}]", element, known)
+    elif isinstance(value, dict):
+        yield f"{name}=dict{len(value)}"
+        for k, item in enumerate(value.items()):
+            yield from _describe_value(f"{name}[{k}]", item, known)
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield from _describe_value(name, {item.name: getattr(value, item.name) for item in fields(value)}, known)
     else:
         yield name
 

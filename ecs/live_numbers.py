@@ -71,13 +71,18 @@ def _reasons(layout: Layout, systems: Sequence[System], k: int, other: Module, n
     yield from reasons(layout, there, k)
     if not np.array_equal(there.initial_image, layout.initial_image):
         yield "it is part of what an episode begins with"
-    if any(
+    if _ends(there) != _ends(layout) or any(
         _plain(one.bounds(layout)) != _plain(two.bounds(there))
         for one, two in zip(layout.modules, there.modules, strict=True)
     ):
         yield "it decides the bounds of observations"
     if not any(p.kind == "number" and p.name == number for system in own for p in system.parameters):
         yield "no system gets it as a single number"
+
+
+def _ends(layout: Layout) -> dict[str, dict[str, tuple[Any, Any]]]:
+    """The bounds that fields declare, by key and name."""
+    return {key: {name: (f.low, f.high) for name, f in named.items()} for key, named in layout.fields.items()}
 
 
 def _plain(given: Any) -> Any:

@@ -23,6 +23,8 @@ def reasons(layout: Any, there: Any, k: int, systems: bool = True) -> Iterator[s
         yield f"it decides how large tables are ({', '.join(map(repr, sized))})"
     if there.places != layout.places:
         yield "it decides which components there are"
+    if _parts(there) != _parts(layout):
+        yield "it decides which entities have which components"
     own = {system.label: system for system in (*one.systems(), *other.systems())}
     if systems and [*one.systems()] != [*other.systems()]:
         yield "it decides which systems run"
@@ -52,6 +54,11 @@ def is_read(layout: Any, k: int, number: str) -> bool:
     """Whether a system of the mechanic `k` gets the number."""
     systems = [system for system in layout.systems if system.module == layout.modules[k].name]
     return any(p.kind in ("number", "numbers") and p.name == number for s in systems for p in s.parameters)
+
+
+def _parts(layout: Any) -> dict[str, set[type[Any]]]:
+    """The components of each kind of entities."""
+    return {name: {type(part) for part in kind.parts} for name, kind in layout.archetypes.items()}
 
 
 def _shape(memory: Any) -> Any:

@@ -216,7 +216,7 @@ class Module:
                 slot=cls,
             )
             for other in cls.registered:
-                _check_twice(label, function, other.function)
+                _check_twice(label, function, other.function, phase is other.phase)
             cls.registered[:] = [other for other in cls.registered if not _redefines(function, other.function)]
             cls.registered.append(system)
             return inner
@@ -236,7 +236,9 @@ class Module:
         for base in reversed(cls.__mro__):
             if issubclass(base, Module):
                 own = {system.name for system in base.registered}
-                found = [system for system in found if system.name not in own] + base.registered
+                before = {system.name: system for system in found if system.name in own}
+                found = [system for system in found if system.name not in own]
+                found += [system.instead_of(before.get(system.name)) for system in base.registered]
         found = [system if system.module == cls.name else system.inherited(cls.name) for system in found]
         stream, slot = cls._stream(), cls.slot()
         return [dataclasses.replace(system, stream=f"{stream}.{system.name}", slot=slot) for system in found]
@@ -378,8 +380,13 @@ def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
     return same and "<locals>" not in new.__qualname__
 
 
-def _check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any]) -> None:
-    """DeclarationError if one file has two functions of one name, of which the first would be no system any more."""
+def _check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], same: bool) -> None:
+    """DeclarationError if one file has two functions of one name, of which the first would be no system any more.
+
+    same: whether both are of one phase.
+    """
+    if new is old and not same:
+        raise DeclarationError(f"{label} is registered for two phases: write a function for each")
     one, two = old.__code__, new.__code__
     if _redefines(new, old) and one.co_filename == two.co_filename and one.co_firstlineno < two.co_firstlineno:
         raise DeclarationError(

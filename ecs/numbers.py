@@ -103,11 +103,13 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
 
 def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
     """The index of the mechanic and its own name for every number, by full name."""
-    return {
-        f"{module.name}_{item.name}": (k, item.name)
-        for k, module in enumerate(modules)
-        for item in dataclasses.fields(module)
-    }
+    found: dict[str, tuple[int, str]] = {}
+    for k, module in enumerate(modules):
+        for item in dataclasses.fields(module):
+            if (name := f"{module.name}_{item.name}") in found:
+                raise NumberError(f"two mechanics have the number '{name}': give one of them another name")
+            found[name] = k, item.name
+    return found
 
 
 def rule_of(module: Any, field: str) -> Any:

@@ -100,18 +100,22 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
 
     known: those of mechanics that are left out, too, as one of them may emit the event in time.
     """
+    labels = {system.label for system in systems}
     events = {c for s in systems for p in s.parameters for c in p.components if issubclass(c, Event)}
     for event in sorted(events, key=lambda event: event.name):
         emitting = [system for system in systems if system.touches(event, "write")]
-        for system in systems[: systems.index(emitting[0])] if emitting else ():
-            first, when = emitting[0], system.phase
-            others = (s.phase for s in known if s.label != first.label and s.touches(event, "write"))
-            in_time = any(type(phase) is type(when) and phase.position <= when.position for phase in others)
-            if system.touches(event, "read") and not in_time:
+        for k, system in enumerate(systems):
+            if not (emitting and system.touches(event, "read")):
+                continue
+            here, first = system.phase, emitting[0]
+            ahead = [s.phase for s in systems[:k] if s.touches(event, "write")]
+            absent = [s.phase for s in known if s.touches(event, "write") and s.label not in labels]
+            ahead += [phase for phase in absent if type(phase) is type(here) and phase.position <= here.position]
+            if not any(When.ALWAYS in (phase.when, here.when) or phase.when is here.when for phase in ahead):
                 raise ScheduleError(
-                    f"{system.label} in phase {system.phase.name} reads {event.__name__}, but the first system that "
-                    f"emits it is {first.label} in phase {first.phase.name}: the list begins empty in each tick; "
-                    "move the reader behind it, or keep what it needs in a component"
+                    f"{system.label} in phase {here.name} ({here.when.value}) reads {event.__name__}, but the first "
+                    f"one that emits it is {first.label} in phase {first.phase.name} ({first.phase.when.value}): "
+                    "the list begins empty in each tick; move the reader behind it, or keep what it needs in a column"
                 )
 
 

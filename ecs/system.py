@@ -61,6 +61,12 @@ class System:
                 found.setdefault(owners[key], set()).add(name)
         return found
 
+    def instead_of(self, other: "System | None") -> "System":
+        """The same system, which labels of `other`, of a base class, stand for, too."""
+        if other is None:
+            return self
+        return dataclasses.replace(self, aliases=tuple(dict.fromkeys((*self.aliases, other.label, *other.aliases))))
+
     def inherited(self, subclass: str) -> "System":
         """The same system as one of a subclass of that name; the order among systems of one module stays."""
 

@@ -25,6 +25,7 @@ from .arguments import (
     COUNT,
     EVENTS,
     LINES,
+    MAX_DIMENSIONS,
     MODE,
     STRIDE,
     ArgumentLayout,
@@ -138,6 +139,7 @@ class Generator:
         self.names: dict[str, Any] = {"np": np}
         self.arguments = ArgumentLayout()
         self.slots: dict[str, int] = {}
+        self._owners: dict[str, Any] = {}  # what each name in the source stands for
         self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
         self.inside: dict[str, None] = {}  # lines at the start of its body
 
@@ -308,12 +310,19 @@ class Generator:
         return self._words(name, self.arguments.add_view(view), dtype, writable, ndim)
 
     def _slot(self, name: str, slot: int) -> str:
-        self.slots[name.upper()] = slot
-        return name.upper()
+        constant = self._unique(name.upper(), ("slot of", name))
+        self.slots[constant] = slot
+        return constant
+
+    def _unique(self, wanted: str, owner: Any) -> str:
+        """A name for `owner`: the one that is wanted, with underscores behind it if that is another one's."""
+        while self._owners.setdefault(wanted, owner) != owner:
+            wanted += "_"
+        return wanted
 
     def _selection(self, kind: str, components: tuple[type[Component], ...]) -> str:
-        name = "_".join([kind, *map(self._named, components)])
-        if name.upper() in self.slots:
+        name = self._unique("_".join([kind, *map(self._named, components)]), (kind, components))
+        if ("slot of", name) in self._owners.values():
             return name
         return self._constant(name, getattr(self.layout, kind)(*components))
 
@@ -322,6 +331,11 @@ class Generator:
         if not self.compiled:
             return f"arguments.scratch[{slot}]"
         memory = module.scratch(parameter, self.layout.dims)  # made for its type only
+        if not (isinstance(memory, np.ndarray) and memory.flags.c_contiguous and memory.ndim <= MAX_DIMENSIONS):
+            raise DeclarationError(
+                f"{module.name}.scratch({parameter!r}) returned {type(memory).__name__}: an array in order of rows (C) "
+                f"is needed, of at most {MAX_DIMENSIONS} axes"
+            )
         shape = memory.shape if self.specialize else None
         return self._array(f"scratch_{parameter}", slot, View(memory.dtype, memory.ndim, writable=True, shape=shape))
 
@@ -331,7 +345,8 @@ class Generator:
         return component.__name__.lower() + (str(alike.index(component)) if len(alike) > 1 else "")
 
     def _table(self, component: type[Component], access: str) -> str:
-        name, slot = f"{self._named(component)}_{access}", f"TABLE_{self._named(component).upper()}"
+        name = self._unique(f"{self._named(component)}_{access}", (component, access))
+        slot = self._unique(f"TABLE_{self._named(component).upper()}", ("table of", component))
         if slot not in self.slots:
             self.slots[slot] = min([self.arguments.add_column(component, column) for column in component.columns])
         form = component, access, self.compiled, self.checked, self.specialize
@@ -351,6 +366,10 @@ class Generator:
 
     def _column(self, component: type[Component], name: str, writable: bool) -> View:
         dtype, shape = component.columns[name].dtype, component.row_shape(name, self.layout.dims)
+        if len(shape) > MAX_DIMENSIONS:
+            raise DeclarationError(
+                f"{component.__name__}.{name} has {len(shape)} axes in a world: at most {MAX_DIMENSIONS} are possible"
+            )
         known: dict[str, Any] = {"shape": shape} if self.specialize else {}
         if self.specialize and component.packed:
             (place,) = (each for each in self.layout.places if (each.component, each.name) == (component, name))

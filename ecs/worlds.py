@@ -1,6 +1,7 @@
 """A batch of worlds of one scenario: their tables, and the runner that takes them through ticks on several threads."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,9 @@ class Worlds:
             specialize=specialize,
             functions=tuple((functions or {}).items()),
         )
+        for what, given in (("count", count), ("threads", threads)):
+            if given < 1:
+                raise NumberError(f"Worlds(..., {what}={given}): at least 1 is needed")
         made = plan(wanted)
         self.layout, self.schedule = made.layout, made.schedule
         self.count, self.threads = count, threads
@@ -162,7 +166,8 @@ class Worlds:
         if (varied := self.layout.varied.get(name)) is not None:
             return varied.decode(self[Varied].words.T.copy(), self.layout.modules[varied.module])
         for module in self.modules:
-            if name.startswith(f"{module.name}_") and hasattr(module, own := name.removeprefix(f"{module.name}_")):
+            own = name.removeprefix(f"{module.name}_")
+            if own != name and any(item.name == own for item in fields(module)):
                 return getattr(module, own)
         raise NumberError(f"this scenario has no number '{name}'")
 

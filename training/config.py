@@ -128,8 +128,8 @@ class TrainingConfig:
             raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
         if self.policies not in POLICIES:
             raise TrainingError(f"policies = {self.policies!r}: allowed are {', '.join(map(repr, POLICIES))}")
-        if self.prioritised and self.opponents.keys() <= {SELF}:
-            raise TrainingError("prioritised has no effect without opponents: name some, such as self:0.5,past:0.5")
+        if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
+            raise TrainingError("prioritised needs several opponents to choose among: name some, such as self:1,past:1")
         if self.snapshots != SNAPSHOTS and PAST not in self.opponents:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
         if self.critic not in CRITICS:

@@ -44,7 +44,7 @@ class Samples:
         ends: bool, whether the next step does not count for this one.
         begins: bool, whether the agent's memory begins anew with the step.
         alive: bool, whether the agent lived when it observed.
-        learner: int8, who is trained on the sample, or NOBODY.
+        learner: int16, who is trained on the sample, or NOBODY.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
         last: float32 (agents,), values of what was observed at the end.
         games: The step, the opponent, and how many games against it ended then: won by the learners, draws half; all.
@@ -145,7 +145,7 @@ class Lane:
             ends=np.zeros(shape, bool),
             begins=np.zeros(shape, bool),
             alive=np.zeros(shape, bool),
-            learner=np.zeros(shape, np.int8),
+            learner=np.zeros(shape, np.int16),
             memory=torch.zeros((chunks, self.agents, memory), device=self.device),
             last=torch.zeros(self.agents, device=self.device),
             games=[],
@@ -334,7 +334,7 @@ class Lane:
         index = np.where(theirs, self.opponent[:, None], 0).ravel()
         teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}
         number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
-        self.learner = np.where((index > 0) | (self._sides < 0).ravel(), NOBODY, number).astype(np.int8)
+        self.learner = np.where((index > 0) | (self._sides < 0).ravel(), NOBODY, number).astype(np.int16)
         pairs = np.unique(np.stack([index, number], 1), axis=0)
         self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
 

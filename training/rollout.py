@@ -25,7 +25,7 @@ class Rollout:
         log_probs: float32, of the actions, when they were chosen.
         values: float32, of what was observed; of all processes.
         advantages: float32; of all processes.
-        learner: int8, which of the learners is trained on the sample, or NOBODY; of all processes.
+        learner: int16, which of the learners is trained on the sample, or NOBODY; of all processes.
         alive: bool, whether the agent lived when it observed.
         begins: bool, whether the agent's memory begins anew with the step.
         memory: float32 (chunks, agents, width), that of the agents before each chunk of CHUNK steps.
@@ -73,7 +73,7 @@ class RewardScale:
     """
 
     MEMORY = 50.0
-    LEAST = 1e-8  # where nothing is paid for long, the deviation falls without end
+    LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
 
     def __init__(self, agents: int, gamma: float) -> None:
         """agents: of all worlds. gamma: discount of a step."""
@@ -96,7 +96,8 @@ class RewardScale:
         self.variance += share * (sums.var() - self.variance + (1 - share) * apart**2)
         self.mean += share * apart
         self.count = kept + sums.size
-        return max(math.sqrt(self.variance), self.LEAST)
+        spread = math.sqrt(self.variance)
+        return spread if spread >= self.LEAST else 1.0
 
     def state(self) -> dict[str, torch.Tensor]:
         """What a run goes on with: float64 tensors by name."""

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from outlast.envs.errors import install
+from outlast.envs.rollout.saved import forms
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 from outlast.envs.storage.interrupts import interrupts_held
@@ -223,8 +224,9 @@ class TrainingRun:
         header = run_header.read_run_folder(self.folder)
         self._check_plan(header)
         own = preset(self.config.preset).scenario(self.config.scenario)
-        if other := difference(header["scenario"], fingerprint(own)):
-            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
+        others = [difference(header["scenario"], fingerprint(form)) for form in forms(own)]
+        if all(others):
+            raise TrainingError(f"the run in {self.folder} was begun with another scenario {others[0]}")
 
     def _prepare(self) -> None:
         """Make the folder, remove temporary files of a killed process, and write run.json."""

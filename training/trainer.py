@@ -65,6 +65,7 @@ class Trainer:
         collector: What plays.
         curriculum: What levels are drawn from, if somebody chooses them.
         steps: Agent-steps collected so far, by all processes.
+        played: What they were when the newest rollout began, which its annealed numbers follow from.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
@@ -82,7 +83,7 @@ class Trainer:
             TrainingError: There is no such device, or an opponent that cannot play.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
-        self.crew, self.steps, self.updates = crew or Crew(), 0, 0
+        self.crew, self.steps, self.played, self.updates = crew or Crew(), 0, 0, 0
         self.worlds, rollout = config.size
         self.rollout_steps = rollout // self.worlds
         players = {name: Player(name) for name in config.opponents if name.endswith(SAVED)}
@@ -140,6 +141,7 @@ class Trainer:
 
     def collect(self) -> Rollout:
         """Play on and keep the samples; then, and ahead of the first ones, ask for the levels of the next."""
+        self.played = self.steps  # when the numbers of this rollout were set
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
@@ -213,7 +215,7 @@ class Trainer:
 
     def report(self) -> dict[str, float]:
         """What is logged of the newest rollout, by tag: episodes, what agents did, and who won against whom."""
-        numbers = {f"anneal/{each.name}": each.value(self.steps, self.config.scenario) for each in self.config.anneal}
+        numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
     def take_weights(self) -> None:
@@ -241,7 +243,7 @@ class Trainer:
             policy.take(player.policies[k % len(player.policies)])
 
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
-        """Let the policies learn to do as the teacher does, if the config names one, while they play themselves.
+        """Let the policies learn to do as the teacher does, if the config names one, while they play as in the run.
 
         So they learn what it does where they come, too, which is not where it comes (Ross, Gordon and Bagnell,
         arXiv:1011.0686). Their critics learn what they get by that. Of learners and worlds, only the optimisers are as

@@ -20,6 +20,13 @@ def load_saved(path: str, seed: int = 0) -> Any:
         raise UsageError(f"{path} needs {error.name}: {install('train')}") from error
 
 
+def forms(scenario: Scenario) -> list[Scenario]:
+    """All that `common_scenario` may make of a scenario, by who plays."""
+    if scenario.numbers().get("cameras_mode") != "masked":
+        return [scenario]
+    return [scenario, scenario.replace(cameras_mode=REVEALED).titled_as(scenario)]
+
+
 def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
     """The scenario with observations that all saved policies can play with. Raises UsageError.
 

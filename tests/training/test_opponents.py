@@ -260,7 +260,7 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
     ("given", "message"),
     [
         ({"policies": "each"}, "policies = 'each': allowed are 'shared', 'side', 'agent'"),
-        ({"prioritised": True}, "prioritised has no effect without opponents: name some"),
+        ({"prioritised": True}, "prioritised needs several opponents to choose among: name some"),
         ({"snapshots": 3, "opponents": {"scripted": 1.0}}, "snapshots have no effect without past selves"),
     ],
 )

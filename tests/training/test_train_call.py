@@ -111,9 +111,8 @@ def test_whole_rollouts_are_said_before_they_are_collected() -> None:
     varied = outlast.variant("ffa_2").vary(n_agents=outlast.integers(2, 3))
     asked = TrainingConfig(varied, steps=8192, worlds=8, rollout=1024)
     assert str(Workload.of(asked)) == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
-    partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})
-    assert str(partly) == f"10,000,000 agent-steps in at least 153 rollouts of at most 65,536 {sizes}"
-    assert (partly.total, work(100, opponents={"scripted": 1.0}).total) == (10**7, 65_536)
+    partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})  # steps of opponents count
+    assert (str(partly), partly.total) == (str(work(10**7)), work(10**7).total)
 
 
 def test_the_first_line_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

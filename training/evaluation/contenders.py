@@ -1,5 +1,6 @@
 """The policies that an evaluation lets play: by name, from checkpoints or folders of runs, or as functions."""
 
+import copy
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -51,7 +52,10 @@ class Contender:
         if player is None:
             whole = POLICIES[self.text](env, seed) if self._function is None else self._checked(self._function, env)
             return lambda seen, indices: np.asarray(whole(seen)[indices])
-        player.generator = torch.Generator().manual_seed(seed)
+        player = copy.copy(player)  # the caller's stays as it is
+        player.reset = player._reset if player.memory else None
+        if player.generator is not None:  # without one it takes the likeliest actions
+            player.generator = torch.Generator().manual_seed(seed)
         if player.memory:  # it goes on for all agents, whoever of them it plays
             remembering = told(player, env)
             return lambda seen, indices: np.asarray(remembering(seen)[indices])
