@@ -15,6 +15,7 @@ from .config import FAST, OPPONENTS, SELF, SNAPSHOTS, Choose, TrainingConfig
 from .errors import TrainingError
 from .hyperparameters import KINDS
 from .live_view import LiveView
+from .log_file import NAME, read_log
 from .run import TrainingRun
 from .workload import Workload
 
@@ -143,7 +144,14 @@ def train(
     place = Path(folder) if folder is not None else usual_folder(config)
     run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster)
     shown(run, quiet=quiet)
-    return TrainedRun(place, checkpoint.newest(place), run.saved, dict(run.tags))
+    return TrainedRun(place, checkpoint.newest(place), run.saved, run.tags or _logged_last(place))
+
+
+def _logged_last(folder: Path) -> dict[str, float]:
+    """What a run that was complete already logged last, by tag."""
+    points = read_log(folder / NAME)
+    last = max((steps for own in points.values() for steps, _ in own), default=0)
+    return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
 
 
 def usual_folder(config: TrainingConfig) -> Path:

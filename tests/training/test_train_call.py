@@ -45,6 +45,8 @@ def test_a_run_in_one_call_is_that_of_the_command(tmp_path: Path) -> None:
     assert run.logged["time/env_steps"] == 1024
     again = outlast.train("ffa_1", tmp_path / "a", steps=2500, seed=3, **TINY, quiet=True, resume=True, melee_damage=20)
     assert again.steps == 3072
+    done = outlast.train("ffa_1", tmp_path / "a", steps=2500, seed=3, **TINY, quiet=True, resume=True, melee_damage=20)
+    assert done.logged == pytest.approx(again.logged, nan_ok=True)
     assert outlast.load_policy(again.policy).header["steps"] == 3072
 
 
