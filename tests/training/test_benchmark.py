@@ -4,6 +4,7 @@ import json
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -319,6 +320,15 @@ def _change(source: Path, target: Path, plan: dict[str, Any], numbers: dict[str,
 
 
 # ---- scores and tables
+
+
+def test_numbers_of_games_are_not_mixed(results: Path) -> None:
+    """A mean of ten games and one of ten thousand would be of one track."""
+    one, two, _ = result.find(results)
+    other = replace(two, content=two.content | {"games": 2 * GAMES})
+    assert scores._budget(BUDGET, [one, two])["games"] == GAMES
+    with pytest.raises(TrainingError, match=f"matches of {GAMES} and {2 * GAMES} games cannot be compared"):
+        scores._budget(BUDGET, [one, other])
 
 
 def test_scores_are_those_of_the_results(results: Path) -> None:

@@ -61,7 +61,12 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
     each = {
         agent: {name: tasks[name]["agents"][agent]["score"]["seeds"] for name in common} for agent in agents if common
     }
-    games = min(entry.content["games"] for entry in entries)
+    found = sorted({entry.content["games"] for entry in entries})
+    if len(found) > 1:
+        raise TrainingError(
+            f"matches of {' and '.join(map(str, found))} games cannot be compared: score folders of one number of games"
+        )
+    (games,) = found
     return {
         "track": track_of(budget, games),
         "games": games,
