@@ -157,8 +157,10 @@ class TrainingConfig:
         if not 1 <= self.processes <= most:
             raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
         name, imitated = self.teacher
-        if imitated and name.endswith(SAVED) and self.processes > 1:
-            raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with more")
+        if imitated and name.endswith(SAVED) and (self.processes > 1 or self.halves):
+            raise TrainingError(
+                f"{name} draws numbers in turn: imitate it with one process and without halves, then resume with them"
+            )
 
     def _comes_back(self) -> bool:
         """Whether dead agents return to the world."""

@@ -135,9 +135,10 @@ def test_more_processes_than_worlds_are_refused() -> None:
         config(1, processes=8)
 
 
-def test_imitation_of_a_saved_policy_is_that_of_one_process() -> None:
-    with pytest.raises(TrainingError, match=r"a.zip draws numbers in turn: imitate it with one process"):
-        config(1, processes=2, warm_start="a.zip:1000")
+@pytest.mark.parametrize("how", [{"processes": 2}, {"halves": True}], ids=str)
+def test_imitation_of_a_saved_policy_is_that_of_one_process(how: dict[str, Any]) -> None:
+    with pytest.raises(TrainingError, match=r"a.zip draws numbers in turn: imitate it with one process and without"):
+        config(1, **how, warm_start="a.zip:1000")
 
 
 def test_halves_of_the_worlds_give_the_same_numbers(tmp_path: Path) -> None:
