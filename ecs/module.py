@@ -21,7 +21,6 @@ import functools
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import PurePath
 from typing import Any, ClassVar, Self, TypeVar
 
 from .access import parameters
@@ -34,6 +33,7 @@ from .layout import Layout
 from .numbers import checked, kind_of
 from .phase import Phase
 from .references import check_random
+from .registration import check_twice, components, neighbours, redefines
 from .system import Neighbour, System
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -196,8 +196,8 @@ class Module:
 
         def register(function: Function) -> Function:
             label = f"{cls.name}.{function.__name__}"
-            earlier, later = _neighbours(label, "after", after), _neighbours(label, "before", before)
-            needed = _components(label, needs)
+            earlier, later = neighbours(label, "after", after), neighbours(label, "before", before)
+            needed = components(label, needs)
             declared = parameters(function)
             check_random(function, label)
             inner = kernel(function) if compiled else function
@@ -216,8 +216,8 @@ class Module:
                 slot=cls,
             )
             for other in cls.registered:
-                _check_twice(label, function, other.function, phase is other.phase)
-            cls.registered[:] = [other for other in cls.registered if not _redefines(function, other.function)]
+                check_twice(label, function, other.function, phase is other.phase)
+            cls.registered[:] = [other for other in cls.registered if not redefines(function, other.function)]
             cls.registered.append(system)
             return inner
 
@@ -360,48 +360,3 @@ class Module:
             f"{self.name} has no number '{name}', which {' and '.join(asking) or 'one of its systems'} asks for; "
             + (f"did you mean {near[0]}?" if near else f"it has: {', '.join(known) or 'none'}")
         )
-
-
-def _components(label: str, given: Any) -> tuple[type[Component], ...]:
-    """What was given as `needs`, as a tuple. DeclarationError if it is no component."""
-    needed = given if isinstance(given, tuple) else (given,)
-    for each in needed:
-        if not isinstance(each, type) or not issubclass(each, Component):
-            raise DeclarationError(
-                f"{label} has needs={each!r:.60}: the class of a component is needed, or a tuple of them, as in "
-                "needs=Health"
-            )
-    return needed
-
-
-def _redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
-    """Whether both are one definition, run twice. Functions within functions may differ in what encloses them."""
-    same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
-    return same and "<locals>" not in new.__qualname__
-
-
-def _check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], same: bool) -> None:
-    """DeclarationError if one file has two functions of one name, of which the first would be no system any more.
-
-    same: whether both are of one phase.
-    """
-    if new is old and not same:
-        raise DeclarationError(f"{label} is registered for two phases: write a function for each")
-    one, two = old.__code__, new.__code__
-    if _redefines(new, old) and one.co_filename == two.co_filename and one.co_firstlineno < two.co_firstlineno:
-        raise DeclarationError(
-            f"{label} is there twice, in lines {one.co_firstlineno} and {two.co_firstlineno} of "
-            f"{PurePath(one.co_filename).name}: call one of the functions otherwise"
-        )
-
-
-def _neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
-    """What was given as `after` or `before`, as a tuple. DeclarationError if it is neither text nor component."""
-    neighbours = given if isinstance(given, tuple) else (given,)
-    for each in neighbours:
-        if not isinstance(each, str) and not (isinstance(each, type) and issubclass(each, Component)):
-            raise DeclarationError(
-                f"{label} has {keyword}={each!r:.60}: a system's label, a mechanic's name or the class of a component "
-                f'is needed, or a tuple of them, as in {keyword}="motors" or {keyword}=Health'
-            )
-    return neighbours
