@@ -188,7 +188,7 @@ class Activation:
         """Whether all that it may be are floats, of columns or not."""
         values = self._of(variable)
         return bool(values) and all(
-            value == FLOATING or (isinstance(value, Column) and _kind(value) == "f") for value in values
+            value == FLOATING or (isinstance(value, Column) and _dtype(value).kind == "f") for value in values
         )
 
     def _attribute(self, value: Any, name: str) -> Values:
@@ -248,9 +248,8 @@ class Activation:
         if isinstance(target, Column) and target.method:
             self._refuse_write(target)
         called = getattr(called, "python", getattr(called, "py_func", called))
-        if (
-            getattr(called, "__module__", "") == f"{ENGINE}.per_agent"
-        ):  # `of`, whose plain form computes with the number
+        module = getattr(called, "__module__", "")
+        if module == f"{ENGINE}.per_agent":  # `of`, whose plain form computes with the number
             self._refuse_added(expression.list_vars())
             return ANYTHING
         if not _can_follow(called) or expression.vararg is not None or expression.varkwarg is not None:
@@ -259,7 +258,7 @@ class Activation:
                 return self._of(expression.args[0])
             if any(called is each for each in WRITERS) and expression.args:
                 self._refuse_write(self._only(expression.args[0]))
-            if getattr(called, "__module__", "") == "math" and not called.__name__.startswith(("is", *WHOLE)):
+            if module == "math" and not called.__name__.startswith(("is", *WHOLE)):
                 return frozenset([FLOATING])
             if any(called is each for each in (abs, max, min, round, sum, int, *FLOATS)):
                 self._refuse_per_agent(expression.args)
@@ -272,7 +271,7 @@ class Activation:
             self._refuse(f"{called.__name__}(): {error}")
             return ANYTHING
         if not is_outside(called) and not any(map(tracked, bound.arguments.values())):
-            if called.__module__ == f"{ENGINE}.random" and called.__name__ in DRAWS:
+            if module == f"{ENGINE}.random" and called.__name__ in DRAWS:
                 return frozenset([FLOATING])
             return ANYTHING  # a kernel of the engine's or the game's that gets no table
         trail = (*self.trail, place(self.function, self.line))
@@ -295,7 +294,7 @@ class Activation:
         self._refuse_per_agent([statement.value])
         if isinstance(target, Column):
             self._check_field(target, self._only(statement.index))
-            kind = target.component.columns[target.name].dtype
+            kind = _dtype(target)
             if kind.kind in "iu" and self._is_floating(statement.value):
                 self._refuse(f"writes a float to {target}, {kind}, which cuts it off; say so, as in np.{kind}(...)")
             literal = self._only(statement.value)
@@ -328,7 +327,7 @@ class Activation:
         if isinstance(target, Column) and target.access == "add" and target.part:
             if expression.fn not in (operator.iadd, operator.isub):
                 self._refuse_access(target, f"does more to {target} than add")
-            kind = target.component.columns[target.name].dtype
+            kind = _dtype(target)
             if kind.kind not in "iu" or self._is_floating(expression.rhs):
                 what = f"{target} is {kind}" if kind.kind not in "iu" else f"a float is added to {target}, {kind}"
                 self._refuse_access(target, f"adds, but {what}, and only sums of integers do not depend on the order")
@@ -378,9 +377,9 @@ def _can_follow(called: Any) -> bool:
     return not kinds & {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
 
 
-def _kind(column: Column) -> str:
-    """Of its elements, as numpy has it: "f", "i", "u" or "b"."""
-    return column.component.columns[column.name].dtype.kind
+def _dtype(column: Column) -> np.dtype[Any]:
+    """Of its elements."""
+    return column.component.columns[column.name].dtype
 
 
 def component_name(value: Any) -> str:

@@ -138,7 +138,7 @@ class Component:
             base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
             raise DeclarationError(
                 f"{cls.__name__} extends {base}, which has columns: a component has its own columns only; "
-                f"let entities have both"
+                "let entities have both"
             )
         if not columns:
             return  # a base such as Singleton

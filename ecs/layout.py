@@ -82,7 +82,7 @@ class Layout:
         self.roles = roles
         self.per_agent: dict[str, AgentNumber] = place_numbers(self, roles) if roles else {}
         self.singletons = one_of_each(self.modules)
-        _check_keys(Observation, self.singletons)
+        _check_keys(Observation, self.singletons)  # ahead of their fields; later again, with `numbers`
         self.fields: dict[str, dict[str, Field]] = placed(self, self._observations(), Observation.keys())
         if observed:
             self._observe(observed)
@@ -98,7 +98,7 @@ class Layout:
         own += (*([AgentRoles] if roles else []), *([AgentNumbers] if self.per_agent else []))
         self.components: tuple[type[Component], ...] = (*own, *others)
         self._check_dims()
-        for base in (Action, Signal, Statistic):
+        for base in (Action, Observation, Signal, Statistic):
             _check_keys(base, self.components)
         self.events = self._events()
 

@@ -245,10 +245,9 @@ class TrainingRun:
             yield
         except OSError as error:
             wrong = f"{error.filename or self.folder}: {error.strerror or error}"
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-            cure = (
-                "make room there, and go on with --resume" if full else "choose a folder that can be written to, --out"
-            )
+            cure = "choose a folder that can be written to, --out"
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                cure = "make room there, and go on with --resume"
             raise TrainingError(f"{wrong}; {cure}") from error
 
     def _check_plan(self, header: run_header.Header) -> None:

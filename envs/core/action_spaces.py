@@ -130,9 +130,8 @@ class ActionSpace:
         Returns:
             (worlds, agents, mask_size).
         """
-        shape = (self._worlds.count, self._worlds.dims["agents"])
         said = {module.name: _idle(module, self._worlds, self.keys) for module in self._worlds.modules}
-        code = np.zeros(shape, np.intp)  # a bit for each action, 1: idle
+        code = np.zeros((self._worlds.count, self._worlds.dims["agents"]), np.intp)  # a bit for each action, 1: idle
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             idle: Any = True
             for name in readers:
@@ -159,7 +158,7 @@ def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Arr
         raise DeclarationError(f"{module.name}.idle_actions() returned {type(given).__name__}: a dict is needed")
     found = {key: np.asarray(idle) for key, idle in given.items()}
     for key, idle in found.items():
-        if key not in {*known, *Action.keys()}:
+        if key not in known and not {key} & Action.keys():  # of those that a scenario lacks: only then looked for
             near = difflib.get_close_matches(key, known, 1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(sorted(known))}"
             raise DeclarationError(f"{module.name}.idle_actions() names the action {key!r}, which is none; {hint}")

@@ -20,6 +20,7 @@ from outlast.ecs import (
     Layout,
     Module,
     NumberError,
+    Observation,
     Read,
     Rows,
     ScheduleError,
@@ -350,6 +351,16 @@ def test_events_name_entities_that_there_are() -> None:
     rows["agent"] = 999
     with pytest.raises(DeclarationError, match=r"the event Wrong has agent = 999, and its unit is 'entity': -1 to"):
         event_table(made, {"wrong": rows})
+
+
+class Mine(Observation):
+    numbers: Array = column("f4", "agents", 2)
+
+
+def test_an_observation_is_not_called_as_that_of_varied_numbers() -> None:
+    varied = DUEL.vary(melee_damage=outlast.integers(1, 4)).observe_numbers()
+    with pytest.raises(DeclarationError, match=r"NumbersView.numbers and .*Mine.numbers are both the observation"):
+        outlast.make_vec(varied.with_(mechanic("Numbered", singletons=[Mine()])), 1)
 
 
 # ---- the tick of a reset
