@@ -116,7 +116,9 @@ def test_many_worlds_as_a_gymnasium_vector(name: str, mode: str) -> None:
     """TorchRL's own check, and a rollout with ends; TorchRL takes no NEXT_STEP."""
     env = GymWrapper(VECTORS[name](mode))
     check_env_specs(env)
-    rollout = env.rollout(scaled(60, least=20), break_when_any_done=False)
+    env.set_seed(SEED)
+    torch.manual_seed(SEED)  # of the actions
+    rollout = env.rollout(scaled(200, least=20), break_when_any_done=False)
     assert rollout.batch_size[0] == env.batch_size[0] == (2 if name == "gymnasium.make_vec" else 8)
     assert rollout["next", "done"].any() or not COMPILED
     with pytest.raises(RuntimeError, match="NEXT_STEP"):

@@ -156,13 +156,14 @@ def test_what_no_warm_start_is(text: str) -> None:
 
 
 def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
+    """Each rollout is played, and logged, with the value that its first step has."""
     own = config(
         4 * EACH, anneal=parse_anneal([f"rewards_alive=5:1@{2 * EACH}", "safe_zone_damage=3:1"]), every=2 * EACH
     )
     TrainingRun(own, tmp_path / "whole").train()
     found = points(tmp_path / "whole")
-    assert found["anneal/rewards_alive"] == [(k * EACH, value) for k, value in ((1, 3.0), (2, 1.0), (3, 1.0), (4, 1.0))]
-    assert found["anneal/safe_zone_damage"] == [(k * EACH, value) for k, value in ((1, 2), (2, 2), (3, 2), (4, 1))]
+    assert found["anneal/rewards_alive"] == [(k * EACH, value) for k, value in ((1, 5.0), (2, 3.0), (3, 1.0), (4, 1.0))]
+    assert found["anneal/safe_zone_damage"] == [(k * EACH, value) for k, value in ((1, 3), (2, 2), (3, 2), (4, 2))]
     last = tmp_path / "whole" / checkpoint.NAME.format(4 * EACH)
     assert checkpoint.header_of(checkpoint.read_checkpoint(last))["scenario"] == fingerprint(SHORT)
     last.unlink()
