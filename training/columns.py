@@ -1,7 +1,7 @@
 """What evaluations report and training logs of what agents do: the unit and the meaning of each column."""
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 
@@ -11,6 +11,8 @@ class Column(NamedTuple):
     unit: str
     meaning: str
 
+
+SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; of all else that has several, the mean
 
 # "Its" is of the policy of the row, which plays one side of two; of more sides, every other one.
 COLUMNS = {
@@ -40,6 +42,15 @@ COLUMNS = {
     "attack_near": Column("share", "of those ticks in which the agent attacks"),
     "attack_far": Column("share", "of its other ticks in which the agent attacks, with nobody to strike"),
 }
+
+
+def combinable(tags: Sequence[str]) -> Sequence[str]:
+    """Of the tags that a log has of one statistic, those that one number is made of.
+
+    Where episodes differ in their sides, means of sides are over different episodes, and cannot be added up. Then that
+    of all sides is logged, too, without a number: it alone counts.
+    """
+    return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
 def explained(width: int = 100) -> Iterator[str]:

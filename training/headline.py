@@ -5,6 +5,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from .columns import combinable
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -74,7 +76,7 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []
     for group, name, pattern, combine, text in _FIGURES:
-        if values := [value for tag, value in finite.items() if re.fullmatch(pattern, tag)]:
+        if values := [finite[tag] for tag in combinable([tag for tag in finite if re.fullmatch(pattern, tag)])]:
             found.append(Figure(group, name, combine(values), text(combine(values))))
     for tag, share in finite.items():
         if tag.startswith(WINS):

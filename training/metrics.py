@@ -13,6 +13,7 @@ from outlast.envs.rollout.sides import living_sides
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee
 
+from .columns import SUMMED
 from .observation_layout import OWN
 
 Array = np.ndarray[Any, Any]
@@ -64,7 +65,10 @@ class EpisodeMetrics:
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Of the episodes since the last call, by tag. A team's return is that of its first agent."""
+        """Of the episodes since the last call, by tag. A team's return is that of its first agent.
+
+        A mean of a side is over the episodes that have it. Where not all have all, "rollout/kills" is those of all sides.
+        """
         tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
             name = "rollout/" + PAPER_NAMES.get(key, key)
@@ -73,6 +77,8 @@ class EpisodeMetrics:
             else:
                 counts = self.counts.get(key, np.full(len(total), self.count))
                 tags |= {f"{name}{k}": (float(total[k]), float(counts[k])) for k in range(len(total))}
+                if key in self.counts and key in SUMMED:
+                    tags[name] = float(total.sum()), self.count
         self.clear()
         return tags
 

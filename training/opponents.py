@@ -81,6 +81,7 @@ class Opponents:
     while somebody plays them.
 
     Attributes:
+        dropped: Games against past selves that are here no more.
         memory: Width of the widest memory of anybody who plays.
     """
 
@@ -112,6 +113,7 @@ class Opponents:
             player.check(env)
             self._add(Opponent(name, weights[name], player.policies, player.packer, player.team))
         self.past: list[int] = []
+        self.dropped = 0
         self.memory = max([memory, *(player.memory for player in players.values())])
 
     def _add(self, one: Opponent) -> int:
@@ -154,7 +156,7 @@ class Opponents:
             gaps = [at[k + 1] - at[k - 1] for k in range(1, len(at) - 1)]
             del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly
         for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
-            del self.all[k]
+            self.dropped += self.all.pop(k).total
 
     def record_all(self, games: Iterable[Sequence[Any]]) -> None:
         """Games of a rollout, in any order: the step in which they ended, against whom, how many were won, of how many.
@@ -189,7 +191,8 @@ class Opponents:
             games = sum(one.games for one in those)
             tags[f"wins/{name}"] = sum(one.won for one in those) / games
             tags[f"rating/{name}"] = sum(one.rating * one.games for one in those) / games
-            tags[f"games/{name}"] = float(sum(one.total for one in those))
+            total = sum(one.total for one in self.all.values() if one.kind == name)
+            tags[f"games/{name}"] = float(total + (self.dropped if name == PAST else 0))
         for one in met:
             one.won, one.games = one.won * FORGET, one.games * FORGET
         return tags
@@ -205,7 +208,7 @@ class Opponents:
             for k, one in self.all.items()
             if one.past
         }
-        return {"figures": figures, "past": past}
+        return {"figures": figures, "past": past, "dropped": self.dropped}
 
     def restore(self, given: Any, policies: Sequence[ActorCritic]) -> None:
         """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for all else."""
@@ -232,6 +235,10 @@ class Opponents:
         for rating, won, games, total in (kept.tolist() for kept in figures.values()):
             if abs(rating) > HIGHEST or not 0 <= won <= games <= total <= MOST:
                 raise TrainingError(WRONG)
+        dropped = given.get("dropped", 0)  # checkpoints of 0.1.0 have none
+        if type(dropped) is not int or not 0 <= dropped <= MOST:
+            raise TrainingError(WRONG)
+        self.dropped = dropped
         self.all, self.past = pool, sorted(number for number, kept in past.items() if kept.get("drawn"))
         for number, one in pool.items():
             one.rating, one.won, one.games, total = figures[number].tolist()

@@ -159,10 +159,14 @@ class ActorCritic(nn.Module):
         both = actor.activation(functional.linear(features, weight, bias)).chunk(2, 1)
         return self._logs(actor.behind_first(both[0])), critic.last(critic.behind_first(both[1])).flatten()
 
-    def take(self, other: "ActorCritic") -> None:
-        """Become the same function of observations as a policy whose inputs may be scaled otherwise.
+    def take(self, other: "ActorCritic", scale: Any = 1.0) -> None:
+        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
 
         Raises RuntimeError, as load_state_dict does, if its networks are others.
+
+        Args:
+            other: That policy.
+            scale: What numbers of the state are divided by here over what they are there, float32 (numbers,).
         """
         self.load_state_dict(other.state_dict())
         with torch.no_grad():
@@ -170,6 +174,8 @@ class ActorCritic(nn.Module):
                 own, its = cast(Extractor, one), cast(Extractor, two)
                 own.own.weight.mul_(its.own_scale / own.own_scale)
                 own.weight.mul_(its.scale / own.scale)
+            if self.overview is not None:
+                self.overview.weight.mul_(torch.as_tensor(scale, device=self.overview.weight.device))
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
         """Take other scales of inputs, those that weights were trained with."""

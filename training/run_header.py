@@ -108,7 +108,15 @@ def _is_field(given: Any) -> bool:
     if not isinstance(given, list) or len(given) != 2:
         return False
     size, scale = given
-    return _is_size(size) and size > 0 and type(scale) in (int, float) and SMALLEST <= scale < math.inf
+    return _is_size(size) and size > 0 and _is_scale(scale)
+
+
+def _is_scale(given: Any) -> bool:
+    return type(given) in (int, float) and SMALLEST <= given < math.inf
+
+
+def _are_scales(given: Any) -> bool:
+    return isinstance(given, list) and len(given) <= MOST and all(map(_is_scale, given))
 
 
 def _are_actions(given: Any) -> bool:
@@ -131,5 +139,6 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "team": _is_team,
     "memory": _is_size,
     "state": _is_size,
+    "state_scale": _are_scales,
     "plan": is_plan,
 }

@@ -62,6 +62,7 @@ class Trainer:
         learners: One for all agents, or one for each side or agent.
         opponents: The pool that they play against.
         state: Numbers of the state of a world, if critics learn from it; 0: they do not.
+        state_scale: What these are divided by, float32 (state,).
         collector: What plays.
         curriculum: What levels are drawn from, if somebody chooses them.
         steps: Agent-steps collected so far, by all processes.
@@ -102,7 +103,8 @@ class Trainer:
             self._set_numbers(done)
         self.layout, numbers = layout_of(self.env), config.numbers
         self.team = teams(self.env, config.policies)
-        self.state = len(GlobalState(self.env.worlds).scale) if config.critic == "state" else 0
+        self.state_scale = GlobalState(self.env.worlds).scale if config.critic == "state" else np.empty(0, np.float32)
+        self.state = len(self.state_scale)
         torch.manual_seed(config.seed)  # of initial weights
         self.learners = [
             Learner(self._policy(), numbers, torch.Generator().manual_seed(config.seed), number, self.crew)
@@ -180,6 +182,7 @@ class Trainer:
             "team": self.team.tolist(),
             "memory": self.config.memory,
             "state": self.state,
+            "state_scale": self.state_scale.tolist(),
         }
         weights = [policy.state_dict() for policy in self.policies]
         return {
@@ -239,8 +242,11 @@ class Trainer:
         if found != here or len(player.policies) not in (1, len(self.learners)):
             found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
             raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+        its = np.array(player.header.get("state_scale", []), np.float32)
+        if len(its) != self.state:
+            raise TrainingError(f"{name} does not say how the state that its critic learned from was scaled; {cure}")
         for k, policy in enumerate(self.policies):
-            policy.take(player.policies[k % len(player.policies)])
+            policy.take(player.policies[k % len(player.policies)], self.state_scale / its)
 
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
         """Let the policies learn to do as the teacher does, if the config names one, while they play as in the run.

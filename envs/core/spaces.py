@@ -65,7 +65,8 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
 
 def _bounds(worlds: Worlds) -> dict[str, Ends]:
     layout, found = worlds.layout, {}
-    stated = [(module.name, module.bounds(there)) for there in extreme_layouts(layout) for module in there.modules]
+    extremes = extreme_layouts(layout)
+    stated = [(module.name, module.bounds(there)) for there in extremes for module in there.modules]
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}
@@ -73,8 +74,9 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
             _checked(module, k, ends[k], fields, shape) for module, ends in stated for k in sorted(keys & ends.keys())
         ]
         sizes = [field.size for field in fields.values()] or 1
-        least = np.repeat([field.low for field in fields.values()] or [-np.inf], sizes)
-        most = np.repeat([field.high for field in fields.values()] or [np.inf], sizes)
+        declared = [there.fields[key].values() for there in extremes] if fields else []
+        least = np.repeat(np.min([[field.low for field in each] for each in declared], 0) if fields else -np.inf, sizes)
+        most = np.repeat(np.max([[field.high for field in each] for each in declared], 0) if fields else np.inf, sizes)
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
             low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in said]), np.fmax(least, column.low))
             high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in said]), np.fmin(most, column.high))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import Scenario, make_vec, variant
+from outlast import Scenario, choice, make_vec, variant
 from outlast.components import ObservationMasks, Phase, SelfView, Side
 from outlast.ecs import (
     Component,
@@ -132,6 +132,27 @@ def test_a_game_with_other_fields_is_another_game() -> None:
     assert len({code_digest(adding("own", *fields).modules[-1]) for fields in added}) == len(added)
     shown = [column("f4", "agents", fields=fields) for fields in added]
     assert len({code_digest(showing(mine=each).modules[-1]) for each in shown}) == len(shown)
+
+
+def test_the_range_of_a_field_is_the_widest_of_all_worlds() -> None:
+    class Limited(Stamina):
+        """The range is in the declaration of the field."""
+
+        def fields(self) -> Mapping[str, tuple[Field, ...]]:
+            return {"own": (Field("stamina", low=self.most - 10, high=self.most),)}
+
+        def bounds(self, layout: Layout) -> Mapping[str, Any]:
+            return {}
+
+    def ends(scenario: Scenario) -> list[float]:
+        env = make_vec(scenario, 1)
+        box = env.observation_space["own"]
+        where = env.fields["own"]["stamina"].columns
+        return [box.low[..., where].min(), box.high[..., where].max()]
+
+    scenario = variant("teams_1").with_(Limited())
+    assert ends(scenario) == [90, 100]
+    assert ends(scenario.vary(limited_most=choice(30, 80))) == [20, 80]
 
 
 def test_a_field_is_as_long_as_a_dimension() -> None:

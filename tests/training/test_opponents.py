@@ -87,11 +87,22 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     assert (at[0], at[-1]) == (1, 40)
     assert max(np.diff(at)) < 40 / 2
     assert {k for k, one in opponents.all.items() if one.past} == set(opponents.past)
+    opponents.report()
+    for k in opponents.past:
+        opponents.record(k, 1.0, 2)
     leaving = opponents.past[1]
     for step in range(41, 81):
         opponents.remember(trainer.policies, step, {0, leaving})
     assert leaving not in opponents.past
     assert leaving in opponents.all
+    assert opponents.report()["games/past"] == 2 * PAST_SELVES  # also those against who is gone
+    given = opponents.state()
+    again = make().opponents
+    again.restore(given, trainer.policies)
+    assert again.report()["games/past"] == 2 * PAST_SELVES
+    for wrong in (-1, 1.5, True, None):
+        with pytest.raises(TrainingError, match="not what a run goes on with"):
+            again.restore(given | {"dropped": wrong}, trainer.policies)
 
 
 def test_a_past_self_stays_as_it_was() -> None:

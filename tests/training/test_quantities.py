@@ -1,11 +1,12 @@
 """What a run logs of episodes and behaviour, counted again in plain Python in worlds that do the same."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from outlast import make_vec, variant
+from outlast import Scenario, integers, make_vec, variant
 from outlast.components import Item
 from outlast.ecs import Entity
 from tests.conftest import draw_actions
@@ -13,7 +14,11 @@ from tests.conftest import draw_actions
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.training.config import TrainingConfig  # noqa: E402
+from outlast.training.curves import Curves  # noqa: E402
+from outlast.training.headline import headline  # noqa: E402
 from outlast.training.metrics import AgentMetrics  # noqa: E402
+from outlast.training.plots.panels import chosen, drawn  # noqa: E402
+from outlast.training.plots.runs import Run  # noqa: E402
 from outlast.training.trainer import Trainer  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -30,8 +35,8 @@ CLOSE = {"room_size": 8.0, "pickup_reach": 1.5, "n_boxes": 1, "rewards_death": -
 CROWD = variant("teams_3").replace(**SHORT, **CLOSE)  # they meet, fight and give
 
 
-def make() -> Trainer:
-    return Trainer(TrainingConfig(CROWD, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12))
+def make(scenario: Scenario = CROWD) -> Trainer:
+    return Trainer(TrainingConfig(scenario, worlds=WORLDS, rollout=WORLDS * STEPS, seed=12))
 
 
 def collected(trainer: Trainer) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -113,6 +118,20 @@ def test_episodes_are_those_that_ended() -> None:
     assert expected["heals_used"] > 0
     assert expected["reward0"] != expected["reward1"]
     assert trainer.lane.episodes.tallies() == {"rollout/episodes": (0.0, 1.0)}
+
+
+def test_kills_of_all_sides_where_not_all_episodes_have_all() -> None:
+    """Means of sides are over the episodes that have them, and would add up to too many."""
+    trainer = make(variant("ffa_2").replace(**SHORT, room_size=8.0, melee_damage=30).vary(n_agents=integers(2, 4)))
+    _, episodes = collected(trainer)
+    report = trainer.report()
+    kills = [np.sum(episode["kills"]) for episode in episodes]
+    assert report["rollout/kills"] == np.mean(kills) > 0
+    assert sum(report[f"rollout/kills{k}"] for k in range(4)) > np.mean(kills)
+    assert next(figure.value for figure in headline(report) if figure.name == "kills") == np.mean(kills)
+    run = Run(Path("a"), "", {}, {}, Curves(np.array([1]), {tag: np.array([value]) for tag, value in report.items()}))
+    assert drawn(run, chosen([run], ["kills"])).values["kills"].tolist() == [np.mean(kills)]
+    assert list(drawn(run, chosen([run], ["rollout/kills3"])).values) == ["rollout/kills3"]
 
 
 def test_an_evaluation_counts_gifts_by_giver() -> None:

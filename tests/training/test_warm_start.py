@@ -107,19 +107,22 @@ def test_a_file_is_where_the_weights_begin(tmp_path: Path) -> None:
     assert same(sides.policies[0].state_dict(), sides.policies[1].state_dict())
 
 
-def test_weights_of_other_scales_are_the_same_function(tmp_path: Path) -> None:
-    TrainingRun(config(EACH), tmp_path).train()
+@pytest.mark.parametrize("critic", ["own", "state"])
+def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Path) -> None:
+    TrainingRun(config(EACH, critic=critic), tmp_path).train()
     file = str(tmp_path / checkpoint.NAME.format(EACH))
     plain, large = (
-        Trainer(config(warm_start=file)),
-        Trainer(config(warm_start=file, scenario=SHORT.replace(room_size=50.0))),
+        Trainer(config(warm_start=file, critic=critic, scenario=SHORT.replace(room_size=size))) for size in (SHORT.numbers()["room_size"], 50.0)
     )
     assert not torch.equal(plain.policies[0].extractors[0].own_scale, large.policies[0].extractors[0].own_scale)
     outputs = []
     for trainer in (plain, large):
         trainer.take_weights()
+        seen = plain.lane._seen(plain.env.observe())
+        if critic == "state":
+            seen.state *= torch.from_numpy(plain.state_scale / trainer.state_scale)
         with torch.no_grad():
-            outputs.append(trainer.policies[0](plain.lane.packer(plain.env.observe()))[:2])
+            outputs.append(trainer.policies[0](seen)[:2])
     for one, other in zip(*outputs, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 

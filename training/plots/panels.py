@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..columns import SUMMED, combinable
 from ..curves import Array, Curves
 from ..errors import TrainingError
 from ..metrics import PAPER_NAMES
 from .runs import Run
 
 ROLLOUT = "rollout/"
-SUMMED = ("kills",)  # over the sides of an episode; of everything else that has several it is the mean
 FIRST = ("return", "length", "kills", "heals_used")
 LAST = ("wins/",)  # beginnings of curves that come after the statistics
 RARE = ("episodes", "first_death")  # and deaths by damage type: drawn if asked for
@@ -22,7 +22,7 @@ MOST = 6  # curves that are drawn unless others are asked for
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve to draw: its name, and the tags of a log that it is made of: several, one for each side."""
+    """A curve to draw: its name, and the tags of a log that it is made of: of all sides, or several, one for each."""
 
     name: str
     tags: tuple[str, ...]
@@ -91,7 +91,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Curves:
 
 
 def _combined(curves: Curves, panel: Panel) -> Array | None:
-    own = [curves.values[tag] for tag in panel.tags if tag in curves.values]
+    own = [curves.values[tag] for tag in combinable([tag for tag in panel.tags if tag in curves.values])]
     if not any(np.isfinite(each).any() for each in own):
         return None
     combined: Array = np.sum(own, 0) if panel.name in SUMMED else np.mean(own, 0)
