@@ -112,7 +112,8 @@ def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Pa
     TrainingRun(config(EACH, critic=critic), tmp_path).train()
     file = str(tmp_path / checkpoint.NAME.format(EACH))
     plain, large = (
-        Trainer(config(warm_start=file, critic=critic, scenario=SHORT.replace(room_size=size))) for size in (SHORT.numbers()["room_size"], 50.0)
+        Trainer(config(warm_start=file, critic=critic, scenario=SHORT.replace(room_size=size)))
+        for size in (SHORT.numbers()["room_size"], 50.0)
     )
     assert not torch.equal(plain.policies[0].extractors[0].own_scale, large.policies[0].extractors[0].own_scale)
     outputs = []
