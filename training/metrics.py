@@ -67,7 +67,7 @@ class EpisodeMetrics:
     def tallies(self) -> Tallies:
         """Of the episodes since the last call, by tag. A team's return is that of its first agent.
 
-        A mean of a side is over the episodes that have it. Where not all have all, "rollout/kills" is that of all sides.
+        A mean of a side is over the episodes that have it; where not all have all, "rollout/kills" is that of all.
         """
         tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
