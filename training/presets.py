@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from outlast.envs.errors import ScenarioError
+from outlast.envs.rollout.saved import forms
+from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
 from .errors import TrainingError
@@ -67,6 +69,16 @@ class Preset:
         if "cameras" not in scenario:
             return scenario
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
+
+    def difference(self, recorded: Any, scenario: Scenario) -> str:
+        """How a recorded scenario differs from what policies of this preset train in for this one; "": not at all.
+
+        Args:
+            recorded: Its fingerprint, from the header of a run or a file.
+            scenario: As it was asked for, without the observations that the preset or opponents need.
+        """
+        found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
+        return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
         """How many worlds, and how many environment steps of all of them together a rollout has.

@@ -10,8 +10,7 @@ from pathlib import Path
 import torch
 
 from outlast.envs.errors import install
-from outlast.envs.rollout.saved import forms
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
 from outlast.envs.storage.interrupts import interrupts_held
 
@@ -223,10 +222,8 @@ class TrainingRun:
         """Refuse a run without a checkpoint that was begun with another config."""
         header = run_header.read_run_folder(self.folder)
         self._check_plan(header)
-        own = preset(self.config.preset).scenario(self.config.scenario)
-        others = [difference(header["scenario"], fingerprint(form)) for form in forms(own)]
-        if all(others):
-            raise TrainingError(f"the run in {self.folder} was begun with another scenario {others[0]}")
+        if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
+            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self) -> None:
         """Make the folder, remove temporary files of a killed process, and write run.json."""

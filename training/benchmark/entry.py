@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.mixture import parse_mixture
-from outlast.envs.rollout.saved import forms
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.storage.atomic_write import is_temporary, remove
 
 from .. import checkpoint, log_file, run_header
@@ -179,8 +177,7 @@ class EntryRun:
         header, _ = run_header.read_checkpoint(kept, (), (STEPS, "scenario", "preset"))
         plan = header.get("plan", {})
         check_training_seed(plan.get("seed", 0))
-        trained_in = preset(header["preset"]).scenario(self.entry.task.scenario)
-        of_task = not all(difference(header["scenario"], fingerprint(form)) for form in forms(trained_in))
+        of_task = not preset(header["preset"]).difference(header["scenario"], self.entry.task.scenario)
         opponents = parse_mixture(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
         teacher, _ = parse_warm_start(plan.get("warm_start", ""))
         met = [name for name in STYLES if name in (*opponents, teacher)]
