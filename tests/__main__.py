@@ -1,9 +1,9 @@
 """The whole check in one command: `python -m tests [--quick] [-- PYTEST ARGUMENTS]`.
 
 Every stage runs, also after a failure; the summary comes last. The exit code is 0 only if all of them passed.
-The suite runs compiled, with the slow tests, and then as plain Python, of which the mechanics, the engine and a few
-files of the core are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests that
-only the night has time for, and then all that has kernels twice: compiled with bounds checks, and as plain Python.
+The suite runs compiled, with the slow tests, and then as plain Python, of which the engine and a few files of the core
+and of the mechanics are enough by day. `--quick` skips the slow tests and the second run. `--nightly` runs the tests
+that only the night has time for, then all that has kernels twice: compiled with bounds checks, and as plain Python.
 """
 
 import importlib.util
@@ -25,11 +25,13 @@ WORKERS = ("-n", "auto", "--dist", "loadfile")  # a process a core; tests of one
 # They are ignored as folders, because markers would make those runs import every library first (a minute).
 WITHOUT_KERNELS = ("adapters", "docs", "recording", "rendering", "robustness", "rollout", "training", "web")
 KERNELS_ONLY = tuple(f"--ignore=tests/{folder}" for folder in WITHOUT_KERNELS)
-# Of the core, what compares plain Python with compiled kernels or with golden digests; the rest checks mostly what no
-# kernel does, a hundred times slower.
-CORE_BY_DAY = {f"tests/core/test_{name}.py" for name in ("determinism", "digests", "state", "vector")}
-CORE_BY_NIGHT = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("tests/core/test_*.py")} - CORE_BY_DAY
-PLAIN_BY_DAY = (*KERNELS_ONLY, *(f"--ignore={file}" for file in sorted(CORE_BY_NIGHT)))
+# By day, plain Python runs the engine, what compares it with compiled kernels, digests and naive forms, and what has
+# kernels that no variant has; the rest repeats, a hundred times slower, what they say.
+PLAIN_BY_DAY = (
+    *("tests/engine", "tests/physics"),
+    *(f"tests/core/test_{name}.py" for name in ("determinism", "digests", "state")),
+    *(f"tests/mechanics/test_{name}.py" for name in ("ablations", "edges", "fidelity_rules", "lidar", "reference")),
+)
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 
 # import-linter has no `-m` of its own: `python -m importlinter.cli` would do nothing, and pass.

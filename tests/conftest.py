@@ -31,8 +31,22 @@ def if_compiled(mark: Any) -> Any:
 slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pytest.mark.nightly)
 
 
+@pytest.hookimpl(tryfirst=True)  # ahead of pytest's own choice by marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as nightly what `by_day` leaves out."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("by_day"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for each in cases.values():
+        count = min(each[0].get_closest_marker("by_day").args[0], len(each))
+        chosen = {k * len(each) // count for k in range(count)}
+        for k in {*range(len(each))} - chosen:
+            each[k].add_marker(pytest.mark.nightly)
+
+
 def few_by_day(names: Iterable[str], few: tuple[str, ...]) -> list[Any]:
-    """Parameters of a test: all names but the few are nightly."""
+    """Parameters of a test: all names but the few are nightly. See also the mark by_day, which counts."""
     return [name if name in few else pytest.param(name, marks=pytest.mark.nightly) for name in names]
 
 

@@ -78,6 +78,7 @@ def alike(one: Any, other: Any) -> bool:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("name", few_by_day(CASES, DAILY))
+@pytest.mark.by_day(5)
 def test_it_is_gymnasiums_vector_of_single_environments(name: str, mode: AutoresetMode) -> None:
     """Bit for bit over several episodes, sub-environment i seeded SEED + i in both; infos and final ones, too."""
     kind, options = CASES[name]

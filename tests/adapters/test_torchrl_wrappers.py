@@ -66,6 +66,7 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
 
 
 @GAMES
+@pytest.mark.by_day(4)
 def test_a_rollout_through_deaths(name: str, dead: str) -> None:
     """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
     rollout = wrapped(name, dead).rollout(10 * LIMIT)

@@ -85,6 +85,7 @@ def played(game: str, ticks: int, seed: int = 3) -> Iterator[tuple[Any, Any]]:
 
 
 @pytest.mark.parametrize("game", GAMES)
+@pytest.mark.by_day(2)
 def test_what_changes_is_what_the_events_say(game: str) -> None:
     """Who is there, what is in each bag, and everybody's hit points: the events tell all of it."""
     seen: dict[str, int] = {}

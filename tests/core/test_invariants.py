@@ -26,6 +26,7 @@ def walk(name: str, world_steps: int, num_worlds: int) -> None:
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.by_day(3)
 def test_what_must_hold_holds_in_random_play(name: str) -> None:
     walk(name, STEPS, scaled(16, least=2))
 

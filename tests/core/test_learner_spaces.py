@@ -38,6 +38,7 @@ def busy(env: Any, rng: np.random.Generator) -> Any:
 
 
 @pytest.mark.parametrize("name", MASKED)
+@pytest.mark.by_day(2)
 def test_what_is_masked_changes_no_bit(name: str) -> None:
     """Two batches, one of which does nothing wherever the mask says that this would be the same, stay equal."""
     worlds = scaled(64, 2)

@@ -85,6 +85,7 @@ def run(page: str, library: str) -> None:
 @pytest.mark.parametrize(
     ("page", "library"), [case if case != LONG else pytest.param(*case, marks=pytest.mark.nightly) for case in cases()]
 )
+@pytest.mark.by_day(8)
 def test_examples_run(page: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if library:
         pytest.importorskip(library)
@@ -225,6 +226,7 @@ def test_pictures_are_small_and_shown() -> None:
 
 @once
 @pytest.mark.parametrize("name", pictures())
+@pytest.mark.by_day(4)
 def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update them: python docs/pictures.py"""
     if name in PLAYED and (sys.platform, platform.machine()) != ("linux", "x86_64"):
@@ -242,6 +244,7 @@ def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyP
 @once
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
 @pytest.mark.parametrize("name", films())
+@pytest.mark.by_day(4)
 def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update one: the command of the page, or python docs/pictures.py NAME"""
     command = films()[name]

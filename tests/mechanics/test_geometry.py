@@ -137,6 +137,7 @@ def _agree(queries: Queries, circles: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("circles", [True, False], ids=["circles", "boxes"])
+@pytest.mark.by_day(1)
 def test_rays_equal_box2d(circles: bool) -> None:
     fractions = _agree(_queries(1, COUNT), circles)
     hits = fractions <= 1

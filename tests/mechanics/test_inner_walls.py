@@ -147,6 +147,7 @@ def close(one: Any, two: Any) -> bool:
 
 @generators
 @pytest.mark.parametrize("plain", [variant("teams_3"), HALL], ids=["square", "hall"])
+@pytest.mark.by_day(2)
 def test_everybody_starts_in_a_free_place(kind: str, plain: Scenario) -> None:
     mechanic = GENERATORS[kind]
     if plain is HALL and "pillars" not in kind:
@@ -185,6 +186,7 @@ def play_inside(mechanic: Any, numbers: dict[str, Any], worlds: int, ticks: int)
 @pytest.mark.skipif(not COMPILED, reason="many ticks")
 @pytest.mark.parametrize("numbers", [RUNS, TEXT], ids=["as run", "as written"])
 @pytest.mark.parametrize("kind", ["maze", "rooms", "pillars"])
+@pytest.mark.by_day(2)
 def test_nobody_is_ever_inside_a_wall(kind: str, numbers: dict[str, Any]) -> None:
     play_inside(GENERATORS[kind], numbers, 48, 150)
 

@@ -86,6 +86,7 @@ NAIVE: dict[str, Scenario] = {
 
 
 @pytest.mark.parametrize("name", NAIVE)
+@pytest.mark.by_day(2)
 def test_distances_are_those_of_the_naive_form(name: str) -> None:
     """In random worlds, crowded or not, with dead agents and items anywhere, and a tick later."""
     env, rng = make_vec(NAIVE[name], FEW, seed=5), np.random.default_rng(6)

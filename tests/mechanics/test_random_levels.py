@@ -33,6 +33,7 @@ def play(kind: str, seed: int, worlds: int, steps: int) -> LevelChecker:
 
 
 @kinds
+@pytest.mark.by_day(1)
 def test_bodies_stay_apart_in_random_levels(kind: str) -> None:
     """From walls and from each other where they start and come back; nobody is in a wall; the absent do nothing."""
     for seed in range(scaled(2)):

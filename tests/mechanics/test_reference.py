@@ -34,6 +34,7 @@ def events(episodes: list[Episode]) -> dict[str, int]:
 
 @pytest.mark.parametrize("policy", ["held", "scripted"])
 @pytest.mark.parametrize("name", ["ffa_4", "teams_4"])
+@pytest.mark.by_day(2)
 def test_short_episodes_are_those_of_the_reference(name: str, policy: str) -> None:
     numbers = QUICK | ({} if COMPILED else {"n_heals": 4, "n_boxes": 3})
     episodes = record(variant(name).replace(**numbers), scaled(3, least=1), 1, POLICY[policy])

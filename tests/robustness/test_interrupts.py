@@ -93,6 +93,7 @@ assert seen["interrupted"] and seen["complete"], seen
 
 
 @pytest.mark.parametrize(("threads", "autoreset"), [(1, "NextStep"), (3, "SameStep")])
+@pytest.mark.by_day(1)
 def test_interrupted_calls(threads: int, autoreset: str) -> None:
     interrupt(threads, autoreset, times=30 if COMPILED else 5, worlds=1024 if COMPILED else 20)
 

@@ -199,6 +199,7 @@ def test_it_is_saved_and_named_beside_its_mechanics(folder: Path) -> None:
         ("-uc", "import outlast; outlast.play('bog_game.py:arena', browser=False)"),
     ],
 )
+@pytest.mark.by_day(1)
 def test_it_is_played_in_a_browser(folder: Path, words: Sequence[str]) -> None:
     command = [sys.executable, *words]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
@@ -221,6 +222,7 @@ def test_python_takes_it(folder: Path) -> None:
     assert run(folder, "faces.py").endswith("bog 2\n")
 
 
+@pytest.mark.nightly
 def test_python_does_in_one_call_each_what_commands_do(folder: Path) -> None:
     pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     (folder / "calls.py").write_text(CALLS)

@@ -56,6 +56,7 @@ def made(pickled: bytes, state: bytes) -> str:
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.by_day(1)
 def test_workers_of_every_kind_compute_the_same(method: str) -> None:
     """After this process has used threads, which a fork does not inherit."""
     expected = [play(seed, threads=2) for seed in SEEDS]

@@ -46,6 +46,7 @@ def equal(one: Summary, other: Summary) -> bool:
 
 @pytest.mark.parametrize("policy", sorted(POLICIES))
 @pytest.mark.parametrize("variant", ["ffa_1", "teams_3"])
+@pytest.mark.by_day(4)
 def test_batches_of_worlds_add_up_to_the_whole(policy, variant):
     work = task(policy, variant)
     whole = run_task(work, 0, WORLDS)

@@ -122,6 +122,7 @@ def descriptors() -> Any:
         ("healer", "mate_distance", 0.85),
     ],
 )
+@pytest.mark.nightly
 def test_a_style_differs_from_the_script(descriptors: Any, name: str, statistic: str, factor: float) -> None:
     """In the same worlds, by that factor at least, and by five standard errors."""
     own, other = (descriptors[each][statistic].reshape(WORLDS, -1).mean(1) for each in (name, "scripted"))
@@ -150,6 +151,7 @@ def other_games() -> list[outlast.Scenario]:
 
 
 @pytest.mark.parametrize("game", [*ablated_games(), *other_games()], ids=lambda game: getattr(game, "name", game))
+@pytest.mark.by_day(8)
 def test_styles_play_every_game(game: Any) -> None:
     env = outlast.make_vec(game, 3, seed=0)
     observations, _ = env.reset()

@@ -32,6 +32,7 @@ def test_a_game_is_the_one_that_its_task_names(task: str, name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason="its sines are others: see tests/core/test_determinism.py")
 @pytest.mark.parametrize(("task", "name"), EVERY)
+@pytest.mark.by_day(8)
 def test_its_worlds_go_on_as_they_did(task: str, name: str) -> None:
     game, own = games(task_of(task))[name], pinned()[task][name]
     assert begins(game) == own["begins"], VERSION.format(task, name)

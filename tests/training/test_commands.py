@@ -70,6 +70,7 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     assert not [path for path in out.iterdir() if path.suffix not in (".json", ".csv")]
 
 
+@pytest.mark.nightly
 def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) -> None:
     small = ("--episodes", 6, "--worlds", 2, *QUICK, "--quiet")
     assert evaluate("ffa_1", "scripted", "noop", *small, "--out", tmp_path / "plain") == 0

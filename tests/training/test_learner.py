@@ -33,6 +33,7 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
         ("fast", {"ent_coef": 0.01, "n_epochs": 5, "batch_size": 200, "target_kl": 0.0}, 1e-12),
     ],
 )
+@pytest.mark.by_day(3)
 def test_an_update_is_that_of_stable_baselines(preset: str, options: dict[str, Any], close: float) -> None:
     """With the paper's numbers: 400 epochs unless the divergence ends them. 1e-5: with the rounding of float32."""
     pytest.importorskip("stable_baselines3", reason="needs stable_baselines3: outlast[sb3]")

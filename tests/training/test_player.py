@@ -144,6 +144,7 @@ KEPT = Path(__file__).resolve().parents[2] / "docs" / "results"
 
 
 @pytest.mark.parametrize("path", sorted(KEPT.rglob("*.zip")), ids=lambda path: str(path.relative_to(KEPT)))
+@pytest.mark.by_day(8)
 def test_every_kept_policy_plays(path: Path) -> None:
     player = load_policy(path, seed=None)
     games = {f"{each.name}-{each.preset}": each.scenario for each in experiments(PARTS)}

@@ -137,6 +137,7 @@ def test_a_second_ctrl_c_waits_for_the_checkpoint(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
+@pytest.mark.by_day(2)
 def test_ctrl_c_saves_the_last_update(tmp_path: Path, updates: int, now: str) -> None:
     run = TrainingRun(config(6 * EACH), tmp_path / "parts")
     if not updates:

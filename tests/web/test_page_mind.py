@@ -133,6 +133,7 @@ def test_the_address_follows_what_is_shown_and_leads_there(look: Any, page: tupl
         ("#tick=<b>1</b>&what=1&world=-1", "", 0),
     ],
 )
+@pytest.mark.by_day(2)
 def test_what_an_address_names_in_vain_is_said(
     look: Any, page: tuple[Path, Thoughts], place: str, words: str, tick: int
 ) -> None:

@@ -106,6 +106,7 @@ def test_the_start_card_has_a_button(page, game):
         (" ", (1, 1, 1, 1, 0, 0)),
     ],
 )
+@pytest.mark.by_day(3)
 def test_keys_are_held_until_they_are_let_go(page, game, key, action):
     page.keyboard.down(key)
     shows(page, 2)
