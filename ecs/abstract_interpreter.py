@@ -39,6 +39,7 @@ from .errors import DeclarationError, EngineError, ScheduleError
 from .references import is_outside
 
 WRITING = ("fill", "itemset", "partition", "put", "sort")  # methods of arrays that write in place
+VIEWS = ("ravel", "reshape", "transpose")  # those whose result may be a view
 SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes of arrays that are no values
 FLOATS = (float, np.float32, np.float64)
 TRUTHS = {getattr(operator, name) for name in ("lt", "le", "eq", "ne", "ge", "gt", "not_", "contains")}
@@ -205,7 +206,7 @@ class Activation:
                 self._refuse_access(value, f"takes .{name} of {value}")
             if name in ("T", "flat"):
                 return frozenset([value])
-            if name in WRITING:
+            if name in (*WRITING, *VIEWS):
                 return frozenset([Column(value.component, value.access, value.name, value.part, name)])
         elif isinstance(value, Constant) and isinstance(value.value, ModuleType):
             if hasattr(value.value, name):
@@ -245,6 +246,8 @@ class Activation:
         called: Any = target.value if isinstance(target, Constant) else None
         if called is len:
             return ANYTHING
+        if isinstance(target, Column) and target.method in VIEWS:
+            return frozenset([Column(target.component, target.access, target.name, target.part)])
         if isinstance(target, Column) and target.method:
             self._refuse_write(target)
         called = getattr(called, "python", getattr(called, "py_func", called))

@@ -19,7 +19,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table, or (part) an element or a slice of it; method: a method of the array that writes it."""
+    """A column of a table, or (part) an element or a slice of it; method: of an array, one of WRITING or of VIEWS."""
 
     component: type[Component]
     access: str

@@ -165,6 +165,10 @@ def writes_by_a_method(place: Read[Place]) -> None:
     place.x.fill(0)
 
 
+def writes_through_a_view(place: Read[Place]) -> None:
+    np.fill_diagonal(place.trail.reshape((-1, 2)), 0)
+
+
 def writes_in_a_kernel(place: Read[Place]) -> None:
     slow_down(place, 0, 0.5)
 
@@ -186,8 +190,8 @@ def stores_a_vector(place: Read[Place]) -> None:
 @pytest.mark.parametrize(
     "function",
     [
-        writes_an_element, writes_in_place, writes_a_part, writes_by_a_method, writes_in_a_kernel,
-        writes_what_a_kernel_returns, writes_by_position, stores_a_vector,
+        writes_an_element, writes_in_place, writes_a_part, writes_by_a_method, writes_through_a_view,
+        writes_in_a_kernel, writes_what_a_kernel_returns, writes_by_position, stores_a_vector,
     ],
 )  # fmt: skip
 def test_a_system_that_writes_what_it_reads_is_refused(function: Callable[..., None], compiled: bool) -> None:
