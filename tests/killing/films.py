@@ -39,6 +39,7 @@ class Record(Writer):
         assert len(Recording.open(last)) == len(Recording.open(reference / "a.rec"))
 
 
+SHAPE = (198, 128)  # of a frame: a square, and the scoreboard of two agents
 FRAMES = ("outlast", "frames", "ffa_1", "--steps", "60", "--size", "128", "--quiet", "--out", "{out}")
 
 
@@ -51,7 +52,7 @@ def same_film(path: Path, expected: Path) -> None:
     from outlast.envs.rendering.video.codecs import CODECS
 
     codec = CODECS[path.suffix]
-    assert codec.read(path) == codec.read(expected) == (61, 128, 128)
+    assert codec.read(path) == codec.read(expected) == (61, *SHAPE)
 
 
 class Pictures(AtomicOutput):
@@ -65,13 +66,13 @@ class Pictures(AtomicOutput):
 
         (folder / "film").mkdir()
         for k in range(70):
-            cv2.imwrite(str(folder / "film" / f"frame_{k:06}.png"), np.zeros((128, 128, 3), np.uint8))
+            cv2.imwrite(str(folder / "film" / f"frame_{k:06}.png"), np.zeros((*SHAPE, 3), np.uint8))
 
     def check(self, folder: Path, reference: Path) -> str:
         import cv2
 
         pictures = visible(folder / "film")
-        assert all(np.shape(cv2.imread(str(path))) == (128, 128, 3) for path in pictures)
+        assert all(np.shape(cv2.imread(str(path))) == (*SHAPE, 3) for path in pictures)
         assert [path.name for path in pictures] == [f"frame_{k:06}.png" for k in range(len(pictures))]
         assert 61 <= len(pictures) <= 70
         old = sum(not cv2.imread(str(path)).any() for path in pictures[:61])
@@ -133,7 +134,7 @@ class Compiled(Writer):
         return f"{len(files)} files" if files else NOTHING
 
     def check_resumed(self, folder: Path, reference: Path) -> None:
-        names = [{path.name for path in directory.rglob("*.nb*")} for directory in (folder, reference)]
+        names = [{path.name for path in directory.rglob("*.unit")} for directory in (folder, reference)]
         assert names[0] == names[1] != set()
 
 
