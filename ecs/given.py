@@ -117,6 +117,8 @@ def wrongly_given(layout: Any, words: Array) -> str:
     for part in (KEY, AWAY):
         if (wrong := words[:, part][:, 0] > 1).any():
             return f"the key of random numbers in world {int(wrong.argmax())} is none"
+    if (wrong := (words[:, KEY][:, 0] == 1) & (words[:, KEY][:, 3] == 0)).any():
+        return f"the key of random numbers in world {int(wrong.argmax())} is of episode 0: the first one is 1"
     return ""
 
 

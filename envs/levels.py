@@ -36,10 +36,11 @@ class Level:
     Attributes:
         numbers: Those that vary, by full name ("melee_damage"): a number, a bool, a text or a tuple; numbers and arrays
             of NumPy become such. Those that are left out are drawn.
-        key: (seed, world, episode), which key the random numbers; None: those of the world that plays it.
+        key: (seed, world, episode), which key the random numbers; episodes count from 1. None: those of the world that
+            plays it.
 
     Raises:
-        NumberError: Numbers that are no dict, or a key of something else than three integers from 0 to 2**64 - 1.
+        NumberError: Numbers that are no dict, or a key of something else than three integers.
     """
 
     numbers: Mapping[str, Any] = field(default_factory=dict)
@@ -52,8 +53,9 @@ class Level:
         key: Any = in_python(self.key)
         if key is None:
             return
-        if type(key) is not tuple or len(key) != 3 or not all(type(each) is int and 0 <= each < MOST for each in key):
-            raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0 to 2**64 - 1")
+        whole = type(key) is tuple and len(key) == 3 and all(type(each) is int and 0 <= each < MOST for each in key)
+        if not (whole and key[2]):  # worlds that have not begun are in episode 0
+            raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0, 0 and 1 to 2**64 - 1")
         object.__setattr__(self, "key", key)
 
     def mutated(self, scenario: Scenario, rng: np.random.Generator, count: int = 1, rekey: bool = False) -> "Level":

@@ -112,7 +112,7 @@ def resets() -> Iterator[int]:
             mask = rng.random(3) < 0.5
             mask[rng.integers(3)] = True
             seed: Any = [None, int(rng.integers(2**63)), rng.integers(0, 2**63, 3)][rng.integers(3)]
-            env.reset(seed=seed, parse_options={"reset_mask": mask} if rng.random() < 0.5 else None)
+            env.reset(seed=seed, options={"reset_mask": mask} if rng.random() < 0.5 else None)
             env.step(draw_actions(env, rng))
             yield 1
 

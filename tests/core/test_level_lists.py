@@ -183,6 +183,7 @@ def test_levels_are_files(tmp_path: Path) -> None:
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=10**400), NumberError, "level 0"),
         (lambda content: content["levels"][0]["numbers"].update(melee_reach=2), NumberError, "does not vary here"),
         (lambda content: content["levels"][0].update(key=[1, 2]), ScenarioError, "seed, world and episode are needed"),
+        (lambda content: content["levels"][0].update(key=[1, 2, 0]), ScenarioError, "needed, from 0, 0 and 1"),
         (lambda content: content["levels"][0].update(key=[1, 2, -1]), ScenarioError, "seed, world and episode"),
     ],
 )

@@ -243,9 +243,10 @@ class Child:
         variables = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
         variables |= {} if self.compiled else {"NUMBA_DISABLE_JIT": "1"}
         self.errors = Path(tempfile.mkstemp(suffix=".txt")[1])
-        self.process = subprocess.Popen(
-            command, env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=self.errors.open("w")
-        )
+        with self.errors.open("w") as errors:
+            self.process = subprocess.Popen(
+                command, env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=errors
+            )
         self.lines: queue.Queue[str] = queue.Queue()
         threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True).start()
 
