@@ -128,7 +128,7 @@ def _points(scene: Scene, e: int) -> Iterator[tuple[float, float]]:
 
 
 def _spread(half: float, gap: float) -> list[float]:
-    count = math.ceil(half / gap)
+    count = min(math.ceil(half / gap), 4 * COLUMNS)  # no more, however large a shape in a state of somebody's is
     return [half * k / count for k in range(-count, count + 1)] if count else [0.0]
 
 
