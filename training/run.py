@@ -12,7 +12,7 @@ import torch
 from outlast.envs.errors import install
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary, remove
-from outlast.envs.storage.interrupts import interrupts_held
+from outlast.envs.storage.interrupts import interrupts_held, one_interrupt
 
 from . import checkpoint, run_header
 from .config import TrainingConfig
@@ -123,6 +123,7 @@ class TrainingRun:
         self.tags: dict[str, float] = {}
         self.now = "collecting"
 
+    @one_interrupt()
     def train(self, progress: Progress = lambda run: None) -> None:
         """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
 

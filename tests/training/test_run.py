@@ -1,6 +1,7 @@
 """Runs: resumed ones are as if they had never stopped, logs and checkpoints are whole."""
 
 import csv
+import inspect
 import io
 import json
 import lzma
@@ -10,6 +11,7 @@ import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -134,6 +136,35 @@ def test_a_second_ctrl_c_waits_for_the_checkpoint(tmp_path: Path, monkeypatch: p
     with pytest.raises(KeyboardInterrupt):
         run.train(stop)
     assert names(tmp_path)[-1] == checkpoint.NAME.format(3 * EACH)
+
+
+def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path) -> None:
+    """It comes between the first one and the first line of what saves."""
+    run, came = TrainingRun(config(6 * EACH), tmp_path), list[int]()
+    lines, first = inspect.getsourcelines(inspect.unwrap(TrainingRun.train))
+    saving = first + next(k for k, line in enumerate(lines) if "with interrupts_held()" in line)
+
+    def trace(frame: FrameType, event: str, argument: Any) -> Any:
+        if frame.f_code.co_name != "train" or Path(frame.f_code.co_filename).name != "run.py":
+            return None
+        if event == "line" and frame.f_lineno == saving:
+            came.append(frame.f_lineno)
+            signal.raise_signal(signal.SIGINT)
+        return trace
+
+    def stop(own: TrainingRun) -> None:
+        if own.done == 2 * EACH:
+            signal.raise_signal(signal.SIGINT)
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run.train(stop)
+    finally:
+        sys.settrace(before)
+    assert came
+    assert names(tmp_path) == [checkpoint.NAME.format(2 * EACH)]
 
 
 @pytest.mark.parametrize(("updates", "now"), [(0, ""), (3, "collecting"), (3, "epoch 2")])
