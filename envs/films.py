@@ -5,12 +5,14 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Worlds
 
 from .adapters.opponents import Other, Others, checked_others
+from .core.validation import check_count
 from .errors import FilmError
 from .recording import Recording, Replay
 from .rendering.layers import Layer, select
@@ -106,6 +108,10 @@ def film(
         ReplayError: A tick of the recording is not what it was.
         FilmError: Paths, sizes, views and numbers of worlds that cannot be; or the film could not be written.
     """
+    try:
+        check_count("steps", STEPS if steps is None else steps, 0)
+    except ValueError as error:
+        raise FilmError(str(error)) from None
     looks, more = Looks(size, mosaic, views, every, fps), tuple(layers)
     if (recording := _recording(game)) is not None:
         _refuse(policy=policy, others=others, seed=seed, **numbers)
@@ -212,7 +218,8 @@ def _replayed(
     """The worlds to show, and what replays them."""
     most = replay.worlds.count
     room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
-    shown = range(min(room, most)) if worlds is None else range(worlds) if isinstance(worlds, int) else list(worlds)
+    asked: Any = min(room, most) if worlds is None else worlds
+    shown: Sequence[int] = range(asked) if isinstance(asked, Integral) else list(asked)
     if strange := [w for w in shown if not 0 <= w < most]:
         raise FilmError(f"there is no world {strange[0]}: the recording has {most}, from 0 on")
     return shown, replay.ticks(last=steps, worlds=shown)

@@ -69,7 +69,10 @@ def run(options: argparse.Namespace) -> int:
     recording = _open(options)
     with contextlib.closing(Replay(recording, options.threads)) as replay:
         try:
-            return max(write(options, replay) for write in products or [_verify])
+            for write in products or [_verify]:
+                if status := write(options, replay):
+                    return status  # stopped, or not what was recorded: the others would be no better
+            return 0
         except ReplayError as error:
             LOGGER.error("%s", error)
             return 1

@@ -19,6 +19,9 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f".parquet files need pyarrow: {install('data')}", name=error.name) from error
 
 Array = np.ndarray[Any, Any]
+WORLDS = ("world", "episode", "tick")
+ENDS = ("terminated", "truncated", "last")
+RESERVED = {*WORLDS, "agent", "reward", "alive", *ENDS}
 
 
 def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
@@ -30,6 +33,10 @@ def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
     """
     about, count = manifest(replay), 0
     names = [column["name"] for column in about["actions"]]
+    if taken := sorted({*names} & RESERVED):
+        raise RecordingError(
+            f"the action {taken[0]!r} has the name of another column of .parquet; rename it, or write a folder of .npz"
+        )
     with atomic_write(target) as path, contextlib.ExitStack() as files:
         writer = None
         for batch in read_shards(replay, selection):
@@ -46,11 +53,11 @@ def export_parquet(target: Path, replay: Replay, selection: Selection) -> int:
 
 def _table(batch: Samples, names: list[str]) -> Any:
     columns, agents = batch.columns, batch.columns["actions"].shape[1]
-    found = {key: np.repeat(columns[key], agents) for key in ("world", "episode", "tick")}
+    found = {key: np.repeat(columns[key], agents) for key in WORLDS}
     found["agent"] = np.tile(np.arange(agents, dtype=np.int32), len(batch))
     found |= {name: columns["actions"][:, :, k].ravel() for k, name in enumerate(names)}
     found |= {"reward": columns["rewards"].ravel(), "alive": columns["alive"].ravel()}
-    found |= {key: np.repeat(columns[key], agents) for key in ("terminated", "truncated", "last")}
+    found |= {key: np.repeat(columns[key], agents) for key in ENDS}
     arrays = {key: pa.array(array) for key, array in found.items()}
     for key, array in batch.observations.items():
         if array[0].size:

@@ -54,7 +54,7 @@ def _part(layout: Layout, event: type[Event], rows: Array) -> dict[str, Array]:
     """The table of the events of one kind."""
     words = {"entity": entity_names(layout), "damage type": _damage_types(layout)}
     rest = [name for name in event.columns if name not in (COUNT, event.who, event.whom)]
-    amount = next((name for name in rest if name == "amount"), None)
+    amount = next((name for name in rest if name == "amount" and rows[name].ndim == 1), None)
     why = next((name for name in rest if event.columns[name].unit == "damage type"), None)
     found: dict[str, Array] = {name: rows[name] for name in TIMES}
     found["event"] = _same(event.name, rows)

@@ -53,7 +53,7 @@ def events(worlds: Worlds, w: int) -> list[Json]:
     found = [] if scene[Clock].tick[0] else [PageEvent("start")]
     found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
     found += [_break(bodies, event) for event in scene.events(BoxBroken)]
-    found += [_death(scene, bodies, event) for event in scene.events(Death)]
+    found += [_death(scene, bodies, event) for event in scene.events(Death) if bodies.agent_number(event.agent) >= 0]
     found += [*_others(scene, bodies), *_end(scene)]
     return [asdict(event) for event in found]
 
@@ -80,11 +80,16 @@ def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
     """Those of a user's mechanics, in words; agents that did them as agents."""
     found = []
     for kind in scene.worlds.layout.events:
-        if kind in KNOWN or not (entries := scene.events(kind)):
+        entries = scene.events(kind)
+        chosen = range(len(entries)) if kind not in KNOWN else []
+        if kind is Death:  # what dies need not be an agent
+            chosen = [k for k, entry in enumerate(entries) if bodies.agent_number(entry.agent) < 0]
+        if not chosen:
             continue
         rows = scene.worlds.entries(kind)
         table = event_table(scene.worlds.layout, {kind.name: rows[rows["world"] == scene.w]})
-        for k, entry in enumerate(entries):
+        for k in chosen:
+            entry = entries[k]
             agent = bodies.agent_number(getattr(entry, kind.who)) if kind.who else -1
             who = "" if agent >= 0 else table["who"][k]
             words = [who, kind.name.replace("_", " "), *(table[name][k] for name in ("whom", "amount", "why", "more"))]

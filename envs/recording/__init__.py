@@ -5,6 +5,7 @@ repeated), digests (how a difference is found).
 """
 
 import os
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +27,8 @@ def record(
 ) -> Recorder:
     """Record all that `env` does from its next reset on, which must be one of all worlds.
 
-    Meanwhile `set_state` is refused, and actions are checked whatever check_actions says.
+    Meanwhile `set_state` is refused, and actions are checked whatever check_actions says. Ends that an adapter adds
+    (stop_when) are not recorded, of which a UserWarning warns: those episodes just break off.
 
     Args:
         env: The environment itself: `wrapper.unwrapped` of a gymnasium wrapper.
@@ -49,6 +51,12 @@ def record(
         raise TypeError(
             f"record() needs what make_vec returns, not {type(env).__name__}: give env.unwrapped of a gymnasium "
             "wrapper, or env.base_env of an adapter"
+        )
+    if env._stops is not None:
+        warnings.warn(
+            "ends that an adapter adds (its learner's death, max_episode_steps) are in no recording: in replays and "
+            "datasets these episodes just break off",
+            stacklevel=2,
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
     return env.run_with(lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts))

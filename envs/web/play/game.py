@@ -56,6 +56,9 @@ class Game:
     ) -> None:
         self.env = make_vec(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
         try:
+            if Episode not in self.env.worlds:
+                raise PlayError(f"{scenario.name} has no 'record', by which episodes are judged here: add Record()")
+
             self._choose(agent)
             if record is not None:
                 recording.record(self.env, record)

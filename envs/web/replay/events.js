@@ -51,7 +51,7 @@ const Events = (() => {
       if (event.at > k) break;
       const { kind, agent, by, cause } = event, me = all[agent];
       if (kind === "kill" && by >= 0) all[by].kills++;
-      if (kind === "kill" || kind === "death") me.status = death(kind, by, cause, start + event.at);
+      if (me && (kind === "kill" || kind === "death")) me.status = death(kind, by, cause, start + event.at);
       if (me && kind === "heal") me.heals++;
       if (me && kind === "place") me.placed++;
       if (me && kind === "break") me.broken++;

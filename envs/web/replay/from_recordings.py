@@ -53,12 +53,13 @@ def replay_page(
         PageError: The page cannot be written.
         OSError: A recording cannot be read.
     """
-    target, shown = checked(out), [0] if worlds is None else worlds
+    shown = [0] if worlds is None else worlds
     opened = [
         source if isinstance(source, Recording) else Recording.open(source)
         for source in (recording, beside)
         if source is not None
     ]
+    target = checked(out, *(Path(each.path) for each in opened))
     ends = [last_tick(each, first, last, shown) for each in opened]
     rooms = []
     for each, end in zip(opened, ends, strict=True):

@@ -113,9 +113,11 @@ def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
         raise PageError("there is nothing to show: this scenario has no agents")
 
 
-def checked(path: str | os.PathLike[str]) -> Path:
-    """The path of a page; PageError if no page can be written there, before anything is run."""
+def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
+    """The path of a page; PageError if no page can be written there, before anything is run. sources: what it shows."""
     target = Path(path)
+    if target.exists() and any(target.samefile(source) for source in sources if source.exists()):
+        raise PageError(f"{target} is the recording itself: give another name for the page")
     if target.is_dir() or not target.parent.is_dir():
         raise PageError(f"{target} cannot be written: give a file name in a folder that is there")
     return target

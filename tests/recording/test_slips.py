@@ -1,0 +1,177 @@
+"""What recordings, replays and their products once did otherwise than they said."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import outlast
+from outlast.components import Bag, Body, Death, Died, Guard, Health, Hit, Phase, Shape, Spawned
+from outlast.components.health import hurt
+from outlast.ecs import (
+    Action,
+    Archetype,
+    Array,
+    Clock,
+    Component,
+    Event,
+    Module,
+    Read,
+    Rows,
+    Write,
+    column,
+    emit,
+    number,
+)
+from outlast.envs.cli.main import main
+from outlast.envs.datasets.export import export_dataset
+from outlast.envs.datasets.samples import Selection
+from outlast.envs.errors import FilmError, PageError, PlayError, RecordingError
+from outlast.envs.inspect.events import events
+from outlast.envs.recording import Recording, Replay
+from outlast.envs.web.play.game import Game
+from outlast.systems import Record
+
+# ---- mechanics of one's own
+
+
+class Speak(Action, order=9):
+    reward: Array = column("i1", "agents", low=0, high=5)
+
+
+class Say(Module):
+    def singletons(self) -> Any:
+        return [Speak()]
+
+
+@Say.system(Phase.LOOK)
+def listen(speak: Read[Speak], body: Read[Body], agents: Rows[Bag]) -> None:
+    pass
+
+
+class Meeting(Event, capacity="agents"):
+    agent: Array = column("i4", unit="entity")
+    amount: Array = column("f4", 2)
+
+
+class Meetings(Module):
+    def singletons(self) -> Any:
+        return [Meeting()]
+
+
+@Meetings.system(Phase.LOOK)
+def meet(meetings: Write[Meeting], body: Read[Body], agents: Rows[Bag]) -> None:
+    for i in range(agents.size):
+        k = emit(meetings)
+        meetings.agent[k] = agents[i]
+        meetings.amount[k, 1] = 2.5
+
+
+class Beast(Component):
+    age: Array = column("i4")
+
+
+@dataclass(frozen=True)
+class Beasts(Module):
+    """Animals that starve."""
+
+    count: int = number(2, low=1)
+
+    def archetypes(self) -> Any:
+        shape, life = Shape(radius=0.5, bound=0.5), Health(points=5)
+        parts = (Body(), shape, life, Guard(), Died(), Spawned(), Beast())
+        return [Archetype("beast", parts, self.count, order=60)]
+
+    def singletons(self) -> Any:
+        return [Hit(), Death()]
+
+    def dims(self) -> Any:
+        return {"hits": self.count}
+
+
+@Beasts.system(Phase.MELEE, after=Health)
+def starve(
+    health: Write[Health], guard: Read[Guard], hits: Write[Hit], clock: Read[Clock], beasts: Rows[Beast]
+) -> None:
+    for e in beasts:
+        if health.points[e] > 0:
+            hurt(health, guard, hits, e, 1, 0, -1, clock.tick[0], -1)
+
+
+def recorded(path: Path, scenario: Any, steps: int = 8) -> Path:
+    env = outlast.make_vec(scenario, 1, seed=0)
+    with outlast.record(env, path):
+        env.reset()
+        for _ in range(steps):
+            env.step(env.noop[None].repeat(env.num_agents, 0)[None] if env.noop.ndim == 1 else env.noop[None])
+    return path
+
+
+# ---- what they do
+
+
+def test_an_action_does_not_replace_a_column_of_a_table(tmp_path: Path) -> None:
+    game = outlast.variant("ffa_1").with_(Say())
+    replay = Replay(Recording.open(recorded(tmp_path / "a.rec", game), game))
+    with pytest.raises(RecordingError, match="action 'reward' has the name of another column"):
+        export_dataset(str(tmp_path / "a.parquet"), replay, Selection([0], 0, 7))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.rec"]
+
+
+def test_an_event_may_have_several_amounts(tmp_path: Path) -> None:
+    env = outlast.make_vec(outlast.variant("ffa_1").with_(Meetings()), 1, seed=0)
+    env.reset()
+    (first, _) = [event for event in events(env.worlds, 0) if event["kind"] == "other"]
+    assert "meeting" in first["cause"]
+    assert "2.5" in first["cause"]
+
+
+def test_what_dies_need_not_be_an_agent() -> None:
+    env = outlast.make_vec(outlast.variant("ffa_2").with_(Beasts()), 1, seed=0)
+    env.reset()
+    found: list[Any] = []
+    for _ in range(10):
+        env.step(env.action_space.sample() * 0 + env.noop)
+        found += [event for event in events(env.worlds, 0) if "beast" in event["cause"]]
+    assert [(event["kind"], event["agent"]) for event in found] == [("other", -1)] * 2
+    assert found[0]["cause"] == "death beast 0 melee"
+
+
+def test_a_page_does_not_replace_its_recording(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rec", "ffa_1")
+    other, before = recorded(tmp_path / "b.rec", "ffa_1"), path.read_bytes()
+    for source, beside in ((path, None), (other, path)):
+        with pytest.raises(PageError, match=r"a\.rec is the recording itself"):
+            outlast.replay_page(source, path, beside=beside)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("steps", [-1, "5", 2.5, True])
+def test_steps_of_a_film_are_whole_numbers(tmp_path: Path, steps: Any) -> None:
+    with pytest.raises(FilmError, match=r"steps = .* an integer >= 0 is needed"):
+        outlast.film("ffa_1", tmp_path / "a.webm", steps=steps)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_ticks_of_a_page_are_whole_numbers(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.rec", "ffa_1")
+    with pytest.raises(RecordingError, match=r"tick 2\.5: whole numbers are needed"):
+        outlast.replay_page(path, tmp_path / "a.html", last=2.5)  # type: ignore[arg-type]
+
+
+def test_who_plays_needs_the_record_of_an_episode() -> None:
+    with pytest.raises(PlayError, match=r"has no 'record', .* add Record\(\)"):
+        Game(outlast.variant("ffa_1").without(Record))
+
+
+def test_a_stopped_replay_makes_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = recorded(tmp_path / "a.rec", "ffa_1")
+
+    def stop(*arguments: Any, **named: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("outlast.envs.films.footage", stop)
+    words = ["--out", tmp_path / "a.webm", "--html", tmp_path / "a.html", "--quiet"]
+    assert main(["replay", str(path), *map(str, words)]) == 130
+    assert [each.name for each in tmp_path.iterdir()] == ["a.rec"]
