@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from numbers import Integral
+from typing import Any
 
 from ..errors import RecordingError
 from .reader import Recording
@@ -16,7 +17,8 @@ def last_tick(recording: Recording, first: int, last: int | None, worlds: Sequen
         last: Number of the last one; None: the last there is.
         worlds: Numbers of worlds; None: all.
     """
-    if strange := [tick for tick in (first, last) if tick is not None and not isinstance(tick, Integral)]:
+    given: list[Any] = [first, 0 if last is None else last]
+    if strange := [tick for tick in given if not isinstance(tick, Integral)]:
         raise RecordingError(f"tick {strange[0]!r}: whole numbers are needed, counted from 0")
     if not len(recording):
         raise RecordingError(f"{recording.path}: there is no tick in it")
