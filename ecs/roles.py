@@ -4,11 +4,11 @@ A role has a name, says which agents have it, and gives some numbers of mechanic
 distributions, from which each agent draws when an episode begins. Where the values lie in memory: ecs.per_agent.
 """
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .distributions import Distribution
+from .distributions import Distribution, in_python
 from .distributions import from_plain as distribution_of
 from .distributions import plain as plain_distribution
 from .errors import NumberError
@@ -57,7 +57,10 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), **numbers: Any
     Raises:
         NumberError: A count below 1, ids that are no distinct integers from 0, or both.
     """
-    ids = tuple(agents)
+    count, ids = in_python(count), in_python(agents)
+    if not isinstance(ids, Iterable) or isinstance(ids, str):
+        raise NumberError(f"role(agents={agents!r}): a list of ids is needed, as in agents=[{agents!r}]")
+    ids = tuple(map(in_python, ids))
     if count is not None and ids:
         raise NumberError(f"role({count!r}, agents={ids!r}): give a count or ids, not both")
     if count is not None and not (_is_whole(count) and count >= 1):

@@ -37,7 +37,7 @@ COLUMNS = {
     "near": Column(
         "share",
         "of ticks of its living agents in which an enemy could be struck: its centre is within"
-        " melee_reach + agents_radius",
+        " melee_reach + its agents_radius",
     ),
     "attack_near": Column("share", "of those ticks in which the agent attacks"),
     "attack_far": Column("share", "of its other ticks in which the agent attacks, with nobody to strike"),

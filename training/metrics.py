@@ -151,15 +151,18 @@ class BehaviourMetrics:
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _near(self, place: Array, sides: Array, living: Array) -> Array:
-        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and radius.
+        """Whether a living enemy could be struck by an agent that faces it: its centre within reach and its own radius.
 
         Both are those of now, also for observations of episodes with other ones.
         """
-        numbers = [np.asarray(self.base_env.worlds.number(name)) for name in self._reach]
-        reach = sum(each.reshape(*each.shape, *[1] * (3 - each.ndim)) for each in numbers)
+        reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
+        reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
+        radius = (
+            radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1)
+        )  # (worlds, 1, agents that are struck)
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
-        near: Array = ((apart <= reach) & enemies & living[..., None, :]).any(-1)
+        near: Array = ((apart <= reach + radius) & enemies & living[..., None, :]).any(-1)
         return near
 
 

@@ -155,17 +155,27 @@ class EntryRun:
         return self.result
 
     def _enter(self) -> None:
-        """Have the policy in the folder: train it, or take the one that exists."""
-        entry, content = self.entry, self.result.content
-        if content["policy"] is not None:
+        """Have the policy in the folder: train it, or take the one that exists. One that has played must be the same."""
+        content, kept = self.result.content, self.entry.folder / POLICY
+        if content["policy"] is None:
+            content["policy"] = self._policy()
+            self.result.write()
             return
+        found = digest(kept) if kept.exists() else self._policy()["digest"]
+        if found != content["policy"]["digest"]:
+            raise TrainingError(
+                f"{self.entry.folder}: the policy is another one than that which has played {len(self.result.against)} "
+                "matches there: give the agent another name, or choose another --out"
+            )
+
+    def _policy(self) -> Content:
+        """What is said of the policy in the result; it is in the folder, unless it is a function."""
+        entry = self.entry
         if entry.agent.kind == FUNCTION:
             made = Made(entry.agent.name, entry.agent.source, entry.seed)
-            content["policy"] = {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
-        else:
-            path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
-            content["policy"] = self._keep(path, POLICY)
-        self.result.write()
+            return {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
+        path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
+        return self._keep(path, POLICY)
 
     def _found(self) -> Path:
         return self.entry.agent.policy(self.entry.task.name, self.entry.seed)

@@ -163,6 +163,8 @@ def wrong_with_result(content: Content) -> str:
     wrong = [key for key, is_valid in valid.items() if not is_valid(content[key])]
     if wrong:
         return f"its {wrong[0]} cannot be {content[wrong[0]]!r:.80}"
+    if content["matches"] and content["policy"] is None:
+        return "it has matches, but no policy that played them"
     faults = (
         f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
     )
@@ -192,6 +194,7 @@ def _is_policy(given: Any) -> bool:
     if given is None:
         return True
     trained, known = given["steps"] is None or _is_count(given["steps"]), isinstance(given["of_task"], bool)
+    known = known and not (given["of_task"] and given["steps"] is None)  # trained in the task, but not at all
     return DIGEST.fullmatch(given["digest"]) is not None and trained and known and all(map(is_word, given["met"]))
 
 

@@ -55,6 +55,10 @@ def scores(places: Path) -> Scores:
 def _budget(budget: int, entries: Sequence[Result]) -> Scores:
     """The scores of entries of one budget: of each task, and of all tasks that all agents have played."""
     folders = task_folders(entries)
+    first = dict[str, Path]()
+    for folder in folders:
+        if (other := first.setdefault(folder.name, folder)) != folder:
+            raise TrainingError(f"{other} and {folder} both hold results of {folder.name}: move them into one folder")
     tasks = {folder.name: _task(folder, own) for folder, own in sorted(folders.items())}
     agents = sorted({agent for task in tasks.values() for agent in task["agents"]})
     common = [name for name, task in tasks.items() if len(task["agents"]) == len(agents)]
