@@ -155,7 +155,7 @@ class EntryRun:
         return self.result
 
     def _enter(self) -> None:
-        """Have the policy in the folder: train it, or take the one that exists. One that has played must be the same."""
+        """Have the policy in the folder: train it, or take the one that exists, which is the one that has played."""
         content, kept = self.result.content, self.entry.folder / POLICY
         if content["policy"] is None:
             content["policy"] = self._policy()
