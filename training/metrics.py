@@ -157,9 +157,7 @@ class BehaviourMetrics:
         """
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
-        radius = (
-            radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1)
-        )  # (worlds, 1, those struck)
+        radius = radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1)  # (worlds, 1, those struck)
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
         near: Array = ((apart <= reach + radius) & enemies & living[..., None, :]).any(-1)
