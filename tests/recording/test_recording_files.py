@@ -45,7 +45,7 @@ def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
     """Of 2000 bytes of tick records here: what is missing is no more than that."""
     rng = np.random.default_rng(0)
     ticks = [killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.2))[0] for k in range(3)]
-    assert max(ticks) > 100
+    assert max(ticks) > 20  # more than a chunk
 
 
 @pytest.mark.nightly
