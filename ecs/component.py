@@ -202,6 +202,10 @@ class Action(Singleton, packed=False):
                     f"{cls.__name__}.{name} is {value.dtype} from {value.low} to {value.high}: an action is a signed "
                     "integer with a finite low below a finite high"
                 )
+            if not value.low <= 0 <= value.high:
+                raise DeclarationError(
+                    f"{cls.__name__}.{name} goes from {value.low} to {value.high}: 0 must be in it, which does nothing"
+                )
             kind = np.iinfo(value.dtype)
             if value.low < kind.min or value.high > kind.max:
                 raise DeclarationError(

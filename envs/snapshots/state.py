@@ -53,6 +53,8 @@ class State:
         return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
 
     def __getitem__(self, which: Any) -> "State":
+        if isinstance(which, (int, np.integer)) and not -len(self) <= which < len(self):
+            raise IndexError(f"there is no world {which}: the state is of {len(self)}")
         chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
         return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
 

@@ -209,3 +209,12 @@ def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
         file.write_bytes(whole[:size])
         with pytest.raises(StateError):
             State.load(file)
+
+
+def test_a_state_can_be_gone_through() -> None:
+    env = outlast.make_vec("ffa_1", 3, seed=0)
+    env.reset()
+    state = env.get_state()
+    assert [len(each) for each in state] == [1, 1, 1]
+    with pytest.raises(IndexError, match="there is no world 3: the state is of 3"):
+        state[3]

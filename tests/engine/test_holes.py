@@ -12,6 +12,7 @@ from outlast import ecs
 from outlast.ecs import (
     RESET,
     STEP,
+    Action,
     Add,
     Archetype,
     Array,
@@ -395,3 +396,11 @@ def test_what_slips_through(name: str, words: str) -> None:
             check(system)
     else:
         check(system)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1, 3), (-3, -1)])
+def test_an_action_can_do_nothing(low: int, high: int) -> None:
+    with pytest.raises(DeclarationError, match="0 must be in it, which does nothing"):
+
+        class Gear(Action):
+            gear: Array = column("i1", "agents", low=low, high=high)
