@@ -74,9 +74,11 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
             _checked(module, k, ends[k], fields, shape) for module, ends in stated for k in sorted(keys & ends.keys())
         ]
         sizes = [field.size for field in fields.values()] or 1
-        declared = [there.fields[key].values() for there in extremes] if fields else []
-        least = np.repeat(np.min([[field.low for field in each] for each in declared], 0) if fields else -np.inf, sizes)
-        most = np.repeat(np.max([[field.high for field in each] for each in declared], 0) if fields else np.inf, sizes)
+        declared = [
+            [(field.low, field.high) for field in there.fields.get(key, {}).values()] or [(-np.inf, np.inf)]
+            for there in extremes
+        ]
+        least, most = (np.repeat(each, sizes) for each in (np.min(declared, 0)[:, 0], np.max(declared, 0)[:, 1]))
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
             low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in said]), np.fmax(least, column.low))
             high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in said]), np.fmin(most, column.high))

@@ -80,16 +80,16 @@ def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
     """Those of a user's mechanics, in words; agents that did them as agents."""
     found = []
     for kind in scene.worlds.layout.events:
-        entries = scene.events(kind)
-        chosen = range(len(entries)) if kind not in KNOWN else []
+        if kind in KNOWN and kind is not Death:
+            continue
+        entries = [*enumerate(scene.events(kind))]
         if kind is Death:  # what dies need not be an agent
-            chosen = [k for k, entry in enumerate(entries) if bodies.agent_number(entry.agent) < 0]
-        if not chosen:
+            entries = [(k, entry) for k, entry in entries if bodies.agent_number(entry.agent) < 0]
+        if not entries:
             continue
         rows = scene.worlds.entries(kind)
         table = event_table(scene.worlds.layout, {kind.name: rows[rows["world"] == scene.w]})
-        for k in chosen:
-            entry = entries[k]
+        for k, entry in entries:
             agent = bodies.agent_number(getattr(entry, kind.who)) if kind.who else -1
             who = "" if agent >= 0 else table["who"][k]
             words = [who, kind.name.replace("_", " "), *(table[name][k] for name in ("whom", "amount", "why", "more"))]

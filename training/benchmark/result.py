@@ -193,9 +193,9 @@ def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against"
 def _is_policy(given: Any) -> bool:
     if given is None:
         return True
-    trained, known = given["steps"] is None or _is_count(given["steps"]), isinstance(given["of_task"], bool)
-    known = known and not (given["of_task"] and given["steps"] is None)  # trained in the task, but not at all
-    return DIGEST.fullmatch(given["digest"]) is not None and trained and known and all(map(is_word, given["met"]))
+    steps, of_task = given["steps"], given["of_task"]
+    trained = isinstance(of_task, bool) and (_is_count(steps) or (steps is None and not of_task))
+    return DIGEST.fullmatch(given["digest"]) is not None and trained and all(map(is_word, given["met"]))
 
 
 def _is_count(given: Any) -> bool:

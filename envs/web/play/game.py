@@ -58,7 +58,6 @@ class Game:
         try:
             if Episode not in self.env.worlds:
                 raise PlayError(f"{scenario.name} has no 'record', by which episodes are judged here: add Record()")
-
             self._choose(agent)
             if record is not None:
                 recording.record(self.env, record)
